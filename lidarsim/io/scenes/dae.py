@@ -1,6 +1,6 @@
 """COLLADA 1.4 and 1.5 (``.dae``, ``.zae``): the triangles and polygons of its scene, in its own unit and axes.
 
-Lines, cameras, lights and physics are passed over; skinned and morphed meshes (``instance_controller``) are left out.
+Skinned meshes are read at rest. Lines, cameras, lights and physics are passed over; morphed meshes are left out.
 Base colours are the diffuse colours and textures of the common profile and the colours of vertices, all in sRGB.
 
 Format: https://www.khronos.org/files/collada_spec_1_4.pdf.
@@ -13,6 +13,7 @@ import posixpath
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -104,6 +105,7 @@ class _Reader:
         self._parts: dict[tuple[int, tuple[tuple[str, str], ...]], tuple[Part, ...]] = {}
         self._sources: dict[int, Floats] = {}
         self._diffuses: dict[Element | None, tuple[Floats, Picture | None]] = {}
+        self._places: dict[Element, Floats] = {}
         self._left_out: Counter[str] = Counter()
 
     def read(self) -> SceneFile:
@@ -123,37 +125,109 @@ class _Reader:
         if scene is not None:
             visual = self._referred(scene, "visual_scene")
         tops = [] if visual is None else visual.findall("{*}node")
-        visited = 0
+        visits: list[tuple[Element, Node]] = []
         stack = [_Visit(top) for top in reversed(tops)]
         while stack:
             element, above, names, top, parent, depth = stack.pop()
-            key = visited, 0
-            visited += 1
-            if depth == MOST_DEPTH or visited > MOST_OBJECTS:
+            key = len(visits), 0
+            if depth == MOST_DEPTH or len(visits) == MOST_OBJECTS:
                 raise FileFormatError(f"expected at most {MOST_DEPTH} nodes in line and {MOST_OBJECTS:,} in all")
-            called = element.get("name") or element.get("id") or str(visited - 1)
+            called = element.get("name") or element.get("id") or str(len(visits))
             names = Names(called[:MOST_LETTERS], names)
             where = f"node {called!a:.60}"
             with np.errstate(over="ignore", invalid="ignore"):
                 place = above @ _local(element, where)
-            parts: list[Part] = []
+            visits.append((element, Node(names, place, (), key, parent or key, top or key)))
+            self._places.setdefault(element, place)
             below = []
             for child in element:
-                match local(child):
-                    case "instance_geometry":
-                        parts += self._geometry(child)
-                    case "instance_controller":
-                        self._left_out["skinned and morphed meshes"] += 1
-                    case "node":
-                        below.append(_Visit(child, place, names, top or key, key, depth + 1))
-                    case "instance_node":
-                        other = self._referred(child, "node")
-                        below.append(_Visit(other, place, names, top or key, key, depth + 1))
+                if local(child) in {"node", "instance_node"}:
+                    node = child if local(child) == "node" else self._referred(child, "node")
+                    below.append(_Visit(node, place, names, top or key, key, depth + 1))
             stack += reversed(below)
-            if parts:
-                file.add(Node(names, place, tuple(parts), key, parent or key, top or key))
+        for element, node in visits:
+            self._add(file, element, node)
         file.left_out += [f"{what} ({count:,})" for what, count in self._left_out.items()]
         return file
+
+    def _add(self, file: SceneFile, element: Element, node: Node) -> None:
+        """Add what a node places; skinned meshes are where their joints are."""
+        parts: list[Part] = []
+        for child in element:
+            if local(child) == "instance_geometry":
+                parts += self._geometry(child)
+            elif local(child) == "instance_controller" and (skinned := self._skinned(child)):
+                file.add(replace(node, transform=np.eye(4), parts=skinned))
+        if parts:
+            file.add(replace(node, parts=tuple(parts)))
+
+    def _skinned(self, instance: Element) -> tuple[Part, ...]:
+        """Return the parts of a skinned mesh at rest; none for a morphed one, which is left out."""
+        skin = self._referred(instance, "controller").find("{*}skin")
+        geometry = None if skin is None else self._by_id.get(skin.get("source", "").removeprefix("#"))
+        if skin is None or geometry is None or local(geometry) != "geometry":
+            self._left_out["morphed meshes"] += 1
+            return ()
+        return tuple(self._made(geometry, dict(_bound(instance)), partial(self._at_rest, skin, instance)))
+
+    def _at_rest(self, skin: Element, instance: Element, vertices: Floats) -> Floats:
+        """Return the vertices of a skinned mesh in the scene: the mean of their places by their joints, by weight.
+
+        A joint moves a vertex by its own transform, its inverse bind matrix and the bind shape matrix (COLLADA 1.4.1,
+        section 4, Skinning a skeleton).
+        """
+        where = f"controller of {skin.get('source', '')!a:.60}"
+        joints, weights = skin.find("{*}joints"), skin.find("{*}vertex_weights")
+        if joints is None or weights is None:
+            raise FileFormatError(f"{where}: expected joints and vertex_weights")
+        sources = {found.get("semantic"): self._referred(found, "source", "source") for found in joints}
+        if not {"JOINT", "INV_BIND_MATRIX"} <= sources.keys():
+            raise FileFormatError(f"{where}: expected JOINT and INV_BIND_MATRIX of its joints")
+        names = "".join(sources["JOINT"].itertext()).split()
+        inverse = self._source(sources["INV_BIND_MATRIX"], 16).reshape(-1, 4, 4)
+        if len(inverse) != len(names):
+            raise FileFormatError(f"{where}: expected {len(names)} INV_BIND_MATRIX, one a joint, got {len(inverse)}")
+        shape = floats(skin.findtext("{*}bind_shape_matrix") or "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1", where, 16)
+        with np.errstate(over="ignore", invalid="ignore"):
+            places = np.array([self._joint(name, instance) for name in names]).reshape(-1, 4, 4)
+            moves = places @ inverse @ shape.reshape(4, 4)
+        inputs = {found.get("semantic"): found for found in weights.iterfind("{*}input")}
+        if not {"JOINT", "WEIGHT"} <= inputs.keys():
+            raise FileFormatError(f"{where}: expected JOINT and WEIGHT of its vertex_weights")
+        offsets = {key: int(integers(found.get("offset", "0"), where)[:1].sum()) for key, found in inputs.items()}
+        counts, rows = integers(weights.findtext("{*}vcount"), where), integers(weights.findtext("{*}v"), where)
+        stride = max(offsets.values()) + 1
+        if len(counts) != len(vertices) or len(rows) != stride * counts.sum():
+            got = f"{len(counts)} and {len(rows)}"
+            raise FileFormatError(f"{where}: expected {len(vertices)} counts and indices for each, got {got}")
+        rows = rows.reshape(-1, stride)
+        chosen = rows[:, offsets["JOINT"]]
+        shares = self._source(self._referred(inputs["WEIGHT"], "source", "source"), 1)[:, 0]
+        if len(rows) and (chosen.max() >= len(names) or rows[:, offsets["WEIGHT"]].max() >= len(shares)):
+            raise FileFormatError(f"{where}: expected joints below {len(names)} and weights below {len(shares)}")
+        share = shares[rows[:, offsets["WEIGHT"]]]
+        owner = np.repeat(np.arange(len(vertices)), counts)
+        total = np.bincount(owner, share, minlength=len(vertices))
+        wrong = np.flatnonzero(~(total > 0.0))
+        if len(wrong):
+            raise FileFormatError(f"{where}: expected weights > 0, got a sum of {total[wrong[0]]} at vertex {wrong[0]}")
+        moved = np.zeros((len(vertices), 3))
+        homogeneous = np.column_stack((vertices, np.ones(len(vertices))))
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.add.at(moved, owner, share[:, None] * np.einsum("nij,nj->ni", moves[chosen, :3], homogeneous[owner]))
+        return moved / total[:, None]
+
+    def _joint(self, name: str, instance: Element) -> Floats:
+        """Return where a joint is: the node of this scoped id below a skeleton of an instance, or of this id."""
+        roots = [
+            self._by_id.get((root.text or "").strip().removeprefix("#")) for root in instance.iterfind("{*}skeleton")
+        ]
+        for root in [*(root for root in roots if root is not None), self._root]:
+            for key in ("sid", "id"):
+                for node in root.iter():
+                    if node.get(key) == name and node in self._places:
+                        return self._places[node]
+        raise FileFormatError(f"joint {name!a:.60}: expected a node of the scene")
 
     def _referred(self, element: Element, kind: str, attribute: str = "url") -> Element:
         """Return the element of a kind that an element refers to by ``#id``."""
@@ -166,17 +240,14 @@ class _Reader:
     def _geometry(self, instance: Element) -> tuple[Part, ...]:
         """Return the parts of a geometry, with the materials that an instance gives its symbols."""
         geometry = self._referred(instance, "geometry")
-        bound = tuple(
-            (material.get("symbol", ""), material.get("target", ""))
-            for material in instance.iterfind("{*}bind_material/{*}technique_common/{*}instance_material")
-        )
+        bound = _bound(instance)
         key = id(geometry), bound
         if key not in self._parts:
-            self._parts[key] = tuple(self._made(geometry, dict(bound)))
+            self._parts[key] = tuple(self._made(geometry, dict(bound), np.asarray))
         return self._parts[key]
 
-    def _made(self, geometry: Element, bound: dict[str, str]) -> Iterator[Part]:
-        """Yield the parts of a geometry."""
+    def _made(self, geometry: Element, bound: dict[str, str], move: Callable[[Floats], Floats]) -> Iterator[Part]:
+        """Yield the parts of a geometry, whose vertices are moved."""
         mesh = geometry.find("{*}mesh")
         name = f"geometry {geometry.get('id', '')!a:.60}"
         if mesh is None:
@@ -198,7 +269,7 @@ class _Reader:
             if "VERTEX" not in inputs:
                 raise FileFormatError(f"{where}: expected an input VERTEX")
             source, offset = inputs["VERTEX"]
-            vertices = self._positions(self._referred(source, "vertices", "source"))
+            vertices = move(self._positions(self._referred(source, "vertices", "source")))
             faces = _faces(element, kind, stride, where)
             for polygon in element.iterfind("{*}ph"):
                 faces = faces.joined(_holed(polygon, stride, vertices, offset, where))
@@ -305,6 +376,14 @@ class _Reader:
             raise FileFormatError(f"diffuse/texture: expected an image, got {name!a:.60}")
         file = (image.findtext("{*}init_from/{*}ref") or image.findtext("{*}init_from") or "").strip()
         return white, Picture(lambda: self._image(file.replace("\\", "/")))
+
+
+def _bound(instance: Element) -> tuple[tuple[str, str], ...]:
+    """Return the materials that an instance gives its symbols."""
+    return tuple(
+        (material.get("symbol", ""), material.get("target", ""))
+        for material in instance.iterfind("{*}bind_material/{*}technique_common/{*}instance_material")
+    )
 
 
 def _faces(element: Element, kind: str, stride: int, where: str) -> _Faces:

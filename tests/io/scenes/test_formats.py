@@ -162,10 +162,11 @@ def test_collada_primitives(text: str, expected: list[list[int]], tmp_path: Path
 
 def test_collada_lines_and_controllers_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     nodes = f'{ONE}<node><instance_controller url="#c"/></node>'
-    path = dae(tmp_path, nodes, f'{NOTCHED}<lines count="0"><p/></lines>')
+    morph = '<library_controllers><controller id="c"><morph source="#g"/></controller></library_controllers>'
+    path = dae(tmp_path, nodes, f'{NOTCHED}<lines count="0"><p/></lines>', more=morph)
     with caplog.at_level(logging.WARNING, "lidarsim"):
         assert len(ls.Scene.from_file(path)) == 1
-    assert caplog.messages == [f"{path}: left out: lines (1), skinned and morphed meshes (1)"]
+    assert caplog.messages == [f"{path}: left out: lines (1), morphed meshes (1)"]
 
 
 def test_collada_is_what_trimesh_reads(tmp_path: Path) -> None:
@@ -214,6 +215,63 @@ def test_collada_textures(tmp_path: Path) -> None:
     (tmp_path / "sub folder" / "i.png").unlink()
     assert len(ls.Scene.from_file(path)) == 1
     assert refusal(path, reflectivity="color") == "it names a file that is not there"
+
+
+def skinned(names: str, joints: str, weights: str = "0 0 1 1  0 0 1 1  0 0 1 1  0 0 1 1  0 0 1 1") -> str:
+    """A skin of two joints, which have a quarter and three quarters of each vertex."""
+    matrices = [np.diag([2.0, 1, 1, 1]), np.array([[0, 1, 0, 3], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])]
+    numbers = " ".join(str(x) for matrix in matrices for x in matrix.ravel())
+    return f"""<library_controllers><controller id="c"><skin source="#g">
+    <bind_shape_matrix>1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1</bind_shape_matrix>
+    <source id="j"><{names} count="2">{joints}</{names}></source>
+    <source id="m"><float_array id="ma" count="32">{numbers}</float_array><technique_common>
+    <accessor source="#ma" count="2" stride="16"><param type="float4x4"/></accessor></technique_common></source>
+    <source id="w"><float_array id="wa" count="2">0.25 0.75</float_array><technique_common>
+    <accessor source="#wa" count="2" stride="1"><param type="float"/></accessor></technique_common></source>
+    <joints><input semantic="JOINT" source="#j"/><input semantic="INV_BIND_MATRIX" source="#m"/></joints>
+    <vertex_weights count="5"><input semantic="JOINT" source="#j" offset="0"/>
+    <input semantic="WEIGHT" source="#w" offset="1"/><vcount>2 2 2 2 2</vcount><v>{weights}</v></vertex_weights>
+    </skin></controller></library_controllers>"""
+
+
+SKIN_NODES = """<node name="body"><translate>100 0 0</translate><instance_controller url="#c"><skeleton>#root</skeleton>
+</instance_controller></node><node id="root" sid="hip"><translate>0 0 5</translate>
+<node id="knee_id" sid="knee"><rotate>0 0 1 90</rotate></node></node>"""
+
+
+@pytest.mark.parametrize(("names", "joints"), [("Name_array", "hip knee"), ("IDREF_array", "root knee_id")])
+def test_collada_skins_are_at_rest(names: str, joints: str, tmp_path: Path) -> None:
+    """Each vertex by the formula of the specification, in homogeneous coordinates."""
+    (item,) = ls.Scene.from_file(dae(tmp_path, SKIN_NODES, more=skinned(names, joints)))
+    assert (item.name, item.transform) == ("body", None)
+    shape = np.eye(4)
+    shape[0, 3] = 1
+    hip = np.eye(4)
+    hip[2, 3] = 5
+    knee = hip @ [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    inverse = [np.diag([2.0, 1, 1, 1]), np.array([[0, 1, 0, 3], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])]
+    points = np.array(SQUARE.split(), float).reshape(-1, 3)
+    expected = [
+        sum(w * j @ i @ shape @ [*point, 1] for w, j, i in zip((0.25, 0.75), (hip, knee), inverse, strict=True))[:3]
+        for point in points
+    ]
+    np.testing.assert_allclose(item.shape.vertices, expected, rtol=1e-15)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (skinned("Name_array", "hip elbow"), "joint 'elbow': expected a node of the scene"),
+        (skinned("Name_array", "hip"), "controller of '#g': expected 1 INV_BIND_MATRIX, one a joint, got 2"),
+        (skinned("Name_array", "hip knee", "0 0"), "controller of '#g': expected 5 counts and indices for each, got 5"),
+        (
+            skinned("Name_array", "hip knee", "0 0 2 1 " * 5),
+            "controller of '#g': expected joints below 2 and weights below 2",
+        ),
+    ],
+)
+def test_wrong_skins_of_collada(text: str, message: str, tmp_path: Path) -> None:
+    assert refusal(dae(tmp_path, SKIN_NODES, more=text)).startswith(message)
 
 
 def test_collada_in_an_archive(tmp_path: Path) -> None:
