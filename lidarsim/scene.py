@@ -429,9 +429,9 @@ class Scene(Pickled, Plotted):
 
         Notes
         -----
-        Of glTF, skins are read in their rest pose, morph targets with the default weights. Points, lines, cameras and
-        lights are passed over. Whatever has triangles and is left out, such as a node scaled to nothing, is reported to
-        the logger ``lidarsim``.
+        Skins are read in their rest pose, morph targets of glTF with the default weights; cameras, lights and
+        animations are passed over. What else is left out, such as points, lines and nodes scaled to nothing, is
+        reported to the logger ``lidarsim``.
         """
         options = Options.checked(up, unit, rules, reflectivity)
         path = Path(path)

@@ -142,8 +142,8 @@ class _Reader:
             below = []
             for child in element:
                 if local(child) in {"node", "instance_node"}:
-                    node = child if local(child) == "node" else self._referred(child, "node")
-                    below.append(_Visit(node, place, names, top or key, key, depth + 1))
+                    other = child if local(child) == "node" else self._referred(child, "node")
+                    below.append(_Visit(other, place, names, top or key, key, depth + 1))
             stack += reversed(below)
         for element, node in visits:
             self._add(file, element, node)
