@@ -12,6 +12,7 @@ from lidarsim.materials import Material, Texture
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud, register_format
 from lidarsim.rig import Rig, RigSensor
+from lidarsim.rules import Rule
 from lidarsim.scan import Scan, Source, Status
 from lidarsim.scene import Scene, SceneObject, register_scene_reader
 from lidarsim.sensor import Lidar, register_lidar_reader
@@ -51,6 +52,7 @@ __all__ = [
     "Polygon",
     "Rig",
     "RigSensor",
+    "Rule",
     "Scan",
     "Scene",
     "SceneObject",

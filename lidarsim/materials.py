@@ -378,12 +378,16 @@ def _luminance(colors: npt.ArrayLike, shape: tuple[str, ...]) -> Floats:
     if ((encoded < 0.0) | (encoded > scale)).any():
         raise ArgumentValueError("colors", f"numbers from 0 to {scale:g}", f"{given.min()} to {given.max()}")
     luminance = np.zeros(given.shape[:-1])
-    for channel, weight in enumerate((0.2126, 0.7152, 0.0722)):
-        luminance += weight * _linear(encoded[..., channel] / scale)
+    for channel, weight in enumerate(LUMINANCE):
+        luminance += weight * linear_light(encoded[..., channel] / scale)
     return luminance
 
 
-def _linear(encoded: Floats) -> Floats:
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Luminance of linear red, green and blue; ITU-R BT.709."""
+
+
+def linear_light(encoded: Floats) -> Floats:
     """Return linear light from values encoded as in IEC 61966-2-1, sRGB."""
     linear: Floats = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     return linear

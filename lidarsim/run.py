@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from lidarsim._files import PathLike
     from lidarsim._validation import Floats
     from lidarsim.io._cuts import Cut
+    from lidarsim.io.scenes import Imported
     from lidarsim.pointcloud import PointCloud
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
@@ -98,6 +99,8 @@ class Run:
         Numbers of the frames to scan.
     cloud : dict
         Arguments of `Scan.point_cloud`, which set the coordinates of the points.
+    imports : tuple
+        What each scene file brought in, for `lidarsim check`.
     """
 
     scene: Scene
@@ -106,6 +109,7 @@ class Run:
     seed: int
     frames: range
     cloud: CloudArguments
+    imports: tuple[Imported, ...] = ()
 
     @property
     def lidar(self) -> Lidar:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -26,11 +27,13 @@ from lidarsim._validation import (
     one_or_each,
     placement,
     rays,
+    shown,
     t_range,
 )
 from lidarsim._views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.materials import Material
+from lidarsim.rules import Options, Rule
 from lidarsim.shapes import Hits, Shape, TriangleMesh
 from lidarsim.trajectory import Trajectory
 
@@ -376,38 +379,76 @@ class Scene(Pickled, Plotted):
         return [item.id for item in self if item.name == name]
 
     @classmethod
-    def from_file(cls, path: PathLike) -> Scene:
+    def from_file(
+        cls,
+        path: PathLike,
+        *,
+        up: Literal["y", "z"] | None = None,
+        unit: float | None = None,
+        rules: Sequence[Rule] = (),
+        reflectivity: float | Material | Literal["color"] | None = None,
+    ) -> Scene:
         """Read a scene from a file, whose kind is determined by its content.
+
+        Whatever the file's units and axes, the scene is in metres with z up: from y up, (x, y, z) becomes (x, −z, y).
 
         Parameters
         ----------
         path : path-like
-            A scene in YAML, as in configurations; a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE; a
-            mesh file: OBJ, OFF, PLY or STL; or an elevation model, GeoTIFF or ASCII grid, as read by
-            `TriangleMesh.from_raster`. Units are taken as metres. Each instance of a mesh becomes an object named
-            after its node, and all instances share the mesh. In an OBJ file, each object (or group) of one material
-            becomes an object; in an STL file, each solid. Files that it refers to are read only if they are beside or
-            below it.
+            A scene file: glTF 2.0 (GLB or glTF), COLLADA (DAE) or 3MF; a mesh file: OBJ, OFF, PLY or STL; another
+            format that trimesh reads; an elevation model, GeoTIFF or ASCII grid, as `TriangleMesh.from_raster` reads; or
+            a scene in YAML, as in configurations. The last two take no options. Files that it refers to are read only
+            if they are beside or below it.
+        up : {"y", "z"}, optional
+            The axis of the file that points up. Default: as the file declares (glTF: y; DAE: its own), else z.
+        unit : float, optional
+            Unit of length of the file, m. Default: as the file declares (glTF: 1; 3MF and DAE: their own), else 1.
+        rules : sequence of Rule
+            What becomes of the parts of the file: of those rules that match a part, the first decides.
+        reflectivity : float, Material or "color", optional
+            Reflectivity or material of the parts for which no rule gives one; "color" for the luminance of the base
+            colours: factor × texture × vertex colours of glTF, ``Kd`` and ``map_Kd`` of OBJ, the diffuse colour of DAE.
+            Default: a perfect diffuser.
 
         Returns
         -------
         Scene
-            The objects in the order of the file.
+            The objects in the order of the file, each node before the nodes below it. An object has the name of its
+            node; parts of a node, which differ in material, are objects of the same name. Objects below the same top
+            node are one instance, unless a rule says otherwise. The nodes that place one mesh share it. In an OBJ file,
+            each object (or group) is a node; in an STL file, each solid.
 
         Raises
         ------
         ConfigError, FileFormatError
             If the file cannot be read as a scene.
+        MissingExtraError
+            If reading it takes a package that is not installed.
         OSError
             If the file cannot be opened.
+        TypeError, ValueError
+            If an option is invalid or does not apply to a file of this kind.
+
+        Notes
+        -----
+        Skins are read in their rest pose, morph targets of glTF with the default weights; cameras, lights and
+        animations are passed over. What else is left out, such as points, lines and nodes scaled to nothing, is
+        reported to the logger ``lidarsim``.
         """
+        options = Options.checked(up, unit, rules, reflectivity)
         path = Path(path)
         check_regular(path)
         with path.open("rb") as file:
             head = file.read(HEAD)
-        for recognise, read in _readers.values():
+        for kind, (recognise, read) in _readers.items():
             if recognise(path, head):
-                return read(path)
+                given = {name: value for name, value in vars(options).items() if value is not None and value != ()}
+                known = [name for name in inspect.signature(read).parameters if name in vars(options)]
+                for name, value in given.items():
+                    if name not in known:
+                        expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
+                        raise ArgumentTypeError(name, expected, shown(value))
+                return read(path, **given)
         raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
 
     @property
@@ -724,10 +765,10 @@ class Scene(Pickled, Plotted):
         return scene
 
 
-_readers: dict[str, tuple[Callable[[Path, bytes], bool], Callable[[Path], Scene]]] = {}
+_readers: dict[str, tuple[Callable[[Path, bytes], bool], Callable[..., Scene]]] = {}
 
 
-def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], read: Callable[[Path], Scene]) -> None:
+def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], read: Callable[..., Scene]) -> None:
     """Let `Scene.from_file` read one more kind of file.
 
     Parameters
@@ -737,7 +778,7 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
     recognise : callable
         ``recognise(path, head)`` returns whether a file is of this kind; `head` is its first 64 KiB.
     read : callable
-        ``read(path)`` returns the `Scene`.
+        ``read(path, **options)`` returns the `Scene`; its keyword arguments are the options of `from_file` that apply.
     """
     _readers[name] = recognise, read
 

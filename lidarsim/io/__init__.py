@@ -3,7 +3,6 @@
 from lidarsim.io import (  # noqa: F401 - each registers itself
     kitti,
     las,
-    mesh_scene,
     meshes,
     npz,
     nuscenes,
@@ -11,6 +10,7 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     ply,
     raster,
     rosbag,
+    scenes,
     semantickitti,
     text,
     trajectories,

@@ -1,0 +1,487 @@
+"""COLLADA 1.4 and 1.5 (``.dae``, ``.zae``): the triangles and polygons of its scene, in its own unit and axes.
+
+Skinned meshes are read at rest. Lines, cameras, lights and physics are passed over; morphed meshes are left out.
+Base colours are the diffuse colours and textures of the common profile and the colours of vertices, all in sRGB.
+
+Format: https://www.khronos.org/files/collada_spec_1_4.pdf.
+"""
+
+from __future__ import annotations
+
+import math
+import posixpath
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import unquote
+
+import numpy as np
+
+from lidarsim._files import beside
+from lidarsim._validation import Floats
+from lidarsim.errors import FileFormatError
+from lidarsim.io.scenes._model import (
+    MOST_DEPTH,
+    MOST_LETTERS,
+    MOST_OBJECTS,
+    Axis,
+    Indices,
+    Key,
+    Names,
+    Node,
+    Paint,
+    Part,
+    Picture,
+    SceneFile,
+    mean_of_corners,
+)
+from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpacked
+from lidarsim.materials import linear_light
+from lidarsim.shapes._polygons import check_faces, of_strips, with_holes
+
+AXES: dict[str, Axis] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
+FACES = {"triangles", "polylist", "polygons", "trifans", "tristrips"}
+LINES = {"lines", "linestrips"}
+
+
+def read(path: Path) -> SceneFile:
+    """Read a file."""
+    data = path.read_bytes()
+    if not data.startswith(b"PK"):
+        return _Reader(parse(data, "the file"), lambda name: beside(path, name).read_bytes()).read()
+    archive = zipfile.ZipFile(BytesIO(data))
+    names = [name for name in archive.namelist() if name.lower().endswith(".dae")]
+    if "manifest.xml" in archive.namelist():
+        root = parse(unpacked(archive, "manifest.xml"), "manifest.xml").findtext("{*}dae_root")
+        names = names if root is None else [root.strip()]
+    if len(names) != 1:
+        raise FileFormatError(f"expected one COLLADA document in the archive, got {len(names)}")
+    document = names[0]
+
+    def within(name: str) -> bytes:
+        return unpacked(archive, posixpath.normpath(posixpath.join(posixpath.dirname(document), unquote(name))))
+
+    return _Reader(parse(unpacked(archive, document), "the document in the archive"), within).read()
+
+
+class _Visit(NamedTuple):
+    """A node to visit, and what is known of the nodes above it."""
+
+    element: Element
+    above: Floats = np.eye(4)
+    names: Names | None = None
+    top: Key | None = None
+    parent: Key | None = None
+    depth: int = 0
+
+
+class _Faces(NamedTuple):
+    """Faces of one material of a geometry; each corner has several indices."""
+
+    indices: Indices
+    """Indices of each corner, shape (k, stride)."""
+    sizes: Indices
+
+    def joined(self, other: _Faces) -> _Faces:
+        """Return these faces and then others."""
+        return _Faces(np.concatenate([self.indices, other.indices]), np.concatenate([self.sizes, other.sizes]))
+
+
+class _Reader:
+    """The reading of one document."""
+
+    def __init__(self, root: Element, image: Callable[[str], bytes]) -> None:
+        self._root = root
+        self._image = image
+        self._by_id: dict[str, Element] = {}
+        for element in root.iter():
+            if (name := element.get("id")) is not None:
+                self._by_id.setdefault(name, element)
+        self._parts: dict[tuple[int, tuple[tuple[str, str], ...]], tuple[Part, ...]] = {}
+        self._sources: dict[int, Floats] = {}
+        self._diffuses: dict[Element | None, tuple[Floats, Picture | None]] = {}
+        self._places: dict[Element, Floats] = {}
+        self._left_out: Counter[str] = Counter()
+
+    def read(self) -> SceneFile:
+        """Return the nodes of the scene."""
+        if local(self._root) != "COLLADA":
+            raise FileFormatError("expected COLLADA as the first element")
+        unit, up = self._root.find("{*}asset/{*}unit"), self._root.findtext("{*}asset/{*}up_axis", "Y_UP").strip()
+        if up not in AXES:
+            raise FileFormatError(f"asset/up_axis: expected {', '.join(AXES)}")
+        text = "1" if unit is None else unit.get("meter", "1").replace(",", ".")  # as some programs write it
+        meters = floats(text, "asset/unit, meter", 1)[0]
+        if not 0.0 < meters < math.inf:
+            raise FileFormatError(f"asset/unit, meter: expected a finite number > 0, got {meters}")
+        file = SceneFile(up=AXES[up], unit=float(meters))
+        scene = self._root.find("{*}scene/{*}instance_visual_scene")
+        visual = self._root.find("{*}library_visual_scenes/{*}visual_scene")
+        if scene is not None:
+            visual = self._referred(scene, "visual_scene")
+        tops = [] if visual is None else visual.findall("{*}node")
+        visits: list[tuple[Element, Node]] = []
+        stack = [_Visit(top) for top in reversed(tops)]
+        while stack:
+            element, above, names, top, parent, depth = stack.pop()
+            key = len(visits), 0
+            if depth == MOST_DEPTH or len(visits) == MOST_OBJECTS:
+                raise FileFormatError(f"expected at most {MOST_DEPTH} nodes in line and {MOST_OBJECTS:,} in all")
+            called = element.get("name") or element.get("id") or str(len(visits))
+            names = Names(called[:MOST_LETTERS], names)
+            where = f"node {called!a:.60}"
+            with np.errstate(over="ignore", invalid="ignore"):
+                place = above @ _local(element, where)
+            visits.append((element, Node(names, place, (), key, parent or key, top or key)))
+            self._places.setdefault(element, place)
+            below = []
+            for child in element:
+                if local(child) in {"node", "instance_node"}:
+                    other = child if local(child) == "node" else self._referred(child, "node")
+                    below.append(_Visit(other, place, names, top or key, key, depth + 1))
+            stack += reversed(below)
+        for element, node in visits:
+            self._add(file, element, node)
+        file.left_out += [f"{what} ({count:,})" for what, count in self._left_out.items()]
+        return file
+
+    def _add(self, file: SceneFile, element: Element, node: Node) -> None:
+        """Add what a node places; skinned meshes are where their joints are."""
+        parts: list[Part] = []
+        for child in element:
+            if local(child) == "instance_geometry":
+                parts += self._geometry(child)
+            elif local(child) == "instance_controller" and (skinned := self._skinned(child)):
+                file.add(replace(node, transform=np.eye(4), parts=skinned))
+        if parts:
+            file.add(replace(node, parts=tuple(parts)))
+
+    def _skinned(self, instance: Element) -> tuple[Part, ...]:
+        """Return the parts of a skinned mesh at rest; none for a morphed one, which is left out."""
+        skin = self._referred(instance, "controller").find("{*}skin")
+        geometry = None if skin is None else self._by_id.get(skin.get("source", "").removeprefix("#"))
+        if skin is None or geometry is None or local(geometry) != "geometry":
+            self._left_out["morphed meshes"] += 1
+            return ()
+        return tuple(self._made(geometry, dict(_bound(instance)), partial(self._at_rest, skin, instance)))
+
+    def _at_rest(self, skin: Element, instance: Element, vertices: Floats) -> Floats:
+        """Return the vertices of a skinned mesh in the scene: the mean of their places by their joints, by weight.
+
+        A joint moves a vertex by its own transform, its inverse bind matrix and the bind shape matrix (COLLADA 1.4.1,
+        section 4, Skinning a skeleton).
+        """
+        where = f"controller of {skin.get('source', '')!a:.60}"
+        joints, weights = skin.find("{*}joints"), skin.find("{*}vertex_weights")
+        if joints is None or weights is None:
+            raise FileFormatError(f"{where}: expected joints and vertex_weights")
+        sources = {found.get("semantic"): self._referred(found, "source", "source") for found in joints}
+        if not {"JOINT", "INV_BIND_MATRIX"} <= sources.keys():
+            raise FileFormatError(f"{where}: expected JOINT and INV_BIND_MATRIX of its joints")
+        names = "".join(sources["JOINT"].itertext()).split()
+        inverse = self._source(sources["INV_BIND_MATRIX"], 16).reshape(-1, 4, 4)
+        if len(inverse) != len(names):
+            raise FileFormatError(f"{where}: expected {len(names)} INV_BIND_MATRIX, one a joint, got {len(inverse)}")
+        shape = floats(skin.findtext("{*}bind_shape_matrix") or "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1", where, 16)
+        with np.errstate(over="ignore", invalid="ignore"):
+            places = np.array([self._joint(name, instance) for name in names]).reshape(-1, 4, 4)
+            moves = places @ inverse @ shape.reshape(4, 4)
+        inputs = {found.get("semantic"): found for found in weights.iterfind("{*}input")}
+        if not {"JOINT", "WEIGHT"} <= inputs.keys():
+            raise FileFormatError(f"{where}: expected JOINT and WEIGHT of its vertex_weights")
+        offsets = {key: int(integers(found.get("offset", "0"), where)[:1].sum()) for key, found in inputs.items()}
+        counts, rows = integers(weights.findtext("{*}vcount"), where), integers(weights.findtext("{*}v"), where)
+        stride = max(offsets.values()) + 1
+        if len(counts) != len(vertices) or len(rows) != stride * counts.sum():
+            got = f"{len(counts)} and {len(rows)}"
+            raise FileFormatError(f"{where}: expected {len(vertices)} counts and indices for each, got {got}")
+        rows = rows.reshape(-1, stride)
+        chosen = rows[:, offsets["JOINT"]]
+        shares = self._source(self._referred(inputs["WEIGHT"], "source", "source"), 1)[:, 0]
+        if len(rows) and (chosen.max() >= len(names) or rows[:, offsets["WEIGHT"]].max() >= len(shares)):
+            raise FileFormatError(f"{where}: expected joints below {len(names)} and weights below {len(shares)}")
+        share = shares[rows[:, offsets["WEIGHT"]]]
+        owner = np.repeat(np.arange(len(vertices)), counts)
+        total = np.bincount(owner, share, minlength=len(vertices))
+        wrong = np.flatnonzero(~(total > 0.0))
+        if len(wrong):
+            raise FileFormatError(f"{where}: expected weights > 0, got a sum of {total[wrong[0]]} at vertex {wrong[0]}")
+        moved = np.zeros((len(vertices), 3))
+        homogeneous = np.column_stack((vertices, np.ones(len(vertices))))
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.add.at(moved, owner, share[:, None] * np.einsum("nij,nj->ni", moves[chosen, :3], homogeneous[owner]))
+        return moved / total[:, None]
+
+    def _joint(self, name: str, instance: Element) -> Floats:
+        """Return where a joint is: the node of this scoped id below a skeleton of an instance, or of this id."""
+        roots = [
+            self._by_id.get((root.text or "").strip().removeprefix("#")) for root in instance.iterfind("{*}skeleton")
+        ]
+        for root in [*(root for root in roots if root is not None), self._root]:
+            for key in ("sid", "id"):
+                for node in root.iter():
+                    if node.get(key) == name and node in self._places:
+                        return self._places[node]
+        raise FileFormatError(f"joint {name!a:.60}: expected a node of the scene")
+
+    def _referred(self, element: Element, kind: str, attribute: str = "url") -> Element:
+        """Return the element of a kind that an element refers to by ``#id``."""
+        url = element.get(attribute, "")
+        found = self._by_id.get(url.removeprefix("#")) if url.startswith("#") else None
+        if found is None or local(found) != kind:
+            raise FileFormatError(f"{local(element)}: expected the id of a {kind} in this file, got {url!a:.60}")
+        return found
+
+    def _geometry(self, instance: Element) -> tuple[Part, ...]:
+        """Return the parts of a geometry, with the materials that an instance gives its symbols."""
+        geometry = self._referred(instance, "geometry")
+        bound = _bound(instance)
+        key = id(geometry), bound
+        if key not in self._parts:
+            self._parts[key] = tuple(self._made(geometry, dict(bound), np.asarray))
+        return self._parts[key]
+
+    def _made(self, geometry: Element, bound: dict[str, str], move: Callable[[Floats], Floats]) -> Iterator[Part]:
+        """Yield the parts of a geometry, whose vertices are moved."""
+        mesh = geometry.find("{*}mesh")
+        name = f"geometry {geometry.get('id', '')!a:.60}"
+        if mesh is None:
+            self._left_out["geometries without a mesh"] += 1
+            return
+        for element in mesh:
+            kind = local(element)
+            if kind in LINES:
+                self._left_out["lines"] += 1
+            if kind not in FACES:
+                continue
+            where = f"{name}, {kind}"
+            inputs = {
+                source.get("semantic", ""): (source, int(integers(source.get("offset", "0"), f"{where}, offset")[0]))
+                for source in reversed(element.findall("{*}input"))  # of several texture coordinates, the first
+            }
+            offsets = [integers(source.get("offset", "0"), where)[0] for source in element.iterfind("{*}input")]
+            stride = int(max(offsets, default=0)) + 1
+            if "VERTEX" not in inputs:
+                raise FileFormatError(f"{where}: expected an input VERTEX")
+            source, offset = inputs["VERTEX"]
+            vertices = move(self._positions(self._referred(source, "vertices", "source")))
+            faces = _faces(element, kind, stride, where)
+            for polygon in element.iterfind("{*}ph"):
+                faces = faces.joined(_holed(polygon, stride, vertices, offset, where))
+            corners = faces.indices[:, offset]
+            try:
+                check_faces(vertices, corners, faces.sizes)
+            except ValueError as error:
+                raise FileFormatError(f"{where}: {error}") from error
+            used, corners = np.unique(corners, return_inverse=True)
+            target = bound.get(element.get("material", ""), "")
+            material = self._by_id.get(target.removeprefix("#"))
+            named = {} if material is None else material.attrib
+            called = named.get("name") or named.get("id") or element.get("material") or ""
+            paint = partial(self._paint, material, inputs, faces.indices, corners=corners, where=where)
+            yield Part(vertices[used], corners, faces.sizes, called, paint)
+
+    def _positions(self, vertices: Element) -> Floats:
+        """Return the positions of vertices, shape (n, 3)."""
+        for source in vertices.iterfind("{*}input"):
+            if source.get("semantic") == "POSITION":
+                return self._source(self._referred(source, "source", "source"), 3)
+        raise FileFormatError(f"vertices {vertices.get('id', '')!a:.60}: expected an input POSITION")
+
+    def _source(self, source: Element, width: int) -> Floats:
+        """Return the first `width` named columns of a source, shape (n, width)."""
+        name = f"source {source.get('id', '')!a:.60}"
+        array, accessor = source.find("{*}float_array"), source.find("{*}technique_common/{*}accessor")
+        if array is None or accessor is None:
+            raise FileFormatError(f"{name}: expected a float_array and its accessor")
+        if id(array) not in self._sources:
+            self._sources[id(array)] = floats(array.text, name)
+        values = self._sources[id(array)]
+        count, offset, stride = (
+            int(integers(accessor.get(key, default), f"{name}, accessor, {key}")[:1].sum())
+            for key, default in (("count", "0"), ("offset", "0"), ("stride", "1"))
+        )
+        columns = [k for k, param in enumerate(accessor.findall("{*}param")) if param.get("name") or param.get("type")]
+        chosen = columns[:width] if len(columns) >= width else list(range(width))
+        if stride < max(chosen) + 1:
+            raise FileFormatError(f"{name}: expected {width} numbers in each row, got a stride of {stride}")
+        end = offset + count * stride
+        if end > len(values):
+            raise FileFormatError(f"{name}: truncated, {len(values):,} of {end:,} numbers")
+        return values[offset:end].reshape(count, stride)[:, chosen]
+
+    def _paint(
+        self,
+        material: Element | None,
+        inputs: dict[str, tuple[Element, int]],
+        rows: Indices,
+        *,
+        corners: Indices,
+        where: str,
+    ) -> Paint:
+        """Return the base colours of a part: `rows` are the indices of its corners, `corners` their vertices."""
+
+        def of_corners(semantic: str, width: int) -> Floats | None:
+            if semantic not in inputs:
+                return None
+            source, offset = inputs[semantic]
+            values = self._source(self._referred(source, "source", "source"), width)
+            indices = rows[:, offset]
+            if len(indices) and indices.max() >= len(values):
+                raise FileFormatError(f"{where}: expected {semantic} below {len(values)}, got {indices.max()}")
+            return values[indices]
+
+        colors, uv = of_corners("COLOR", 3), of_corners("TEXCOORD", 2)
+        if material not in self._diffuses:
+            self._diffuses[material] = self._diffuse(material)
+        color, picture = self._diffuses[material]
+        if uv is not None:
+            uv = np.column_stack((uv[:, 0], 1.0 - uv[:, 1]))  # v counts from the lower edge
+        linear = None if colors is None else linear_light(np.clip(mean_of_corners(corners, colors), 0.0, 1.0))
+        return Paint(color, linear, picture, uv)
+
+    def _diffuse(self, material: Element | None) -> tuple[Floats, Picture | None]:
+        """Return the diffuse colour of a material, and its texture."""
+        white = np.ones(3)
+        effect = None if material is None else material.find("{*}instance_effect")
+        if effect is None:
+            return white, None
+        profile = self._referred(effect, "effect").find("{*}profile_COMMON")
+        diffuse = None if profile is None else profile.find("{*}technique/*/{*}diffuse")
+        if profile is None or diffuse is None:
+            return white, None
+        color, texture = diffuse.find("{*}color"), diffuse.find("{*}texture")
+        if color is not None:
+            values = floats(color.text, "diffuse/color")[:3]
+            if len(values) < 3 or not np.isfinite(values).all():
+                raise FileFormatError("diffuse/color: expected three finite numbers")
+            return linear_light(np.clip(values, 0.0, 1.0)), None
+        if texture is None:
+            return white, None
+        params = {param.get("sid", ""): param for param in profile.iter() if local(param) == "newparam"}
+        name = texture.get("texture", "")
+        for step in ("{*}sampler2D/{*}source", "{*}surface/{*}init_from"):  # 1.4; or the image's own id
+            if name in params:
+                name = (params[name].findtext(step) or "").strip()
+        if name in params:
+            instance = params[name].find("{*}sampler2D/{*}instance_image")  # 1.5
+            name = "" if instance is None else instance.get("url", "").removeprefix("#")
+        image = self._by_id.get(name)
+        if image is None:
+            raise FileFormatError(f"diffuse/texture: expected an image, got {name!a:.60}")
+        file = (image.findtext("{*}init_from/{*}ref") or image.findtext("{*}init_from") or "").strip()
+        return white, Picture(lambda: self._image(file.replace("\\", "/")))
+
+
+def _bound(instance: Element) -> tuple[tuple[str, str], ...]:
+    """Return the materials that an instance gives its symbols."""
+    return tuple(
+        (material.get("symbol", ""), material.get("target", ""))
+        for material in instance.iterfind("{*}bind_material/{*}technique_common/{*}instance_material")
+    )
+
+
+def _faces(element: Element, kind: str, stride: int, where: str) -> _Faces:
+    """Return the faces of an element."""
+    rows = [integers(p.text, where) for p in element.iterfind("{*}p")]
+    for row in rows:
+        if len(row) % stride:
+            raise FileFormatError(f"{where}: expected {stride} indices a corner, got {len(row)} in all")
+    corners = [row.reshape(-1, stride) for row in rows]
+    joined = np.concatenate([np.empty((0, stride), np.int64), *corners])
+    count = int(integers(element.get("count", "0"), f"{where}, count")[:1].sum()) - len(element.findall("{*}ph"))
+    if kind in {"trifans", "tristrips"}:
+        lengths = np.array([len(part) for part in corners], np.int64)
+        if kind == "tristrips":
+            order, sizes = of_strips(np.arange(len(joined)), lengths)
+        else:
+            order, sizes = _of_fans(lengths)
+        return _Faces(joined[order], sizes)
+    if kind == "triangles":
+        sizes = np.full(len(joined) // 3, 3)
+    elif kind == "polygons":
+        sizes = np.array([len(part) for part in corners], np.int64)
+    else:
+        sizes = integers(element.findtext("{*}vcount"), f"{where}, vcount")
+    if len(sizes) != count or int(sizes.sum()) != len(joined):
+        got = f"{len(sizes)} and {len(joined)} corners"
+        raise FileFormatError(f"{where}: expected {count} faces of {int(sizes.sum())} corners in all, got {got}")
+    return _Faces(joined, sizes)
+
+
+def _holed(polygon: Element, stride: int, vertices: Floats, offset: int, where: str) -> _Faces:
+    """Return the triangles of a polygon with holes."""
+    rings = [integers(ring.text, where) for ring in (*polygon.findall("{*}p"), *polygon.findall("{*}h"))]
+    if any(len(ring) % stride or len(ring) < 3 * stride for ring in rings) or len(polygon.findall("{*}p")) != 1:
+        raise FileFormatError(f"{where}: expected an outline and holes of at least three corners")
+    rows = np.concatenate(rings).reshape(-1, stride)
+    ends = np.cumsum([len(ring) // stride for ring in rings])
+    try:
+        check_faces(vertices, rows[:, offset], np.diff(ends, prepend=0))
+    except ValueError as error:
+        raise FileFormatError(f"{where}: {error}") from error
+    triangles = with_holes(vertices[rows[:, offset]], ends)
+    return _Faces(rows[triangles.ravel()], np.full(len(triangles), 3))
+
+
+def _of_fans(lengths: Indices) -> tuple[Indices, Indices]:
+    """Return the triangles of fans as faces, and their sizes."""
+    starts = np.cumsum(lengths) - lengths
+    triangles = [np.empty((0, 3), np.int64)]
+    for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
+        step = start + np.arange(1, max(length - 1, 1))
+        triangles.append(np.stack([np.full(len(step), start), step, step + 1], axis=1))
+    joined = np.concatenate(triangles)
+    return joined.ravel(), np.full(len(joined), 3)
+
+
+def _local(node: Element, where: str) -> Floats:
+    """Return the transform of a node: the product of its own in their order, shape (4, 4)."""
+    matrix = np.eye(4)
+    for element in node:
+        kind = local(element)
+        if kind not in TRANSFORMS:
+            continue
+        values = floats(element.text, f"{where}, {kind}", TRANSFORMS[kind])
+        with np.errstate(over="ignore", invalid="ignore"):
+            matrix = matrix @ _transform(kind, values, f"{where}, {kind}")
+    return matrix
+
+
+TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3, "lookat": 9, "skew": 7}
+"""How many numbers each transform has."""
+
+
+def _transform(kind: str, values: Floats, where: str) -> Floats:
+    """Return the matrix of a transform."""
+    matrix = np.eye(4)
+    match kind:
+        case "matrix":
+            matrix = values.reshape(4, 4)
+            if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+                raise FileFormatError(f"{where}: expected (0, 0, 0, 1) as the last row, got {matrix[3].tolist()}")
+        case "translate":
+            matrix[:3, 3] = values
+        case "scale":
+            matrix[:3, :3] = np.diag(values)
+        case "rotate":
+            length = float(np.linalg.norm(values[:3]))
+            if not 0.0 < length < math.inf:
+                if values[3] == 0.0:
+                    return matrix
+                raise FileFormatError(f"{where}: expected an axis of finite length > 0, got {length}")
+            x, y, z = values[:3] / length
+            angle = math.radians(float(values[3]) % 360.0)
+            quarter = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
+            cos, sin = quarter.get(float(values[3]) % 360.0, (math.cos(angle), math.sin(angle)))
+            cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            axis = np.array([x, y, z])
+            matrix[:3, :3] = cos * np.eye(3) + sin * cross + (1.0 - cos) * np.outer(axis, axis)
+        case _:
+            raise FileFormatError(f"{where}: this transform is not supported")
+    return matrix
