@@ -92,7 +92,7 @@ class Texture(Value):
     ------
     TypeError, ValueError
         If a value is negative or not finite, or overflows float32; if there are no values, or they have another shape
-        or the dtype of an image's colours, which `Material.from_colors` takes; or if `wrap` is something else.
+        or the dtype of an image's colours, which `Material.from_texture` takes; or if `wrap` is something else.
 
     Notes
     -----
@@ -123,7 +123,7 @@ class Texture(Value):
     def __init__(self, values: npt.ArrayLike, *, wrap: Wrap | tuple[Wrap, Wrap] = "repeat") -> None:
         given = as_array("values", values, "numbers of shape (height, width)")
         if given.dtype.kind == "u" and given.dtype.itemsize < 4:
-            hint = "Material.from_colors takes colours"
+            hint = "Material.from_texture takes colours"
             raise ArgumentTypeError("values", "reflectivities", f"dtype {given.dtype}", hint)
         numbers = array("values", given, ("height", "width"))
         if not numbers.size:
@@ -287,14 +287,7 @@ class Material(Value):
         return cls(**contents)
 
     @classmethod
-    def from_colors(
-        cls,
-        colors: npt.ArrayLike,
-        *,
-        per: Literal["face", "vertex", "texture"] = "vertex",
-        texture_coordinates: npt.ArrayLike | None = None,
-        wrap: Wrap | tuple[Wrap, Wrap] = "repeat",
-    ) -> Material:
+    def from_colors(cls, colors: npt.ArrayLike, *, per: Literal["face", "vertex"] = "vertex") -> Material:
         """Return the material of a mesh whose reflectivity is the luminance of its colours.
 
         The only guess there is where a mesh has colours and nothing is known of the infrared: green leaves, among
@@ -302,15 +295,10 @@ class Material(Value):
 
         Parameters
         ----------
-        colors : array_like, shape (n, 3) or (n, 4); of a texture (height, width, 3) or (height, width, 4)
-            sRGB colours of the vertices or faces, or an image: integers 0 to 255 or numbers 0 to 1. An opacity is
-            ignored.
-        per : {"vertex", "face", "texture"}
+        colors : array_like, shape (n, 3) or (n, 4)
+            sRGB colours of the vertices or faces: integers 0 to 255 or numbers 0 to 1. An opacity is ignored.
+        per : {"vertex", "face"}
             What the colours are given for.
-        texture_coordinates : array_like, shape (n, 2) or (m, 3, 2), optional
-            Where the image lies on the mesh, as in `Material`.
-        wrap : {"repeat", "clamp", "mirror"} or a pair of these
-            What the image is beyond its edges, as in `Texture`.
 
         Returns
         -------
@@ -320,21 +308,52 @@ class Material(Value):
         Raises
         ------
         TypeError, ValueError
-            If a shape is wrong, a colour out of range, or texture coordinates lack or come without an image.
+            If the shape is wrong or a colour out of range.
+        """
+        one_of("per", per, ("face", "vertex"))
+        return cls(reflectivity=_luminance("colors", colors, ("n",)), per=per)
+
+    @classmethod
+    def from_texture(
+        cls,
+        image: npt.ArrayLike,
+        texture_coordinates: npt.ArrayLike,
+        *,
+        wrap: Wrap | tuple[Wrap, Wrap] = "repeat",
+    ) -> Material:
+        """Return the material of a mesh whose reflectivity is the luminance of an image on it.
+
+        As with `from_colors`, the infrared is guessed from visible light.
+
+        Parameters
+        ----------
+        image : array_like, shape (height, width, 3) or (height, width, 4)
+            sRGB colours: integers 0 to 255 or numbers 0 to 1; row 0 is the top. An opacity is ignored.
+        texture_coordinates : array_like, shape (n, 2) or (m, 3, 2)
+            Where the image lies on the mesh, as in `Material`.
+        wrap : {"repeat", "clamp", "mirror"} or a pair of these
+            What the image is beyond its edges, as in `Texture`.
+
+        Returns
+        -------
+        Material
+            A `Texture` of the luminance of linear light, weights of ITU-R BT.709; 1 for white.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a shape is wrong, a colour or coordinate out of range, or `wrap` is something else.
 
         Examples
         --------
         >>> import lidarsim as ls
         >>> image = [[(64, 64, 64), (255, 255, 255), (64, 64, 64)]]
         >>> corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
-        >>> ls.Material.from_colors(image, per="texture", texture_coordinates=corners).reflectivity.values.round(3)
+        >>> ls.Material.from_texture(image, corners).reflectivity.values.round(3)
         array([[0.051, 1.   , 0.051]], dtype=float32)
         """
-        one_of("per", per, PER[1:])
-        if per == "texture":
-            texture = Texture(_luminance(colors, ("height", "width")), wrap=wrap)
-            return cls(reflectivity=texture, texture_coordinates=texture_coordinates)
-        return cls(reflectivity=_luminance(colors, ("n",)), per=per, texture_coordinates=texture_coordinates)
+        texture = Texture(_luminance("image", image, ("height", "width")), wrap=wrap)
+        return cls(reflectivity=texture, texture_coordinates=texture_coordinates)
 
 
 def _reflectivity(value: object, per: Per) -> float | Floats | Texture:
@@ -367,16 +386,16 @@ def _texture_coordinates(value: npt.ArrayLike | None) -> Floats:
     return array("texture_coordinates", given, ("n", 2) if given.ndim == 2 else ("m", 3, 2))
 
 
-def _luminance(colors: npt.ArrayLike, shape: tuple[str, ...]) -> Floats:
+def _luminance(name: str, colors: npt.ArrayLike, shape: tuple[str, ...]) -> Floats:
     """Return the luminance, of `shape`, of sRGB colours with three or four channels."""
     expected = " or ".join(f"shape ({', '.join(shape)}, {channels})" for channels in (3, 4)).replace("or shape", "or")
-    given = as_array("colors", colors, expected)
+    given = as_array(name, colors, expected)
     if given.ndim != len(shape) + 1 or given.shape[-1] not in {3, 4}:
-        raise ArgumentValueError("colors", expected, given.shape)
-    encoded = array("colors", given[..., :3], (*shape, 3))
+        raise ArgumentValueError(name, expected, given.shape)
+    encoded = array(name, given[..., :3], (*shape, 3))
     scale = 255.0 if given.dtype.kind in "iu" else 1.0
     if ((encoded < 0.0) | (encoded > scale)).any():
-        raise ArgumentValueError("colors", f"numbers from 0 to {scale:g}", f"{given.min()} to {given.max()}")
+        raise ArgumentValueError(name, f"numbers from 0 to {scale:g}", f"{given.min()} to {given.max()}")
     luminance = np.zeros(given.shape[:-1])
     for channel, weight in enumerate(LUMINANCE):
         luminance += weight * linear_light(encoded[..., channel] / scale)

@@ -396,9 +396,9 @@ class Scene(Pickled, Plotted):
         ----------
         path : path-like
             A scene file: glTF 2.0 (GLB or glTF), COLLADA (DAE) or 3MF; a mesh file: OBJ, OFF, PLY or STL; another
-            format that trimesh reads; an elevation model, GeoTIFF or ASCII grid, as `TriangleMesh.from_raster` reads; or
-            a scene in YAML, as in configurations. The last two take no options. Files that it refers to are read only
-            if they are beside or below it.
+            format that trimesh reads; an elevation model that `TriangleMesh.from_raster` reads; or a scene in YAML, as
+            in configurations. The last two take no options. Files that it refers to are read only if they are beside or
+            below it.
         up : {"y", "z"}, optional
             The axis of the file that points up. Default: as the file declares (glTF: y; DAE: its own), else z.
         unit : float, optional

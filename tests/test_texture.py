@@ -262,10 +262,10 @@ def test_a_lidar_sees_the_markings_of_a_road(sides: bool) -> None:
     colors = np.full((80, 160, 3), grey, np.uint8)  # 0.1 m by 0.05 m
     colors[:30, 78:82] = colors[:, 4:6] = colors[:, 154:156] = white
     mesh, coordinates = road(sides)
-    material = ls.Material.from_colors(colors, per="texture", texture_coordinates=coordinates, wrap=("clamp", "repeat"))
+    material = ls.Material.from_texture(colors, coordinates, wrap=("clamp", "repeat"))
     assert material.per == "texture"
     assert isinstance(material.reflectivity, ls.Texture)
-    dark, bright = (float(materials._linear(np.array(x / 255.0))) for x in (grey, white))
+    dark, bright = (float(materials.linear_light(np.array(x / 255.0))) for x in (grey, white))
     scene = ls.Scene()
     scene.add(mesh, material=material)
     pattern = ls.patterns.Spinning(np.radians(np.linspace(-25, -4, 64)), columns=2048)
@@ -362,8 +362,8 @@ def test_a_view_keeps_the_values_alive() -> None:
 
 def test_images_become_luminance() -> None:
     colors = np.random.default_rng(7).integers(0, 256, (6, 9, 4), np.uint8)
-    by_integers = ls.Material.from_colors(colors, per="texture", texture_coordinates=SQUARE)
-    by_floats = ls.Material.from_colors(colors / 255.0, per="texture", texture_coordinates=SQUARE)
+    by_integers = ls.Material.from_texture(colors, SQUARE)
+    by_floats = ls.Material.from_texture(colors / 255.0, SQUARE)
     assert by_integers == by_floats
     assert isinstance(by_integers.reflectivity, ls.Texture)
     each = ls.Material.from_colors(colors.reshape(-1, 4), per="vertex")
@@ -395,7 +395,7 @@ TEXTURE = ls.Texture([[0.5, 1.0]])
         (
             lambda: ls.Texture(np.zeros((2, 2), np.uint8)),
             TypeError,
-            "values: expected reflectivities, got dtype uint8; Material.from_colors takes colours",
+            "values: expected reflectivities, got dtype uint8; Material.from_texture takes colours",
         ),
         (
             lambda: ls.Texture([["a"]]),
@@ -458,24 +458,24 @@ TEXTURE = ls.Texture([[0.5, 1.0]])
             "reflectivity: expected a Texture with per='texture', got 0.5",
         ),
         (
-            lambda: ls.Material.from_colors(np.zeros((3, 3)), per="texture", texture_coordinates=SQUARE),
+            lambda: ls.Material.from_texture(np.zeros((3, 3)), SQUARE),
             ValueError,
-            "colors: expected shape (height, width, 3) or (height, width, 4), got (3, 3)",
+            "image: expected shape (height, width, 3) or (height, width, 4), got (3, 3)",
         ),
         (
-            lambda: ls.Material.from_colors(np.zeros((3, 3, 3)), per="texture"),
+            lambda: ls.Material(reflectivity=ls.Texture([[0.5]])),
             TypeError,
             "texture_coordinates: expected u, v of the vertices or corners for a Texture, got None",
         ),
         (
-            lambda: ls.Material.from_colors(np.zeros((3, 3)), texture_coordinates=SQUARE),
+            lambda: ls.Material(reflectivity=np.zeros(3), per="vertex", texture_coordinates=SQUARE),
             TypeError,
             "texture_coordinates: expected None, or a Texture as the reflectivity, got an array of shape (4, 2)",
         ),
         (
             lambda: ls.Material.from_colors(np.zeros((3, 3)), per="object"),  # type: ignore[arg-type]
             ValueError,
-            "per: expected 'face', 'vertex' or 'texture', got 'object'",
+            "per: expected 'face' or 'vertex', got 'object'",
         ),
     ],
 )

@@ -276,9 +276,9 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "io.semantickitti.read_labels.path": lambda folder: written(folder, "a.label", "abcd"),
     "Scan.point_cloud.frame": lambda _: "world",
     "Scan.true_points.frame": lambda _: "world",
-    "Material.from_colors.colors": lambda _: np.linspace(0.0, 1.0, 12).reshape(2, 2, 3),
-    "Material.from_colors.per": lambda _: "texture",
-    "Material.from_colors.texture_coordinates": lambda _: np.array([(0.0, 0), (1, 0), (1, 1), (0, 1)]),
+    "Material.from_texture.image": lambda _: np.linspace(0.0, 1.0, 12).reshape(2, 2, 3),
+    "Material.from_colors.per": lambda _: "face",
+    "Material.from_texture.texture_coordinates": lambda _: np.array([(0.0, 0), (1, 0), (1, 1), (0, 1)]),
     "patterns.Grid.column_period": lambda _: 0.01,
 }
 """The same, of one parameter of one function."""
