@@ -7,7 +7,7 @@ import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from scipy import stats
 import lidarsim as ls
 from lidarsim.cli import main
 from lidarsim.comparison import Cell, Measure
+from lidarsim.comparison import _inferred as inferred
 from lidarsim.comparison import _measures as measures
 from lidarsim.comparison import _statistics as statistics
 from lidarsim.comparison._frame import Frame
@@ -469,6 +470,17 @@ def test_a_sensor_tells_the_columns(name: str) -> None:
     assert len(known_pairs - told_pairs) <= 2 * len(known.rings)
 
 
+@pytest.mark.parametrize("rate", [5.0, 9.66, 20.0])
+def test_a_head_may_turn_at_another_rate(rate: float) -> None:
+    lidar = ls.Lidar.preset("velodyne-vlp16", noise="measured")
+    cloud = replace(lidar, pattern=replace(lidar.pattern, rate=rate)).scan(scene()).point_cloud()
+    image = Frame.of(ls.PointCloud(xyz=cloud.xyz, ring=cloud.ring), lidar, 1.0).image
+    assert image is not None
+    # The step is known to 0.1 % or so, by which some points share a pixel.
+    assert (image.point >= 0).sum() >= 0.995 * len(cloud)
+    assert image.point.shape[1] == pytest.approx(cloud.column.max() + 1, rel=5e-3)
+
+
 def turned(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Points turned about z, each by its angle."""
     x, y, z = xyz.T
@@ -517,9 +529,100 @@ def test_a_sensor_whose_rings_do_not_turn_tells_no_columns() -> None:
     )
 
 
+RING_BY_RING, AS_FIRED, SHUFFLED = "ring by ring", "as fired", "shuffled"
+
+
+def without_rings(cloud: ls.PointCloud, order: str, path: Path) -> tuple[ls.PointCloud, np.ndarray]:
+    """A cloud after KITTI's file, in which the rings follow one another from the top down; and its rings."""
+    azimuth = np.mod(np.arctan2(cloud.xyz[:, 1], cloud.xyz[:, 0]), 2.0 * np.pi)
+    chosen = {
+        RING_BY_RING: np.lexsort((azimuth, -cloud.ring.astype(int))),
+        AS_FIRED: np.arange(len(cloud)),
+        SHUFFLED: np.random.default_rng(9).permutation(len(cloud)),
+    }[order]
+    ls.PointCloud(xyz=cloud.xyz[chosen], intensity=np.minimum(cloud.intensity[chosen], 1.0)).save(path)
+    bare = ls.PointCloud.load(path)
+    assert "ring" not in bare.fields
+    return bare, cloud.ring[chosen]
+
+
+@pytest.mark.parametrize("order", [RING_BY_RING, AS_FIRED, SHUFFLED])
+@pytest.mark.parametrize("name", ["velodyne-vlp16", "velodyne-hdl64e-s2", "velodyne-hdl64e-s3", "ouster-os1-64"])
+def test_a_sensor_tells_the_rings(name: str, order: str, tmp_path: Path) -> None:
+    noise = {"velodyne-hdl64e-s2": "datasheet"}.get(name, "measured")
+    lidar = ls.Lidar.preset(name, noise=noise)
+    bare, ring = without_rings(lidar.scan(scene(), seed=3).point_cloud(), order, tmp_path / "a.bin")
+    frame = Frame.of(bare, lidar, 1.0)
+    assert len(frame) > 20_000
+    assert frame.ring is not None
+    assert (frame.ring == ring).mean() >= 0.995
+    assert frame.inferred == f"the {'order' if order == RING_BY_RING else 'elevations'} of the points"
+    assert ("elevation" in frame.missing) == (order != RING_BY_RING)
+
+
+def test_rings_of_another_unit_are_those_of_the_order_or_none(tmp_path: Path) -> None:
+    """The lasers of another unit look 0.2° elsewhere, where rings are 0.3° apart, and the head tilts as it drives."""
+    lidar = ls.Lidar.preset("velodyne-hdl64e-s3", noise="measured")
+    cloud = lidar.scan(scene(), seed=3).point_cloud()
+    rng = np.random.default_rng(10)
+    away = np.hypot(cloud.xyz[:, 0], cloud.xyz[:, 1])
+    tilt = np.radians(rng.normal(0.0, 0.2, 64))[cloud.ring] + np.radians(0.3) * np.sin(
+        3.0 * cloud.time / cloud.time[-1]
+    )
+    unlike = changed(cloud, xyz=cloud.xyz + np.outer(away * tilt, [0.0, 0.0, 1.0]))
+    bare, ring = without_rings(unlike, RING_BY_RING, tmp_path / "a.bin")
+    frame = Frame.of(bare, lidar, 1.0)
+    assert frame.ring is not None
+    assert (frame.ring == ring).mean() >= 0.995
+    frame = Frame.of(without_rings(unlike, SHUFFLED, tmp_path / "b.bin")[0], lidar, 1.0)
+    assert frame.ring is None
+    assert frame.missing["ring"] == "have no rings that follow from their elevations, or their order, and the sensor"
+
+
+def test_rings_that_see_nothing_are_left_out(tmp_path: Path) -> None:
+    lidar = ls.Lidar.preset("velodyne-hdl64e-s3", noise="measured")
+    cloud = lidar.scan(scene(), seed=3).point_cloud()
+    cloud = cloud[(cloud.ring > 3) & (cloud.ring < 55) & (cloud.ring != 30)]
+    bare, ring = without_rings(cloud, RING_BY_RING, tmp_path / "a.bin")
+    frame = Frame.of(bare, lidar, 1.0)
+    assert frame.inferred == "the order of the points"
+    assert frame.ring is not None
+    assert (frame.ring == ring).mean() >= 0.995
+
+
+def test_turns_are_rings_in_the_best_order() -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        cost = rng.random((4, 7))
+        best = min(combinations(range(7), 4), key=lambda columns: cost[range(4), list(columns)].sum())
+        assert inferred._rising(cost).tolist() == list(best)
+
+
+def test_clouds_without_rings_are_compared(tmp_path: Path) -> None:
+    lidar = ls.Lidar.preset("velodyne-vlp16", noise="measured")
+    clouds = [scan.point_cloud() for scan in lidar.frames(scene(), None, 4, seed=1)]
+    real, _ = without_rings(clouds[0], RING_BY_RING, tmp_path / "a.bin")
+    simulated, _ = without_rings(clouds[2], AS_FIRED, tmp_path / "b.bin")
+    comparison = ls.compare(real, simulated, sensor=lidar)
+    assert comparison.differing == ()
+    assert {"points by ring", "range noise", "holes in smooth rings"} <= {
+        measure.name for measure in comparison if measure.verdict == "alike"
+    }
+    assert comparison.notes == (
+        "the rings of the real clouds are inferred from the order of the points",
+        "the rings of the simulated clouds are inferred from the elevations of the points",
+    )
+    assert comparison.notes[0] in str(comparison)
+    assert comparison.real.rings == 16
+    assert "rings but those that follow from the elevations" in comparison["ring elevation"].why
+    assert ls.compare(real, clouds[2], sensor=lidar)["ring elevation"].verdict == "alike"
+
+
 def test_without_rings_it_says_what_needs_them(real: list[ls.PointCloud]) -> None:
     comparison = ls.compare([ls.PointCloud(xyz=cloud.xyz) for cloud in real], real)
-    without = {measure.name for measure in comparison if measure.why == "the real clouds have no rings"}
+    why = "the real clouds have no rings; the argument sensor tells them"
+    without = {measure.name for measure in comparison if measure.why == why}
+    assert f"not measured, since {why}: points by ring, " in str(comparison)
     assert {"points by ring", "range noise", "ring bias", "ring elevation", "dual returns"} <= without
     assert comparison["intensity by range"].why == "the real clouds have no intensity"
     assert comparison["points by range"].verdict == "alike"

@@ -50,8 +50,9 @@ def compare(real: Given, simulated: Given, *, sensor: str | Lidar | None = None)
         iterable of them. Frames are read one at a time. Without a field `range`, the range is the distance from the
         origin. Intensities that are whole numbers above 1 are taken as percent.
     sensor : str or Lidar, optional
-        The sensor, or its name in `Lidar.presets()`. It puts points that have a ring and no column into columns, by
-        their azimuth.
+        The sensor, or its name in `Lidar.presets()`. It puts points without rings into rings, by the order of the
+        points if it is that of KITTI, else by their elevations, and points without columns into columns, by their
+        azimuths. `Comparison.notes` say so of rings.
 
     Returns
     -------
@@ -131,6 +132,7 @@ class _Side:
         self.argument, self.name = argument, name
         self.frames = self.points = 0
         self.rings = np.zeros(0, np.intp)
+        self.inferred: dict[str, None] = {}  # an ordered set
         self.missing: dict[str, str] = {}
         self.units = {name: Units() for name in STATISTICS}
         self._unit: float | None = None
@@ -151,6 +153,8 @@ class _Side:
         if frame.ring is not None:
             self.rings = np.union1d(self.rings, frame.ring)
         self.missing |= frame.missing
+        if frame.inferred:
+            self.inferred[frame.inferred] = None
         if frame.image is not None and not frame.image.counted:
             self.missing["counted"] = "have no columns but those that follow from the azimuth itself"
         for name, statistic in STATISTICS.items():
@@ -220,7 +224,12 @@ def _judged(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: boo
         _measured(statistic, *found[name], tests) if name in found else _refused(statistic, refused[name])
         for name, statistic in STATISTICS.items()
     ]
-    notes = [f"{unlike}: these are unlike sensors"] if unlike else []
+    notes = [
+        f"the rings of the {side.argument} clouds are inferred from {' or '.join(side.inferred)}"
+        for side in (real, simulated)
+        if side.inferred
+    ]
+    notes += [f"{unlike}: these are unlike sensors"] if unlike else []
     return Comparison(tuple(measures), real.told, simulated.told, tuple(notes))
 
 
