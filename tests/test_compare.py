@@ -478,7 +478,7 @@ def test_a_head_may_turn_at_another_rate(rate: float) -> None:
     assert image is not None
     # The step is known to 0.1 % or so, by which some points share a pixel.
     assert (image.point >= 0).sum() >= 0.995 * len(cloud)
-    assert image.point.shape[1] == pytest.approx(cloud.column.max() + 1, rel=5e-3)
+    assert image.point.shape[1] == pytest.approx(int(cloud.column.max()) + 1, rel=5e-3)
 
 
 def turned(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -500,7 +500,7 @@ def test_two_pulses_of_a_column_are_no_dual_return() -> None:
     stray = np.where(np.arange(len(cloud)) % 97 == 0, 0.7 * 2.0 * np.pi / 1024, 0.0)
     image = Frame.of(ls.PointCloud(xyz=turned(cloud.xyz, stray), ring=cloud.ring), SENSOR, 1.0).image
     assert image is not None
-    assert (image.point >= 0).sum() < len(cloud) - 200  # they do share pixels
+    assert (image.point >= 0).sum() >= len(cloud) - RINGS
     assert image.returns.max() == 1
 
 

@@ -26,6 +26,8 @@ share `RIGHT` of them is below half a gap."""
 BACKWARDS = 0.05
 """Most steps of azimuth against the sense of rotation in a cloud whose rings follow one another: KITTI's have 0.004,
 points in the order of firing about a half, or none if all lasers fire in one direction."""
+SAME = 0.25
+"""Columns up to which points are returns of one pulse."""
 PROBED = 100
 """Points of a turn, about, that tell its ring."""
 
@@ -231,20 +233,37 @@ def columns_of(sensor: Sensor, ring: npt.NDArray[np.integer], xyz: Floats) -> In
     groups = [np.flatnonzero(ring == name) for name in np.unique(ring)]
     places /= _step([places[mine] for mine in groups])
     for mine in groups:
-        # The head of a real sensor, and that of each frame if a turn is no whole number of columns, starts anywhere.
-        phase = circular_mean(TURN * places[mine]) / TURN
-        column[mine] = np.maximum(np.rint(places[mine] - phase), 0.0)
+        along = mine[np.argsort(places[mine], kind="stable")]
+        column[along] = _counted(places[along])
+    return column
+
+
+def _counted(places: Floats) -> Indices:
+    """Return columns for the places of a ring, which rise.
+
+    Real heads turn unevenly, and clouds may be corrected for the motion of the sensor. So neighbours are in columns one
+    after another, however far apart they are, and only gaps of two pulses or more are filled as the places say.
+    """
+    # The head of a real sensor, and that of each frame if a turn is no whole number of columns, starts anywhere.
+    nominal = np.rint(places - circular_mean(TURN * places) / TURN).astype(np.intp)
+    ahead = np.diff(places)
+    count = np.where(ahead > SAME, np.maximum(np.rint(ahead), 1.0), 0.0).astype(np.intp)
+    starts = np.concatenate([[0], np.flatnonzero(count > 2) + 1, [len(places)]])
+    column = np.concatenate([[0], np.cumsum(count)])
+    last = -1
+    for start, end in pairwise(starts):
+        column[start:end] += max(nominal[start], last + 1) - column[start]
+        last = column[end - 1]
     return column
 
 
 def _step(rings: list[Floats]) -> float:
     """Return the distance of neighbours in columns of the sensor: not 1 if its head turns at another rate.
 
-    Returns of one pulse are nearer than a quarter of the sensor's columns. The mean is that of steps near the median,
-    without those over pulses that did not return.
+    The mean is that of steps near the median, without those over pulses that did not return.
     """
     steps = np.concatenate([np.zeros(0), *(np.diff(np.sort(places)) for places in rings)])
-    steps = steps[steps > 0.25]
+    steps = steps[steps > SAME]
     if not len(steps):
         return 1.0
     near = np.abs(steps / np.median(steps) - 1.0) < 0.5
