@@ -10,8 +10,7 @@ as these data tell: each cell gives the least difference that would have counted
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import partial
+from dataclasses import fields, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -21,7 +20,7 @@ from lidarsim._shown import counted
 from lidarsim._validation import shown
 from lidarsim.comparison._frame import Frame
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
-from lidarsim.comparison._result import UNKNOWN, Cell, Comparison, Measure, Side, reasons, values
+from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, reasons, values
 from lidarsim.comparison._sources import Given, Source, intensity_unit, source
 from lidarsim.comparison._statistics import Estimate, Units, critical, estimate, interval
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -29,7 +28,18 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.sensor import Lidar
 
-__all__ = ["Cell", "Comparison", "Measure", "Side", "compare", "compare_sources", "reasons", "source", "values"]
+__all__ = [
+    "Cell",
+    "Comparison",
+    "Contrast",
+    "Measure",
+    "Side",
+    "compare",
+    "compare_sources",
+    "reasons",
+    "source",
+    "values",
+]
 
 FEWEST = 50
 """Fewest samples of a cell that is compared."""
@@ -333,24 +343,22 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
     return Measure(
         name=statistic.name,
         unit=statistic.unit,
-        real=headline.real,
-        simulated=headline.simulated,
-        real_interval=headline.real_interval,
-        simulated_interval=headline.simulated_interval,
-        difference=headline.difference,
-        difference_interval=headline.difference_interval,
-        n_real=headline.n_real,
-        n_simulated=headline.n_simulated,
-        least=headline.least,
         verdict="differs" if number else "alike",
         why=why,
         where=headline.label,
+        by=statistic.cells.what,
         meaning=statistic.meaning,
         cells=tuple(cells.values()),
+        **{part.name: getattr(headline, part.name) for part in fields(Contrast)},
     )
 
 
 def _refused(statistic: Statistic, why: str) -> Measure:
-    nan = float("nan")
-    empty = partial(Measure, statistic.name, statistic.unit, nan, nan, UNKNOWN, UNKNOWN, nan, UNKNOWN, 0, 0, nan)
-    return empty("not measured", why, meaning=statistic.meaning)
+    return Measure(
+        name=statistic.name,
+        unit=statistic.unit,
+        verdict="not measured",
+        why=why,
+        by=statistic.cells.what,
+        meaning=statistic.meaning,
+    )
