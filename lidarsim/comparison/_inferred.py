@@ -20,9 +20,10 @@ ORDER, ELEVATIONS = "the order of the points", "the elevations of the points"
 """What rings are inferred from."""
 RIGHT = 0.995
 """Share of the points whose rings are right, at least."""
-CLOSEST = NormalDist().inv_cdf(0.75) / NormalDist().inv_cdf(0.5 + 0.5 * RIGHT) / 2.0
-"""Greatest median distance of points from their beams, in units of the gap between beams: if deviations are normal, a
-share `RIGHT` of them is below half a gap."""
+BETWEEN = 0.4
+"""Distance of a point from its beam, in units of the gap between the nearest two, from which it is between them."""
+MOST_BETWEEN = 2.0 * (0.5 + 0.5 * RIGHT - NormalDist().cdf(2.0 * BETWEEN * NormalDist().inv_cdf(0.5 + 0.5 * RIGHT)))
+"""Greatest share of points between beams, 2 %: of normal deviations a share `RIGHT` is then below half a gap."""
 BACKWARDS = 0.05
 """Most steps of azimuth against the sense of rotation in a cloud whose rings follow one another: KITTI's have 0.004,
 points in the order of firing about a half, or none if all lasers fire in one direction."""
@@ -69,7 +70,7 @@ def rings_of(sensor: Sensor | None, xyz: Floats) -> tuple[Indices, str]:
     if turn is not None:
         return beams.ring[beams.of_turns(xyz, turn)][turn], ORDER
     place, gaps = beams.nearest(xyz)
-    if len(xyz) and not np.median(gaps) <= CLOSEST:
+    if len(xyz) and not np.mean(~(gaps <= BETWEEN)) <= MOST_BETWEEN:
         raise NoRingsError("have no rings that follow from their elevations, or their order, and the sensor")
     return beams.ring[place], ELEVATIONS
 
