@@ -10,8 +10,7 @@ as these data tell: each cell gives the least difference that would have counted
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import partial
+from dataclasses import fields, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -21,7 +20,7 @@ from lidarsim._shown import counted
 from lidarsim._validation import shown
 from lidarsim.comparison._frame import Frame
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
-from lidarsim.comparison._result import UNKNOWN, Cell, Comparison, Measure, Side, reasons, values
+from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, reasons, values
 from lidarsim.comparison._sources import Given, Source, intensity_unit, source
 from lidarsim.comparison._statistics import Estimate, Units, critical, estimate, interval
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -29,7 +28,18 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.sensor import Lidar
 
-__all__ = ["Cell", "Comparison", "Measure", "Side", "compare", "compare_sources", "reasons", "source", "values"]
+__all__ = [
+    "Cell",
+    "Comparison",
+    "Contrast",
+    "Measure",
+    "Side",
+    "compare",
+    "compare_sources",
+    "reasons",
+    "source",
+    "values",
+]
 
 FEWEST = 50
 """Fewest samples of a cell that is compared."""
@@ -50,8 +60,9 @@ def compare(real: Given, simulated: Given, *, sensor: str | Lidar | None = None)
         iterable of them. Frames are read one at a time. Without a field `range`, the range is the distance from the
         origin. Intensities that are whole numbers above 1 are taken as percent.
     sensor : str or Lidar, optional
-        The sensor, or its name in `Lidar.presets()`. It puts points that have a ring and no column into columns, by
-        their azimuth.
+        The sensor, or its name in `Lidar.presets()`. It puts points without rings into rings, by the order of the
+        points if it is that of KITTI, else by their elevations, and points without columns into columns, by their
+        azimuths. `Comparison.notes` say so of rings.
 
     Returns
     -------
@@ -131,6 +142,7 @@ class _Side:
         self.argument, self.name = argument, name
         self.frames = self.points = 0
         self.rings = np.zeros(0, np.intp)
+        self.inferred: dict[str, None] = {}  # an ordered set
         self.missing: dict[str, str] = {}
         self.units = {name: Units() for name in STATISTICS}
         self._unit: float | None = None
@@ -151,6 +163,8 @@ class _Side:
         if frame.ring is not None:
             self.rings = np.union1d(self.rings, frame.ring)
         self.missing |= frame.missing
+        if frame.inferred:
+            self.inferred[frame.inferred] = None
         if frame.image is not None and not frame.image.counted:
             self.missing["counted"] = "have no columns but those that follow from the azimuth itself"
         for name, statistic in STATISTICS.items():
@@ -220,7 +234,12 @@ def _judged(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: boo
         _measured(statistic, *found[name], tests) if name in found else _refused(statistic, refused[name])
         for name, statistic in STATISTICS.items()
     ]
-    notes = [f"{unlike}: these are unlike sensors"] if unlike else []
+    notes = [
+        f"the rings of the {side.argument} clouds are inferred from {' or '.join(side.inferred)}"
+        for side in (real, simulated)
+        if side.inferred
+    ]
+    notes += [f"{unlike}: these are unlike sensors"] if unlike else []
     return Comparison(tuple(measures), real.told, simulated.told, tuple(notes))
 
 
@@ -324,24 +343,22 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
     return Measure(
         name=statistic.name,
         unit=statistic.unit,
-        real=headline.real,
-        simulated=headline.simulated,
-        real_interval=headline.real_interval,
-        simulated_interval=headline.simulated_interval,
-        difference=headline.difference,
-        difference_interval=headline.difference_interval,
-        n_real=headline.n_real,
-        n_simulated=headline.n_simulated,
-        least=headline.least,
         verdict="differs" if number else "alike",
         why=why,
         where=headline.label,
+        by=statistic.cells.what,
         meaning=statistic.meaning,
         cells=tuple(cells.values()),
+        **{part.name: getattr(headline, part.name) for part in fields(Contrast)},
     )
 
 
 def _refused(statistic: Statistic, why: str) -> Measure:
-    nan = float("nan")
-    empty = partial(Measure, statistic.name, statistic.unit, nan, nan, UNKNOWN, UNKNOWN, nan, UNKNOWN, 0, 0, nan)
-    return empty("not measured", why, meaning=statistic.meaning)
+    return Measure(
+        name=statistic.name,
+        unit=statistic.unit,
+        verdict="not measured",
+        why=why,
+        by=statistic.cells.what,
+        meaning=statistic.meaning,
+    )

@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats
+from lidarsim.comparison._inferred import ELEVATIONS, TURN, NoRingsError, circular_mean, columns_of, rings_of
 from lidarsim.comparison._statistics import BLOCKS, Indices
-from lidarsim.patterns._pulses import pulses_of
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan, Sensor
 
 Mask = npt.NDArray[np.bool_]
 Kind = TypeVar("Kind", bound=np.generic)
 
-TURN = 2.0 * math.pi
 MOST_RINGS = 1024
 """Number of rings up to which rings are compared one by one."""
 SPARSEST = 64
@@ -81,7 +80,9 @@ class Frame:
     truth : Truth or None
         What a scan knows.
     missing : dict of str to str
-        Why something is missing: "ring", "column", "intensity".
+        Why something is missing: "ring", "elevation", "column", "intensity".
+    inferred : str
+        What the rings are inferred from; "" if the cloud has rings.
     """
 
     xyz: Floats
@@ -93,6 +94,7 @@ class Frame:
     image: Image | None
     truth: Truth | None
     missing: dict[str, str]
+    inferred: str
 
     def __len__(self) -> int:
         return len(self.reach)
@@ -106,7 +108,7 @@ class Frame:
         given : PointCloud or Scan
             Points in the sensor frame.
         sensor : Lidar, optional
-            It tells the columns of a cloud that has none.
+            It tells the rings and columns of a cloud that has none.
         intensity_unit : float
             Intensity of a white diffuser in the units of the cloud.
 
@@ -120,20 +122,25 @@ class Frame:
         known = np.isfinite(reach) & (reach > 0.0)
         fields = {name: getattr(cloud, name)[known] for name in cloud.fields}
         missing: dict[str, str] = {}
-        ring = fields.get("ring")
-        if ring is None:
-            missing["ring"] = "have no rings"
-        elif ring.size and ring.max() >= MOST_RINGS:
+        xyz = fields["xyz"]
+        ring, inferred = fields.get("ring"), ""
+        if ring is not None and ring.size and ring.max() >= MOST_RINGS:
             missing["ring"] = f"have rings up to {ring.max():,}, more than the {MOST_RINGS:,} that are compared"
             ring = None
+        elif ring is None:
+            try:
+                ring, inferred = rings_of(sensor, xyz)
+            except NoRingsError as error:
+                missing["ring"] = str(error)
+        if inferred == ELEVATIONS:
+            missing["elevation"] = "have no rings but those that follow from the elevations themselves"
         if "intensity" not in fields:
             missing["intensity"] = "have no intensity"
-        xyz = fields["xyz"]
         azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
         column = fields.get("column")
         exact = column is not None
         if ring is not None and column is None:
-            column = None if sensor is None else _columns(sensor, ring, xyz)
+            column = None if sensor is None else columns_of(sensor, ring, xyz)
         if ring is None:
             missing["column"] = missing["ring"]
         elif column is None:
@@ -157,6 +164,7 @@ class Frame:
             image=image,
             truth=_truth(given) if isinstance(given, Scan) else None,
             missing=missing,
+            inferred=inferred,
         )
 
 
@@ -320,10 +328,10 @@ class _Angles:
         # The median of single steps is off by less than half a turn over an eighth of the columns.
         step += _median(_wrapped(azimuth[:, lag:] - azimuth[:, :-lag] - step * lag)) / lag
         start = azimuth - step * np.arange(width)
-        phase = np.array([_circular_mean(row[np.isfinite(row)]) for row in start])
+        phase = np.array([circular_mean(row[np.isfinite(row)]) for row in start])
         if _median(np.abs(_wrapped(start - phase[:, None]))) > UNEVEN:
             raise NoImageError("have columns that are no even steps of azimuth")
-        mean = _circular_mean(phase[np.isfinite(phase)])
+        mean = circular_mean(phase[np.isfinite(phase)])
         height = np.array([_median(row) for row in elevation])
         return cls(height, np.nan_to_num(_wrapped(phase - mean)), mean, step, _wrapped(start - mean))
 
@@ -501,39 +509,6 @@ def _first_returns(
     return point
 
 
-def _columns(sensor: Sensor, ring: npt.NDArray[np.integer], xyz: Floats) -> Indices | None:
-    """Return the columns to which points belong by their azimuths; None if the rings do not turn one way."""
-    pulses = pulses_of(sensor.pattern, 0)
-    column = np.zeros(len(ring), np.intp)
-    if len(ring) and ring.max() > pulses.ring.max():
-        return None
-    for name in np.unique(ring):
-        own, mine = np.flatnonzero(pulses.ring == name), np.flatnonzero(ring == name)
-        if len(own) < 2:
-            return None
-        own = own[np.argsort(pulses.column[own], kind="stable")]
-        x, y = pulses.directions[own, :2].T
-        turn = np.unwrap(np.arctan2(y, x))
-        number = pulses.column[own].astype(np.float64)
-        if turn[-1] < turn[0]:
-            turn, number, own = turn[::-1], number[::-1], own[::-1]
-        if (np.diff(turn) <= 0.0).any():
-            return None
-        origin = np.zeros((len(mine), 3))
-        for _ in range(2):  # the beam's origin shifts what is near; that of the column found first is near enough
-            p = xyz[mine] - origin
-            azimuth = np.arctan2(p[:, 1], p[:, 0])
-            lowest = 0.5 * (turn[0] + turn[-1] - TURN)  # the middle of what lies between the last and the first
-            azimuth += TURN * np.ceil((lowest - azimuth) / TURN)
-            place = np.interp(azimuth, turn, number)
-            nearest = np.clip(np.searchsorted(turn, azimuth), 0, len(own) - 1)
-            origin = pulses.origins[own[nearest]]
-        # The head of a real sensor, and that of each frame if a turn is no whole number of columns, starts anywhere.
-        phase = _circular_mean(TURN * place) / TURN
-        column[mine] = np.maximum(np.rint(place - phase), 0.0)
-    return column
-
-
 def _truth(scan: Scan) -> Truth:
     met = np.flatnonzero(scan.object_id[:, 0] >= 0)
     return Truth(
@@ -558,10 +533,6 @@ def _blocks(values: npt.NDArray[Any]) -> Indices:
 def _wrapped(angle: Floats) -> Floats:
     """Return angles between -π and π, rad."""
     return np.mod(angle + math.pi, TURN) - math.pi
-
-
-def _circular_mean(angle: Floats) -> float:
-    return math.atan2(float(np.sin(angle).mean()), float(np.cos(angle).mean())) if angle.size else math.nan
 
 
 def _median(values: Floats) -> float:

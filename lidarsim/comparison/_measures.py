@@ -33,8 +33,9 @@ from lidarsim.comparison._statistics import (
     trimmed,
 )
 
-Need = Literal["ring", "column", "intensity", "counted", "scene", "frames"]
-"""What a measure needs: fields, columns that are those of the cloud, one scene on both sides, two real frames of it."""
+Need = Literal["ring", "column", "intensity", "elevation", "counted", "scene", "frames"]
+"""What a measure needs: fields, rings that were not inferred from elevations, columns that are those of the cloud, one
+scene on both sides, two real frames of it."""
 
 RANGES = np.array([0.0, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 35.0, 60.0, 100.0, 200.0, math.inf])
 """Edges of the bins of range, m."""
@@ -423,7 +424,7 @@ def intensity_by_incidence(frame: Frame) -> Samples:
     return Samples(_place(image.planes.cosine[on], COSINES), image.block[on], _intensity(frame)[image.point[on]])
 
 
-@measure("ring elevation", "rad", Slope(), BY_RING, "ring", least=5e-4)
+@measure("ring elevation", "rad", Slope(), BY_RING, "ring", "elevation", least=5e-4)
 def ring_elevation(frame: Frame) -> Samples:
     """Elevation of each ring: the slope of height over horizontal distance, whatever the height of its origin."""
     assert frame.ring is not None  # noqa: S101 - `needs` says so

@@ -6,13 +6,15 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from lidarsim.comparison._result import Cell, Comparison, Measure, number, reasons, values
+from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, number, reasons, values
 
 WIDTH, DOWN = 760, 180
 """Width of a plot, and height of its axis."""
-LEFT, RIGHT, TOP = 100, 12, 12
-"""Margins."""
+LEFT, RIGHT, TOP, TITLE = 100, 12, 12, 20
+"""Margins, and height of the title of the horizontal axis."""
 MOST_LABELS = 16
+UNITS = {"1": "no unit"}
+"""Units as axes have them."""
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c2430; --faint: #66707d; --line: #d9dee5; --page: #ffffff; --card: #f5f7fa;
@@ -29,6 +31,8 @@ section { background: var(--card); border: 1px solid var(--line); border-radius:
 a { color: inherit; } svg { width: 100%; height: auto; } svg text { fill: var(--faint); font-size: 11px; }
 .differs { color: var(--differs); font-weight: 600; } .alike { color: var(--alike); font-weight: 600; }
 .key { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin: 0 .3em 0 .8em; }
+.key:first-child { margin-left: 0; } .key.few { border: 1.5px solid var(--faint); width: .5em; height: .5em; }
+.key.shaded { background: var(--differs); opacity: .2; border-radius: 0; } .interval { white-space: nowrap; }
 details { margin-top: .5rem; } .wide { overflow-x: auto; }
 """
 
@@ -62,7 +66,8 @@ def summary(comparison: Comparison) -> str:
     rows = [
         (
             f'<a href="#measure-{i}">{escape(measure.name)}</a>',
-            *map(escape, (*values(measure), measure.unit, "" if measure.where == "all" else measure.where)),
+            *_values(measure),
+            *map(escape, (measure.unit, "" if measure.where == "all" else measure.where)),
             f'<span class="{measure.verdict}">{measure.verdict}</span>',
             escape(measure.why),
         )
@@ -74,11 +79,20 @@ def summary(comparison: Comparison) -> str:
         f"<p>Real: {escape(str(comparison.real))}.<br>Simulated: {escape(str(comparison.simulated))}.</p>"
         f"<p>{differing} of {len(measured)} measures differ. In brackets: 95 % intervals.</p>"
     )
-    notes = "".join(f"<p>{escape(note)}.</p>" for note in comparison.notes)
+    notes = "".join(f"<p>Note: {escape(note)}.</p>" for note in comparison.notes)
     table = f'<div class="wide">{_table(heads, rows)}</div>' if rows else ""
     missing = [(escape(", ".join(names)), escape(why)) for why, names in reasons(comparison).items()]
     absent = _table(("not measured", "why"), missing) if missing else ""
     return f"{told}{notes}{table}{absent}"
+
+
+def _values(what: Contrast) -> tuple[str, str]:
+    """Return both values with their intervals, which stay on one line."""
+    real, simulated = (
+        f'{value} <span class="interval">{bracket}{ends}</span>' if bracket else value
+        for value, bracket, ends in (escape(text).partition("[") for text in values(what))
+    )
+    return real, simulated
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -92,14 +106,18 @@ def _section(place: int, measure: Measure) -> str:
     """Return the plot and the numbers of a measure."""
     rows = [
         (
-            *map(escape, (cell.label, *values(cell), number(cell.difference, cell.least), number(cell.least))),
+            escape(cell.label),
+            *_values(cell),
+            *map(escape, (number(cell.difference, cell.least), number(cell.least))),
             f"{cell.n_real:,}",
             f"{cell.n_simulated:,}",
-            '<span class="differs">differs</span>' if cell.differs else "" if math.isfinite(cell.least) else "too few",
+            '<span class="differs">differs</span>' if cell.differs else "" if _is_compared(cell) else "too few",
         )
         for cell in measure.cells
     ]
-    heads = ("", "real", "simulated", "difference", "least that counts", "n real", "n simulated", "")
+    unit = f" ({escape(measure.unit)})"
+    values_of = ("real", "simulated", "difference", "least that counts")
+    heads = (escape(measure.by), *(name + unit for name in values_of), "n real", "n simulated", "")
     return (
         f'<section id="measure-{place}"><h2>{escape(measure.name)}'
         f' <span class="{measure.verdict}">{measure.verdict}</span></h2><p>{escape(measure.meaning)}</p>'
@@ -110,6 +128,8 @@ def _section(place: int, measure: Measure) -> str:
 
 def plot(measure: Measure) -> str:
     """Return the values of both sides by cell, with their intervals, as SVG.
+
+    The axis spans the cells that are compared. Those with too few samples are hollow, and left out beyond it.
 
     Parameters
     ----------
@@ -122,13 +142,15 @@ def plot(measure: Measure) -> str:
         An ``<svg>`` element, in the colours of the page.
     """
     cells = measure.cells
-    ends = [x for cell in cells for x in _extent(cell) if math.isfinite(x)]
+    ends = [x for cell in cells if _is_compared(cell) for x in _extent(cell) if math.isfinite(x)]
     if not ends:
         return ""
     ticks = _ticks(min(ends), max(ends))
     low, high = ticks[0], ticks[-1]
     across = WIDTH - LEFT - RIGHT
-    height = TOP + DOWN + 24 + 4 * max(len(_brief(cell.label)) for cell in cells)  # labels are turned
+    several = len(cells) > 1
+    height = TOP + DOWN + 24  # below it are the labels, which are turned, and what they are
+    height += 4 * max(len(_brief(cell.label)) for cell in cells) + TITLE if several else 0
 
     def x_of(i: int, side: float) -> float:
         return LEFT + across * (i + 0.5 + side) / len(cells)
@@ -143,7 +165,7 @@ def plot(measure: Measure) -> str:
     ]
     every = -(-len(cells) // MOST_LABELS)
     for i, cell in enumerate(cells):
-        if i % every == 0 and cell.label != "all":
+        if i % every == 0 and several:
             x, y = x_of(i, 0.0), TOP + DOWN + 14
             parts.append(
                 f'<text x="{x:.1f}" y="{y}" text-anchor="end" transform="rotate(-40 {x:.1f} {y})">'
@@ -157,31 +179,35 @@ def plot(measure: Measure) -> str:
             )
         sides = (
             (-0.12, "real", cell.real, cell.real_interval),
-            (
-                0.12,
-                "simulated",
-                cell.simulated,
-                cell.simulated_interval,
-            ),
+            (0.12, "simulated", cell.simulated, cell.simulated_interval),
         )
         for side, name, value, (bottom, top) in sides:
-            if not math.isfinite(value):
+            if not low <= value <= high:  # nor is nan
                 continue
             x = x_of(i, side)
-            if math.isfinite(bottom) and math.isfinite(cell.least):
+            fill = f'fill="var(--{name})"'
+            if not _is_compared(cell):
+                fill = f'fill="var(--card)" stroke="var(--{name})" stroke-width="1.5"'
+            elif math.isfinite(bottom):
                 parts.append(
                     f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y_of(bottom):.1f}" y2="{y_of(top):.1f}" '
                     f'stroke="var(--{name})" stroke-width="1.5"/>'
                 )
             parts.append(
-                f'<circle cx="{x:.1f}" cy="{y_of(value):.1f}" r="3" fill="var(--{name})">'
+                f'<circle cx="{x:.1f}" cy="{y_of(value):.1f}" r="3" {fill}>'
                 f"<title>{escape(cell.label)}, {name}: {number(value, cell.least)}</title></circle>"
             )
     parts.append(
         f'<text x="14" y="{TOP + DOWN / 2}" text-anchor="middle" '
-        f'transform="rotate(-90 14 {TOP + DOWN / 2})">{escape(measure.unit)}</text>'
+        f'transform="rotate(-90 14 {TOP + DOWN / 2})">{escape(UNITS.get(measure.unit, measure.unit))}</text>'
     )
+    if several:
+        parts.append(f'<text x="{LEFT + across / 2}" y="{height - 6}" text-anchor="middle">{escape(measure.by)}</text>')
     key = "".join(f'<span class="key" style="background: var(--{n})"></span>{n}' for n in ("real", "simulated"))
+    if any(cell.differs for cell in cells):
+        key += '<span class="key shaded"></span>differs'
+    if not all(map(_is_compared, cells)):
+        key += '<span class="key few"></span>too few samples'
     label = f"{escape(measure.name)}, real and simulated"
     return f'<p>{key}</p><svg viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
@@ -190,10 +216,13 @@ def _brief(label: str) -> str:
     return label.replace("intensity ", "").replace("ring ", "")
 
 
+def _is_compared(cell: Cell) -> bool:
+    return math.isfinite(cell.least)
+
+
 def _extent(cell: Cell) -> tuple[float, ...]:
-    """Return the ends of what a cell shows: of cells that are not compared only the values, for want of samples."""
-    shown = (cell.real, cell.simulated)
-    return (*shown, *cell.real_interval, *cell.simulated_interval) if math.isfinite(cell.least) else shown
+    """Return the ends of what a cell shows."""
+    return (cell.real, cell.simulated, *cell.real_interval, *cell.simulated_interval)
 
 
 def _ticks(low: float, high: float) -> list[float]:

@@ -10,7 +10,7 @@ from typing import Any, Literal, overload
 
 from lidarsim._files import PathLike, atomic_writer, check_suffix
 from lidarsim._pickling import Immutable
-from lidarsim._shown import text_table
+from lidarsim._shown import counted, text_table
 from lidarsim._validation import shown
 
 Verdict = Literal["alike", "differs", "not measured"]
@@ -19,56 +19,14 @@ Interval = tuple[float, float]
 UNKNOWN: Interval = (math.nan, math.nan)
 
 
-@dataclass(frozen=True, repr=False)
-class Cell(Immutable):
-    """A part of a measure, such as a bin of range or a ring.
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Contrast(Immutable):
+    """A real value beside a simulated one.
 
     Attributes
     ----------
-    label : str
-        Which part.
     real, simulated : float
-        The values, in the unit of the measure.
-    real_interval, simulated_interval : tuple of float
-        Their 95 % intervals.
-    difference : float
-        Simulated minus real.
-    difference_interval : tuple of float
-        Its 95 % interval.
-    n_real, n_simulated : int
-        Numbers of samples.
-    least : float
-        The least difference that would count: both relevant and beyond chance; nan if the cell is not compared.
-    differs : bool
-        Whether the difference exceeds that.
-    """
-
-    label: str
-    real: float
-    simulated: float
-    real_interval: Interval
-    simulated_interval: Interval
-    difference: float
-    difference_interval: Interval
-    n_real: int
-    n_simulated: int
-    least: float
-    differs: bool
-
-
-@dataclass(frozen=True, repr=False)
-class Measure(Immutable):
-    """One measure of a comparison.
-
-    Values are those of the cell that `where` names, in which the sides differ most for what is relevant and beyond
-    chance; `cells` has all.
-
-    Attributes
-    ----------
-    name, unit : str
-        Name, and unit of the values: "m", "rad", "share" or "1".
-    real, simulated : float
-        The values; nan if not measured.
+        The values, in the unit of the measure; nan if not measured.
     real_interval, simulated_interval : tuple of float
         Their 95 % intervals, by bootstrap.
     difference : float
@@ -78,13 +36,55 @@ class Measure(Immutable):
     n_real, n_simulated : int
         Numbers of samples.
     least : float
-        The least difference that would count there: both relevant and beyond chance.
+        The least difference that would count: both relevant and beyond chance; nan if the values are not compared.
+    """
+
+    real: float = math.nan
+    simulated: float = math.nan
+    real_interval: Interval = UNKNOWN
+    simulated_interval: Interval = UNKNOWN
+    difference: float = math.nan
+    difference_interval: Interval = UNKNOWN
+    n_real: int = 0
+    n_simulated: int = 0
+    least: float = math.nan
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Cell(Contrast):
+    """A part of a measure, such as a bin of range or a ring, with the values of a `Contrast`.
+
+    Attributes
+    ----------
+    label : str
+        Which part.
+    differs : bool
+        Whether the difference exceeds the least that counts.
+    """
+
+    label: str
+    differs: bool
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Measure(Contrast):
+    """One measure of a comparison, with the values of a `Contrast`.
+
+    Values are those of the cell that `where` names, in which the sides differ most for what is relevant and beyond
+    chance; `cells` has all.
+
+    Attributes
+    ----------
+    name, unit : str
+        Name, and unit of the values: "m", "rad", "share" or "1".
     verdict : {"alike", "differs", "not measured"}
         "differs": in some cell the difference is relevant, and beyond chance in as many tests as the comparison makes.
     why : str
         What the verdict rests on.
     where : str
         The cell of the values.
+    by : str
+        What the cells are bins of; "" if there is one.
     meaning : str
         What the measure says.
     cells : tuple of Cell
@@ -93,18 +93,10 @@ class Measure(Immutable):
 
     name: str
     unit: str
-    real: float
-    simulated: float
-    real_interval: Interval
-    simulated_interval: Interval
-    difference: float
-    difference_interval: Interval
-    n_real: int
-    n_simulated: int
-    least: float
     verdict: Verdict
     why: str
     where: str = ""
+    by: str = ""
     meaning: str = ""
     cells: tuple[Cell, ...] = ()
 
@@ -121,7 +113,7 @@ class Side(Immutable):
     Attributes
     ----------
     name : str
-        Where it came from.
+        Where it came from; "" of an iterable.
     frames, points, rings : int
         Numbers of frames, of points, and of rings that have points; 0 without rings.
     """
@@ -134,7 +126,8 @@ class Side(Immutable):
     def __str__(self) -> str:
         """Return the numbers."""
         rings = f", {self.rings} rings" if self.rings else ""
-        return f"{self.name}: {self.frames:,} frame{'s' * (self.frames != 1)}, {self.points:,} points{rings}"
+        name = f"{self.name}: " if self.name else ""
+        return f"{name}{counted(self.frames, 'frame')}, {self.points:,} points{rings}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -257,7 +250,7 @@ def reasons(comparison: Comparison) -> dict[str, list[str]]:
     return found
 
 
-def values(what: Measure | Cell) -> tuple[str, str]:
+def values(what: Contrast) -> tuple[str, str]:
     """Return the real and the simulated value with their intervals, as text."""
     pairs = (what.real, what.real_interval), (what.simulated, what.simulated_interval)
     real, simulated = (_with_interval(*pair, what.least) for pair in pairs)

@@ -30,7 +30,7 @@ class Source:
     Attributes
     ----------
     name : str
-        What it is, for the report.
+        What it is, for the report; "" of an iterable.
     frames : iterator of PointCloud or Scan
         Read one by one.
     count : int or None
@@ -74,7 +74,7 @@ def source(argument: str, given: Given) -> Source:
     except TypeError:
         raise ArgumentTypeError(argument, FORMS, shown(given)) from None
     count = len(given) if isinstance(given, Sized) else None
-    return Source("frames", _each(argument, frames), count)
+    return Source("", _each(argument, frames), count)
 
 
 def intensity_unit(first: PointCloud | Scan) -> float:

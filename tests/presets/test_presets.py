@@ -207,7 +207,7 @@ def test_measured_sensors_lose_as_many_pulses_as_captures(name: str) -> None:
 
 # Noise of ranges, mm, at a range, m, and a reflectivity: third differences along rings on planes, each of at least 300
 # samples. Sources: tier4/nebula test data, commit 606ac41f (Apache-2.0); ouster-sdk test data, commit 46b7bcee
-# (BSD-3-Clause). Of the OS0-128 the units are pooled.
+# (BSD-3-Clause); frames of nuScenes and KITTI, as the page says. Of the OS0-128 the units are pooled.
 CAPTURED = [
     ("hesai-pandar64", 6.5, 0.17, 5.47),
     ("hesai-pandar64", 6.5, 0.4, 3.42),
@@ -217,6 +217,8 @@ CAPTURED = [
     ("hesai-xt32m2x", 2.5, 0.05, 3.56),
     ("hesai-xt32m2x", 2.5, 0.8, 2.57),
     ("velodyne-vlp32c", 10.0, 0.8, 4.26),
+    ("velodyne-hdl32e", 4.0, 0.4, 3.02),
+    ("velodyne-hdl64e-s3", 10.0, 0.4, 8.46),
     ("velodyne-vls128", 47.0, 0.17, 11.06),
     ("ouster-os0-128", 1.75, 0.4, 1.81),
     ("ouster-os0-128", 10.0, 0.4, 4.6),
@@ -254,45 +256,51 @@ def test_data_sheets_are_further_from_captures() -> None:
     assert sum(off) >= 10
 
 
-# Height of the sensor, m, roughness of the road with which the preset was fitted, and the share of pulses that the road
-# returns, by range, m. Sources as above, of one unit each.
+# Height of the sensor, m, the road with which the preset was fitted, and the share of pulses that the road returns, by
+# range, m. Sources as above, of one unit each.
+ROAD, SMOOTHER_ROAD = ls.Material(reflectivity=0.17, roughness=0.3), ls.Material(reflectivity=0.17, roughness=0.2)
 ROADS = {
-    "ouster-os1-128": (1.932, 0.3, {
+    "ouster-os1-128": (1.932, ROAD, {
         10: 0.988, 12: 0.972, 14: 0.952, 16.5: 0.953, 19.5: 0.896, 23: 0.653, 27.5: 0.409, 32.5: 0.283, 37.5: 0.155,
         45: 0.077, 55: 0.032, 70: 0.006, 90: 0.0, 125: 0.0,
     }),
-    "velodyne-vls128": (1.979, 0.2, {
+    "velodyne-vls128": (1.979, SMOOTHER_ROAD, {
         10: 0.993, 12: 0.991, 14: 0.985, 16.5: 0.982, 19.5: 0.851, 23: 0.814, 27.5: 0.987, 32.5: 0.979, 37.5: 0.970,
         45: 0.961, 55: 0.779, 70: 0.613, 90: 0.584, 125: 0.144,
     }),
-    "ouster-os0-128": (1.963, 0.3, {
+    "velodyne-hdl64e-s3": (1.752, ls.materials.ASPHALT_LIGHT, {
+        8: 0.966, 10: 0.992, 12: 0.940, 14: 0.920, 16.5: 0.913, 19.5: 0.863, 23: 0.887, 27.5: 0.909, 32.5: 0.875,
+        37.5: 0.841, 45: 0.461, 55: 0.449, 70: 0.374,
+    }),
+    "ouster-os0-128": (1.963, ROAD, {
         10: 0.678, 12: 0.575, 14: 0.505, 16.5: 0.346, 19.5: 0.123, 23: 0.151, 27.5: 0.089, 32.5: 0.0, 37.5: 0.0,
         45: 0.0, 55: 0.0, 70: 0.0, 90: 0.0, 125: 0.0,
     }),
 }  # fmt: skip
 
 
-def error_of_road(name: str, *, noise: str, roughness: float) -> float:
-    """Return the mean absolute difference between simulated and captured shares of returns."""
+def errors_of_road(name: str, *, noise: str, road: ls.Material) -> np.ndarray:
+    """Return the absolute differences between simulated and captured shares of returns."""
     lidar, (height, _, captured) = preset(name, noise=noise), ROADS[name]
     elevations = -np.arcsin(height / np.array(list(captured)))
     pattern = ls.patterns.Grid(np.linspace(-np.pi, np.pi, 2000), elevations, rate=10.0)
     measurement = dataclasses.replace(lidar.measurement, beam=None)
     scene = ls.Scene()
-    road = ls.Material(reflectivity=0.17, roughness=roughness)
     scene.add(ls.Plane((0.0, 0.0, 1.0), -height), material=road)
     scan = dataclasses.replace(lidar, pattern=pattern, measurement=measurement, range_offset=0.0).scan(scene)
     returned = np.bincount(pattern.pulses().ring, scan.status == ls.Status.hit) / 2000
     assert returned.shape == (len(captured),)
-    return float(np.abs(returned - list(captured.values())).mean())
+    return np.abs(returned - list(captured.values()))
 
 
 @pytest.mark.parametrize("name", ROADS)
 def test_measured_sensors_see_as_much_of_a_road_as_captures(name: str) -> None:
-    _, roughness, _ = ROADS[name]
-    measured = error_of_road(name, noise="measured", roughness=roughness)
-    assert measured < 0.06
-    assert error_of_road(name, noise="datasheet", roughness=0.0) > 3.0 * measured
+    _, road, _ = ROADS[name]
+    measured = errors_of_road(name, noise="measured", road=road)
+    assert measured.mean() < 0.08
+    # From 18 to 25 m the road of the VLS-128 returns less than from 25 to 40 m, which no range makes.
+    assert measured.max() < {"velodyne-vls128": 0.2}.get(name, 0.15)
+    assert errors_of_road(name, noise="datasheet", road=ls.Material(reflectivity=0.17)).mean() > 3.0 * measured.mean()
 
 
 NO_DETECTION_LIMIT = {

@@ -55,34 +55,33 @@ def test_noise_is_within_the_spread_of_units(run: Run) -> None:
     }
     sheets = [abs(math.log(sheet / real)) > math.log(1.3) for _, real, _, sheet in figures]
     assert sum(sheets) > 5 * len(off)
-    assert len(figures) == 18
+    assert len(figures) == 24
 
 
 def test_roads_return_as_many_pulses(run: Run) -> None:
-    """A share of 4000 pulses is right to 0.03 (four sigma); the rest is what two fitted parameters leave."""
-    off = [(row["preset"], row["x"]) for row, real, measured, _ in run.of("road") if abs(measured - real) > 0.14]
-    assert off == [("velodyne-hdl64e-s3", "70")]
+    """A share of 4000 pulses is right to 0.03 (four sigma); the rest is what the fitted parameters leave."""
+    off = [(row["preset"], row["x"]) for row, real, measured, _ in run.of("road") if abs(measured - real) > 0.15]
+    assert off == []
     error = [sum(abs(figure[i] - figure[1]) for figure in run.of("road")) for i in (2, 3)]
     assert error[1] > 3.0 * error[0]
-    assert len(run.of("road")) == 15
+    assert len(run.of("road")) == 19
 
 
 def test_edges_have_as_many_dual_returns(run: Run) -> None:
-    figures = run.of("dual")
+    figures = run.of("dual returns")
     assert len(figures) == 7
     assert [row["preset"] for row, real, measured, _ in figures if abs(measured - real) > 0.08] == []
     assert {sheet for *_, sheet in figures} == {0.0}  # they have no beam
 
 
 def test_small_edges_have_as_many_mixed_points(run: Run) -> None:
-    off = [row["preset"] for row, real, measured, _ in run.of("mixed") if abs(measured - real) > 0.14]
+    off = [row["preset"] for row, real, measured, _ in run.of("mixed points") if abs(measured - real) > 0.14]
     assert off == ["velodyne-vlp16", "ouster-os0-128"]
-    assert len(run.of("mixed")) == 7
+    assert len(run.of("mixed points")) == 7
 
 
 def test_smooth_surfaces_have_as_many_holes(run: Run) -> None:
-    """Within a factor of 3, but for the better of two OS0-128; of 16,384 pulses, 3 or more are lost."""
+    """Within a factor of 3; of 16,384 pulses, 3 or more are lost."""
     figures = run.of("holes")
-    off = {(row["preset"], real) for row, real, measured, _ in figures if not 1.0 / 3.0 < measured / real < 3.0}
-    assert off == {("ouster-os0-128", 0.0024)}
+    assert all(1.0 / 3.0 < measured / real < 3.0 for _, real, measured, _ in figures)
     assert len(figures) == 12
