@@ -5,6 +5,7 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     las,
     mesh_scene,
     meshes,
+    mjcf,
     npz,
     nuscenes,
     pcd,
