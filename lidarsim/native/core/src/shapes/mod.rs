@@ -4,7 +4,9 @@
 //! `surfaces!` below.
 
 mod r#box;
+mod capsule;
 mod cylinder;
+mod disk;
 mod ellipsoid;
 pub(crate) mod newton;
 mod plane;
@@ -14,7 +16,9 @@ mod surface;
 pub(crate) mod triangle;
 
 pub use r#box::Box;
+pub use capsule::Capsule;
 pub use cylinder::Cylinder;
+pub use disk::Disk;
 pub use ellipsoid::Ellipsoid;
 pub use plane::Plane;
 pub use polygon::self_crossing;
@@ -127,7 +131,7 @@ macro_rules! surfaces {
     };
 }
 
-surfaces!(Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle);
+surfaces!(Box, Capsule, Cylinder, Disk, Ellipsoid, Plane, Sphere, Triangle);
 
 #[cfg(test)]
 mod tests {
