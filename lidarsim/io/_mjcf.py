@@ -34,8 +34,8 @@ NUMBERS = 100_000_000
 FOLDERS = ("assetdir", "meshdir", "texturedir", "strippath")
 """Attributes of ``compiler`` that say where files are."""
 
-ASSETS = {"mesh": ("meshdir", "assetdir"), "hfield": ("assetdir",), "skin": ("assetdir",), "flexcomp": ("meshdir",)}
-"""Elements that name a file, and the attributes of ``compiler`` that give its folder, the first that is set."""
+ASSETS = {"mesh", "hfield", "skin", "flexcomp"}
+"""Elements of MJCF that name a file of geometry."""
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -181,8 +181,11 @@ class _Model:
             raise self.main.wrong(root, f"expected the root element mujoco or robot, got {short(root.tag)}")
         urdf = root.tag.lower() == "robot"
         for document in self._documents.values():
-            for element in document.elements:
-                (self._robot if urdf else self._mujoco)(document, element)
+            if urdf:
+                self._robot(document)
+            else:
+                for element in document.elements:
+                    self._mujoco(document, element)
         self._weigh(self.main)
         for document in self._documents.values():
             files.assets[document.name] = document.written().encode()
@@ -193,7 +196,9 @@ class _Model:
         for element in document.elements:
             tag, attributes = element.tag.lower(), element.attributes
             if tag == "compiler":
-                self._settings |= {key: attributes.pop(key) for key in FOLDERS if key in attributes}
+                self._settings |= attributes
+                for key in FOLDERS:
+                    attributes.pop(key, None)
             elif tag == "include" and "file" in attributes:
                 name = attributes["file"]
                 found = self._find(
@@ -232,23 +237,34 @@ class _Model:
             name = attributes["file"]
             if self._settings.get("strippath") == "true":
                 name = posixpath.basename(name)
-            folders = (self._settings.get(key, "") for key in ASSETS[tag])
-            folder = next(filter(None, folders), "")
-            attributes["file"] = self._asset(document, element, name, [posixpath.join(self._folder, folder, name)])
+            folders = [self._settings.get(key, "") for key in ("meshdir", "assetdir")]
+            places = [posixpath.join(self._folder, folder, name) for folder in (*filter(None, folders), "")]
+            attributes["file"] = self._asset(document, element, name, places)
             if not attributes.get("name"):
                 attributes["name"] = _stem(name)  # as MuJoCo calls it
         elif named and tag not in {"include", "model"}:
             raise document.wrong(element, f"{short(element.tag)} names a file, which is not read")
 
-    def _robot(self, document: Document, element: Element) -> None:
-        """Replace the names of the files of an element of URDF, of which MuJoCo reads meshes alone."""
-        if element.tag.lower() != "mesh" or "filename" not in element.attributes:
-            return
-        name = element.attributes["filename"]
-        within = re.sub(r"^(package|file|model)://", "", name)
-        places = [within, within.partition("/")[2], self._settings.get("meshdir", "") + "/" + posixpath.basename(name)]
-        relative = [posixpath.join(self._folder, place.lstrip("/")) for place in filter(None, places)]
-        element.attributes["filename"] = self._asset(document, element, name, relative)
+    def _robot(self, document: Document) -> None:
+        """Replace the names of the files of a URDF, of which MuJoCo reads meshes alone."""
+        discards = self._settings.get("discardvisual", "true") == "true"
+        within: list[str] = []
+        for token in document.tokens:
+            if isinstance(token, str):
+                within.pop()
+                continue
+            within.append(token.tag)
+            if token.tag != "mesh" or "filename" not in token.attributes:
+                continue
+            name = token.attributes["filename"]
+            if discards and "visual" in within:
+                token.attributes["filename"] = ""  # MuJoCo reads its colour, not its mesh
+                continue
+            path = re.sub(r"^(package|file|model)://", "", name)
+            folder = self._settings.get("meshdir", "")
+            places = [path, path.partition("/")[2], posixpath.join(folder, posixpath.basename(path))]
+            relative = [posixpath.join(self._folder, place) for place in filter(None, places)]
+            token.attributes["filename"] = self._asset(document, token, name, relative)
 
     def _asset(self, document: Document, element: Element, name: str, places: Iterable[str]) -> str:
         content = self._find(document, element, name, places).read_bytes()

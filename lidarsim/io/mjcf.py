@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -29,7 +29,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatErr
 from lidarsim.io._mjcf import closed
 from lidarsim.materials import Material
 from lidarsim.scene import HEAD, Scene, register_scene_reader
-from lidarsim.shapes import Box, Cylinder, Ellipsoid, Plane, Polygon, Shape, Sphere, TriangleMesh
+from lidarsim.shapes import Box, Capsule, Cylinder, Ellipsoid, Plane, Polygon, Shape, Sphere, TriangleMesh
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -40,6 +40,9 @@ Reflectivity = float | Literal["color"]
 
 GROUPS = 6
 """Number of groups of geoms; as in MuJoCo, the last one has those of all higher numbers, too."""
+
+MAXVAL = 1e10
+"""Largest number that MuJoCo takes for valid (``mjMAXVAL``)."""
 
 SHOWN = (0, 1, 2)
 """Groups that MuJoCo's viewers show by default."""
@@ -140,7 +143,7 @@ def build(
     material = Material() if colored else Material(reflectivity=_reflectivity(reflectivity))
     geoms = [geom for geom in range(model.ngeom) if _visible(model, geom) and _group(model, geom) in wanted]
     scene, objects = Scene(), {}
-    shapes: dict[tuple[int, int], Shape] = {}
+    shapes: dict[tuple[str, int], Shape] = {}
     for geom, place in zip(geoms, poses(data, geoms), strict=True):
         body = int(model.geom_bodyid[geom])
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
@@ -204,34 +207,24 @@ def _luminance(model: MjModel, geom: int) -> float:
     return float(luminance)
 
 
-def _shape(mujoco: ModuleType, model: MjModel, geom: int, shared: dict[tuple[int, int], Shape]) -> Shape:
+def _shape(mujoco: ModuleType, model: MjModel, geom: int, shared: dict[tuple[str, int], Shape]) -> Shape:
     """Return the shape of a geom in its own coordinates; geoms of one mesh or height field share it."""
-    kind = mujoco.mjtGeom(model.geom_type[geom])
-    types, size = mujoco.mjtGeom, [float(number) for number in model.geom_size[geom]]
-    if kind in {types.mjGEOM_MESH, types.mjGEOM_SDF, types.mjGEOM_HFIELD}:
-        key = kind == types.mjGEOM_HFIELD, int(model.geom_dataid[geom])
-        if key not in shared:
-            shared[key] = _height_field(model, key[1]) if key[0] else _mesh(model, key[1])
-        return shared[key]
-    match kind:
-        case types.mjGEOM_PLANE:
-            return _plane(mujoco, size)
-        case types.mjGEOM_SPHERE:
-            return Sphere((0, 0, 0), size[0])
-        case types.mjGEOM_ELLIPSOID:
-            return Ellipsoid((0, 0, 0), size)
-        case types.mjGEOM_CYLINDER:
-            return Cylinder((0, 0, -size[1]), (0, 0, size[1]), size[0])
-        case types.mjGEOM_BOX:
-            return Box([2 * half for half in size])
-    raise ArgumentValueError("model", "geoms that are shapes", kind.name)
+    kind = mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_")
+    if kind in _SHAPES:
+        return _SHAPES[kind]([float(number) for number in model.geom_size[geom]])
+    if kind not in _DATA:
+        raise ArgumentValueError("model", f"geoms of the types {', '.join(_SHAPES | _DATA)}", kind)
+    key = kind, int(model.geom_dataid[geom])
+    if key not in shared:
+        shared[key] = _DATA[kind](model, key[1])
+    return shared[key]
 
 
-def _plane(mujoco: ModuleType, size: list[float]) -> Shape:
+def _plane(size: Sequence[float]) -> Shape:
     """Return a plane, or the rectangle of it that is drawn; along an axis of size 0 it is unlimited."""
     if size[0] <= 0 and size[1] <= 0:
         return Plane((0, 0, 1), 0.0)
-    x, y = (half if half > 0 else mujoco.mjMAXVAL for half in size[:2])
+    x, y = (half if half > 0 else MAXVAL for half in size[:2])
     return Polygon([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)])
 
 
@@ -264,5 +257,18 @@ def _height_field(model: MjModel, field: int) -> TriangleMesh:
         np.concatenate([np.column_stack(corners) for corners in faces]),
     )
 
+
+_SHAPES: dict[str, Callable[[Sequence[float]], Shape]] = {
+    "PLANE": _plane,
+    "SPHERE": lambda size: Sphere((0, 0, 0), size[0]),
+    "CAPSULE": lambda size: Capsule((0, 0, -size[1]), (0, 0, size[1]), size[0]),
+    "ELLIPSOID": lambda size: Ellipsoid((0, 0, 0), size),
+    "CYLINDER": lambda size: Cylinder((0, 0, -size[1]), (0, 0, size[1]), size[0]),
+    "BOX": lambda size: Box([2 * half for half in size]),
+}
+"""The shapes of geoms by MuJoCo's names of their types; they are made from the sizes."""
+
+_DATA: dict[str, Callable[[MjModel, int], Shape]] = {"MESH": _mesh, "SDF": _mesh, "HFIELD": _height_field}
+"""The shapes that are made from arrays of the model."""
 
 register_scene_reader("MJCF or URDF", recognise, read)
