@@ -36,6 +36,7 @@ from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output, is_point_cloud
+from lidarsim.scene import is_scene_file
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
@@ -260,7 +261,9 @@ def view(
     path: Annotated[
         Path,
         typer.Argument(
-            metavar="PATH", help="Point cloud, folder of point clouds, configuration or recipe.", parser=_path
+            metavar="PATH",
+            help="Point cloud, folder of point clouds, configuration, recipe or scene file such as GLB or MJCF.",
+            parser=_path,
         ),
     ],
     *,
@@ -280,7 +283,7 @@ def view(
     frame: Frame = None,
     frames: Frames = None,
 ) -> None:
-    """Show point clouds in a window, or write pictures of them.
+    """Show point clouds or a scene in a window, or write pictures of them.
 
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
     the scene. With several frames, windows and web pages have a slider, and a screenshot shows the first frame.
@@ -314,6 +317,9 @@ def view(
         unused = [name for name, value in given.items() if value is not None]
         if unused:
             raise LidarsimError(f"{', '.join(unused)}: expected only with a configuration or recipe, got {path}")
+        if not is_point_cloud(path) and is_scene_file(path):
+            _view_scene(ls.Scene.from_file(path), saves, looks)
+            return
         files = _clouds(path)
         count, places = len(files), {}
         clouds = tuple(_progress(map(ls.PointCloud.load, files[:wanted]), len(files[:wanted])))
@@ -324,6 +330,14 @@ def view(
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
         if count > 1 and save is screenshot:
             print_line(f"{save}: the first of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+
+
+def _view_scene(scene: ls.Scene, saves: Sequence[Path], looks: dict[str, Any]) -> None:
+    """Show a scene without points."""
+    if not saves:
+        ls.show(scene, **looks)
+    for save in saves:
+        ls.show(scene, save=save, **looks)
 
 
 @app.command()

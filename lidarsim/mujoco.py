@@ -14,6 +14,7 @@ from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io import mjcf
+from lidarsim.materials import Material
 
 if TYPE_CHECKING:
     import mujoco
@@ -36,8 +37,9 @@ class World(Pickled):
     groups : collection of int
         Which groups of geoms the scene has, 0 to 5. Default: those that MuJoCo's viewers show. Robots often have their
         visible geoms in group 2, and others for collisions in group 3.
-    reflectivity : float or "color"
-        Reflectivity of all geoms, or that which `Material.from_colors` guesses from the colour of each.
+    reflectivity : float, Material or "color"
+        Reflectivity or material of all geoms, or "color" for the luminance of the colour of each, as
+        `Material.from_colors` computes it.
     keyframe : int or str, optional
         Number or name of the keyframe that the scene shows until the first `update`. Default: the pose of the model
         itself (``qpos0``).
@@ -84,7 +86,7 @@ class World(Pickled):
         model: mujoco.MjModel | Path,
         *,
         groups: Collection[int] = mjcf.SHOWN,
-        reflectivity: float | Literal["color"] = 1.0,
+        reflectivity: float | Material | Literal["color"] = 1.0,
         keyframe: int | str | None = None,
     ) -> None:
         module = mjcf.mujoco_module()
@@ -96,6 +98,11 @@ class World(Pickled):
         self.model = model
         self.scene, objects = mjcf.build(model, data, groups=groups, reflectivity=reflectivity)
         body = model.geom_bodyid
+        self._bodies = {
+            mjcf.body_name(model, int(body[geom])): self.scene[number].instance
+            for geom, number in objects.items()
+            if body[geom]
+        }
         self._moving = np.array([geom for geom in objects if _moves(model, int(body[geom]))], np.intp)
         self._objects = [objects[geom] for geom in self._moving.tolist()]
         self._poses = mjcf.poses(data, self._moving)
@@ -104,10 +111,10 @@ class World(Pickled):
     def bodies(self) -> Mapping[str, int]:
         """Instance of each body by its name, or by its number as text if it has none: read-only mapping of str to int.
 
-        The objects of a body share the instance, which is the body's number in the model; that of ``"world"``, which
-        has what never moves, is 0.
+        All objects of a body share the instance. Objects of the world body are instances of their own; that body and
+        those without objects are not listed.
         """
-        return MappingProxyType({mjcf.body_name(self.model, body): body for body in range(self.model.nbody)})
+        return MappingProxyType(self._bodies)
 
     def update(self, data: mujoco.MjData) -> None:
         """Move all objects to where their geoms are.

@@ -381,8 +381,9 @@ class Scene(Pickled, Plotted):
         Parameters
         ----------
         path : path-like
-            A scene in YAML, as in configurations; a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE; or a
-            mesh file: OBJ, OFF, PLY or STL. Units are taken as metres. Each instance of a mesh becomes an object named
+            A scene in YAML, as in configurations; a model of MuJoCo, MJCF or URDF, as `lidarsim.mujoco.World` shows it
+            at first; a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE; or a mesh file: OBJ, OFF, PLY or
+            STL. Units are taken as metres. Each instance of a mesh becomes an object named
             after its node, and all instances share the mesh. In an OBJ file, each object (or group) of one material
             becomes an object; in an STL file, each solid. Files that it refers to are read only if they are beside or
             below it.
@@ -401,12 +402,10 @@ class Scene(Pickled, Plotted):
         """
         path = Path(path)
         check_regular(path)
-        with path.open("rb") as file:
-            head = file.read(HEAD)
-        for recognise, read in _readers.values():
-            if recognise(path, head):
-                return read(path)
-        raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
+        read = _reader(path)
+        if read is None:
+            raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
+        return read(path)
 
     @property
     def class_names(self) -> Mapping[int, str]:
@@ -658,6 +657,18 @@ class Scene(Pickled, Plotted):
 
 
 _readers: dict[str, tuple[Callable[[Path, bytes], bool], Callable[[Path], Scene]]] = {}
+
+
+def _reader(path: Path) -> Callable[[Path], Scene] | None:
+    """Return what reads a file, or None if it is not of a known kind."""
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    return next((read for recognise, read in _readers.values() if recognise(path, head)), None)
+
+
+def is_scene_file(path: Path) -> bool:
+    """Return whether `Scene.from_file` knows the kind of a file."""
+    return path.is_file() and _reader(path) is not None
 
 
 def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], read: Callable[[Path], Scene]) -> None:

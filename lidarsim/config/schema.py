@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from operator import or_
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -25,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from lidarsim import _validation, patterns, shapes
 from lidarsim._files import check_names, load_array, name_problem
 from lidarsim._validation import pose as rigid
-from lidarsim.io import mesh_scene
+from lidarsim.io import mesh_scene, mjcf
 from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
 from lidarsim.rig import Rig
@@ -458,7 +459,7 @@ class Heightfield(Object):
 
 
 class SceneFile(Object):
-    """All instances of meshes in a scene file such as GLB. The file determines which way is up."""
+    """All objects of a scene file such as GLB or MJCF. The file determines which way is up."""
 
     constructor = shapes.TriangleMesh
 
@@ -467,8 +468,14 @@ class SceneFile(Object):
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add one object per instance to `scene`, named after its node; instances of a mesh share it."""
-        for item in (place / "file").load(self.file, mesh_scene.read):
-            self._add(item.shape, scene, place, inner=item.transform, name=f"{self.name}/{item.name}".lstrip("/"))
+        first = len(scene)
+        for item in (place / "file").load(self.file, _read_scene):
+            name = f"{self.name}/{item.name}".lstrip("/")
+            self._add(item.shape, scene, place, inner=item.transform, name=name, instance=first + item.instance)
+
+
+def _read_scene(path: Path) -> Scene:
+    return mjcf.read(path) if mjcf.recognise(path) else mesh_scene.read(path)
 
 
 def _public(package: ModuleType) -> list[type]:

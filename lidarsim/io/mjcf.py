@@ -1,7 +1,8 @@
 """MuJoCo's models (``.xml``, ``.urdf``), read by mujoco into scenes of exact shapes.
 
 Each geom becomes an object. It is named after the geom or, if that has no name, after its body and its number in it.
-The objects of a body share an instance. A ray meets what `mj_ray` meets, with these differences:
+The objects of a body share an instance, except those of the world body. A ray meets what `mj_ray` meets, with these
+differences:
 
 - Planes are met from both sides; for MuJoCo they have only a front.
 - A geom defined by a signed distance function is the mesh that MuJoCo draws for it.
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
 
     from mujoco import MjData, MjModel
 
-Reflectivity = float | Literal["color"]
+Reflectivity = float | Material | Literal["color"]
+"""Reflectivity or material of all geoms, or "color" for the luminance of the colour of each."""
 
 GROUPS = 6
 """Number of groups of geoms; as in MuJoCo, the last one has those of all higher numbers, too."""
@@ -102,11 +104,11 @@ def _warnings_logged(mujoco: ModuleType, path: Path) -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def read(path: Path) -> Scene:
+def read(path: Path, *, reflectivity: Reflectivity = 1.0) -> Scene:
     """Read a file as documented in `lidarsim.Scene.from_file`."""
     model = load(path)
     try:
-        scene, _ = build(model, placed(model))
+        scene, _ = build(model, placed(model), reflectivity=reflectivity)
     except ValueError as error:
         raise FileFormatError(f"{path}: {error}") from error
     if model.nflex or model.nskin:
@@ -139,21 +141,23 @@ def build(
 ) -> tuple[Scene, dict[int, int]]:
     """Return a scene of the geoms of a model as data places them, and the object of each geom."""
     mujoco = mujoco_module()
-    wanted, colored = _groups(groups), reflectivity == "color"
-    material = Material() if colored else Material(reflectivity=_reflectivity(reflectivity))
+    wanted, material = _groups(groups), _material(reflectivity)
     geoms = [geom for geom in range(model.ngeom) if _visible(model, geom) and _group(model, geom) in wanted]
     scene, objects = Scene(), {}
     shapes: dict[tuple[str, int], Shape] = {}
+    instances: dict[int, int] = {}
     for geom, place in zip(geoms, poses(data, geoms), strict=True):
         body = int(model.geom_bodyid[geom])
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
         objects[geom] = scene.add(
             _shape(mujoco, model, geom, shapes),
             name=name or f"{body_name(model, body)}/{geom - model.body_geomadr[body]}",
-            instance=body,
-            material=Material(reflectivity=_luminance(model, geom)) if colored else material,
+            instance=instances.get(body),
+            material=material or Material(reflectivity=_luminance(model, geom)),
             transform=place,
         )
+        if body:  # things of the world itself, such as floor and walls, are not parts of one
+            instances.setdefault(body, scene[objects[geom]].instance)
     return scene, objects
 
 
@@ -180,10 +184,16 @@ def _groups(groups: object) -> set[int]:
     return {integer(f"groups[{i}]", group, at_least=0, at_most=GROUPS - 1) for i, group in enumerate(groups)}
 
 
-def _reflectivity(value: object) -> float:
-    if isinstance(value, str):
-        raise ArgumentValueError("reflectivity", 'a number >= 0 or "color"', shown(value))
-    return real("reflectivity", value, at_least=0.0)
+def _material(reflectivity: object) -> Material | None:
+    """Return the material of all geoms, or None for one by the colour of each."""
+    if isinstance(reflectivity, Material) and reflectivity.per == "object":
+        return reflectivity
+    if isinstance(reflectivity, str | Material):
+        if reflectivity == "color":
+            return None
+        expected = 'a number >= 0, a Material of one reflectivity or "color"'
+        raise ArgumentValueError("reflectivity", expected, shown(reflectivity))
+    return Material(reflectivity=real("reflectivity", reflectivity, at_least=0.0))
 
 
 def _group(model: MjModel, geom: int) -> int:
