@@ -128,7 +128,8 @@ class World(Pickled):
         Raises
         ------
         TypeError, ValueError
-            If these are not data of the model, or a pose is not finite; nothing is then moved.
+            If these are not data of the model, or they have no poses yet, or one that is not finite; nothing is then
+            moved.
         """
         self._check(data)
         poses = mjcf.poses(data, self._moving)
@@ -160,7 +161,7 @@ class World(Pickled):
         Raises
         ------
         TypeError, ValueError
-            If these are not data of the model, or it has no such site.
+            If these are not data of the model, or they have no poses yet, or the model has no such site.
         """
         self._check(data)
         module = mjcf.mujoco_module()
@@ -183,6 +184,8 @@ class World(Pickled):
         for name, size in sizes.items():
             if size != getattr(self.model, name):
                 raise ArgumentValueError("data", f"data of the model, {name} = {getattr(self.model, name)}", size)
+        if not data.xmat[0].any():  # the world's orientation, which mj_kinematics sets
+            raise ArgumentValueError("data", "data with poses", "none", "call mujoco.mj_forward(model, data) first")
 
     def __repr__(self) -> str:
         """Return the number of bodies and objects."""

@@ -200,21 +200,18 @@ class _Model:
                 for key in FOLDERS:
                     attributes.pop(key, None)
             elif tag == "include" and "file" in attributes:
-                name = attributes["file"]
-                found = self._find(
-                    document, element, name, [posixpath.join(place, name) for place in (self._folder, folder)]
-                )
-                if found not in self._documents:
-                    self._read(found, posixpath.dirname(posixpath.join(folder, name)), element.depth)
-                attributes["file"] = self._documents[found].name
+                places = [posixpath.join(place, attributes["file"]) for place in (self._folder, folder)]
+                found, place = self._find(document, element, attributes["file"], places)
+                if found in self._documents:
+                    raise document.wrong(element, f"{short(repr(attributes['file']))} is included already")
+                attributes["file"] = self._read(found, posixpath.dirname(place), element.depth).name
             elif tag == "model" and "file" in attributes:
                 self._attach(document, element)
         return document
 
     def _attach(self, document: Document, element: Element) -> None:
         name = element.attributes["file"]
-        place = posixpath.join(self._folder, name)
-        found = self._find(document, element, name, [place])
+        found, place = self._find(document, element, name, [posixpath.join(self._folder, name)])
         if found in self._above:
             raise document.wrong(element, f"model {short(repr(name))} is part of itself")
         model = _Model(self._files, found, posixpath.dirname(place), self._above)
@@ -267,19 +264,19 @@ class _Model:
             token.attributes["filename"] = self._asset(document, token, name, relative)
 
     def _asset(self, document: Document, element: Element, name: str, places: Iterable[str]) -> str:
-        content = self._find(document, element, name, places).read_bytes()
+        content = self._find(document, element, name, places)[0].read_bytes()
         if content.startswith(PNG) and int.from_bytes(content[16:20]) * int.from_bytes(content[20:24]) > NUMBERS:
             raise document.wrong(element, f"expected at most {NUMBERS:,} pixels, got more")
         new = self._files.new_name(name)
         self._files.assets[new] = content
         return new
 
-    def _find(self, document: Document, element: Element, name: str, places: Iterable[str]) -> Path:
-        """Return the first of several files, relative to the folder of the main one, that exists."""
+    def _find(self, document: Document, element: Element, name: str, places: Iterable[str]) -> tuple[Path, str]:
+        """Return the first of several files that exists, and its place relative to the folder of the main one."""
         what = f"{element.tag} {short(repr(name))}"
         for place in places:
             try:
-                return beside(self._files.main, quote(place))
+                return beside(self._files.main, quote(place)), place
             except FileNotFoundError:
                 continue
             except (FileFormatError, OSError, ValueError) as error:
@@ -290,8 +287,6 @@ class _Model:
 
     def _weigh(self, document: Document) -> int:
         """Return the number of elements that a document stands for, and check it and the counts in it."""
-        if document.weight:
-            return document.weight  # a file may be included once; MuJoCo refuses the second time
         copies = [1]
         document.weight = 1
         for token in document.tokens:

@@ -49,7 +49,11 @@ MAXVAL = 1e10
 SHOWN = (0, 1, 2)
 """Groups that MuJoCo's viewers show by default."""
 
-ROOT = re.compile(rb"\s*(?:<\?.*?\?>\s*|<!--.*?-->\s*)*<(mujoco|robot)[\s/>]", re.DOTALL | re.IGNORECASE)
+ROOT = re.compile(
+    rb"(?>\s+|<\?(?>.*?\?>)|<!--(?>.*?-->)|<!DOCTYPE(?>[^\[>]*(?:\[.*?\]\s*)?>))*+<(?:mujoco|robot)[\s/>]",
+    re.DOTALL | re.IGNORECASE,
+)
+"""The start of a document up to its root element, without backtracking, which could take long."""
 
 
 def mujoco_module() -> ModuleType:
