@@ -141,7 +141,7 @@ def test_models_from_files(tmp_path: Path) -> None:
     data.qpos[0] = 3.0
     mujoco.mj_kinematics(world.model, data)
     world.update(data)
-    assert world.scene.bounds[:, 0].tolist() == [2.0, 4.0]
+    assert world.scene.cast([[0, 0, 0]], [[1, 0, 0]]).t.tolist() == [2.0]
     path.write_text(BALL.format('file="x"'), encoding="utf-8")
     with pytest.raises(FileFormatError, match=r"ball\.xml:1: geom names a file"):
         ls.mujoco.World(str(path))
