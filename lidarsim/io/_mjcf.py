@@ -25,10 +25,11 @@ from lidarsim.errors import FileFormatError
 DEPTH = 256
 """Maximum depth of elements, those of included documents in their place; MuJoCo recurses over them."""
 
-ELEMENTS = 1_000_000
-"""Maximum number of elements after `replicate`, `attach` and the like have copied them."""
+COPIES = 20_000
+"""Maximum number of elements that `replicate`, `attach` and the like add to those that are written. The time that
+MuJoCo takes grows with their square: half a minute for so many geoms."""
 
-NUMBERS = 100_000_000
+NUMBERS = 20_000_000
 """Maximum number of heights, vertices of built-in meshes and user data that a document may ask for by a count."""
 
 FOLDERS = ("assetdir", "meshdir", "texturedir", "strippath")
@@ -99,12 +100,15 @@ class Closed:
         The files that it names.
     names : dict of str to str
         How the original documents call each of them.
+    written : int
+        Number of elements in all documents.
     """
 
     main: Path
     xml: str = ""
     assets: dict[str, bytes] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
+    written: int = 0
 
     def new_name(self, original: str) -> str:
         """Return a name for a file in memory, with the suffix by which MuJoCo knows the format."""
@@ -193,6 +197,7 @@ class _Model:
     def _read(self, path: Path, folder: str, depth: int) -> Document:
         """Parse a document and those that it includes, and collect where their files are, as MuJoCo's first pass."""
         document = self._documents[path] = parsed(path, self._files.new_name(path.name), depth)
+        self._files.written += sum(1 for _ in document.elements)
         for element in document.elements:
             tag, attributes = element.tag.lower(), element.attributes
             if tag == "compiler":
@@ -306,8 +311,8 @@ class _Model:
                 of = [other for other in self._documents.values() if other.name == token.attributes.get("file")]
                 document.weight += times * sum(map(self._weigh, of))
             document.weight += times * (self._heaviest if tag == "attach" else 1)
-            if document.weight > ELEMENTS:
-                raise document.wrong(token, f"expected at most {ELEMENTS:,} elements, copies included, got more")
+            if document.weight > COPIES + self._files.written:
+                raise document.wrong(token, f"expected at most {COPIES:,} copies of elements, got more")
             if numbers > NUMBERS:
                 raise document.wrong(token, f"expected at most {NUMBERS:,} numbers, got more")
         return document.weight
