@@ -85,3 +85,28 @@ impl Surface for Disk {
         }))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::number::Dyadic;
+
+    fn root(disk: &Disk, target: Point) -> Option<Root<Dyadic>> {
+        let direction = [0.5, 1.0, 0.25];
+        let origin = [0, 1, 2].map(|i| target[i] - 2.0 * direction[i]);
+        let [root, _] = disk.roots(&Ray::new(origin, direction)).ok()?;
+        root
+    }
+
+    #[test]
+    fn the_rim_belongs_to_the_disk() {
+        let disk = Disk { center: [1.0, 2.0, 3.0], normal: [0.0, 4.0, -3.0], radius: 5.0 };
+        // (0, 3, 4) is across the normal and as long as the radius.
+        for rim in [[6.0, 2.0, 3.0], [-4.0, 2.0, 3.0], [1.0, 5.0, 7.0], [1.0, -1.0, -1.0]] {
+            assert!(root(&disk, rim).is_some_and(|root| Dyadic::round(&root) == Ok(2.0)), "{rim:?}");
+        }
+        assert!(root(&disk, [6.0_f64.next_down(), 2.0, 3.0]).is_some());
+        assert!(root(&disk, [6.0_f64.next_up(), 2.0, 3.0]).is_none());
+        assert!(root(&disk, [1.0_f64.next_up(), 5.0, 7.0]).is_none());
+    }
+}
