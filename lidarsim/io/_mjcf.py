@@ -100,6 +100,8 @@ class Closed:
         The files that it names.
     names : dict of str to str
         How the original documents call each of them.
+    models : dict of Path to Document
+        The models that it attaches.
     written : int
         Number of elements in all documents.
     """
@@ -108,6 +110,7 @@ class Closed:
     xml: str = ""
     assets: dict[str, bytes] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
+    models: dict[Path, Document] = field(default_factory=dict)
     written: int = 0
 
     def new_name(self, original: str) -> str:
@@ -175,7 +178,7 @@ class _Model:
     def __init__(self, files: Closed, path: Path, folder: str, above: tuple[Path, ...]) -> None:
         self._files = files
         self._folder = folder  # of the model, relative to that of the main file
-        self._above = (*above, path)
+        self._above = (*above, path.resolve())
         self._settings: dict[str, str] = {}
         self._documents: dict[Path, Document] = {}
         self._heaviest = 0  # of the attached models
@@ -196,7 +199,8 @@ class _Model:
 
     def _read(self, path: Path, folder: str, depth: int) -> Document:
         """Parse a document and those that it includes, and collect where their files are, as MuJoCo's first pass."""
-        document = self._documents[path] = parsed(path, self._files.new_name(path.name), depth)
+        document = parsed(path, self._files.new_name(path.name), depth)
+        self._documents[path.resolve()] = document
         self._files.written += sum(1 for _ in document.elements)
         for element in document.elements:
             tag, attributes = element.tag.lower(), element.attributes
@@ -219,9 +223,11 @@ class _Model:
         found, place = self._find(document, element, name, [posixpath.join(self._folder, name)])
         if found in self._above:
             raise document.wrong(element, f"model {short(repr(name))} is part of itself")
-        model = _Model(self._files, found, posixpath.dirname(place), self._above)
-        self._heaviest = max(self._heaviest, model.main.weight)
-        element.attributes["file"] = model.main.name
+        models = self._files.models
+        if found not in models:
+            models[found] = _Model(self._files, found, posixpath.dirname(place), self._above).main
+        self._heaviest = max(self._heaviest, models[found].weight)
+        element.attributes["file"] = models[found].name
         element.attributes.pop("content_type", None)
 
     def _mujoco(self, document: Document, element: Element) -> None:
@@ -302,20 +308,35 @@ class _Model:
             if tag in {"replicate", "composite", "flexcomp"}:
                 times *= math.prod(_counts(token.attributes.get("count", "")))
             copies.append(times)
-            numbers = sum(_counts(" ".join(token.attributes.values()))) if tag == "size" else 0
-            if tag == "hfield":
-                numbers = math.prod(_counts(" ".join(token.attributes.get(key, "") for key in ("nrow", "ncol"))))
-            elif tag == "mesh" and "builtin" in token.attributes:
-                numbers = max(_counts(token.attributes.get("params", "")), default=1) ** 2
-            if tag == "include":
-                of = [other for other in self._documents.values() if other.name == token.attributes.get("file")]
-                document.weight += times * sum(map(self._weigh, of))
-            document.weight += times * (self._heaviest if tag == "attach" else 1)
+            document.weight += times * self._weight(token)
             if document.weight > COPIES + self._files.written:
                 raise document.wrong(token, f"expected at most {COPIES:,} copies of elements, got more")
-            if numbers > NUMBERS:
+            if _numbers(token) > NUMBERS:
                 raise document.wrong(token, f"expected at most {NUMBERS:,} numbers, got more")
         return document.weight
+
+    def _weight(self, element: Element) -> int:
+        """Return the number of elements that one stands for, without those within it."""
+        tag, file = element.tag.lower(), element.attributes.get("file")
+        if tag == "attach":
+            return self._heaviest
+        if tag == "include":
+            return 1 + sum(self._weigh(other) for other in self._documents.values() if other.name == file)
+        if tag == "model":  # which MuJoCo parses again for each
+            return 1 + sum(other.weight for other in self._files.models.values() if other.name == file)
+        return 1
+
+
+def _numbers(element: Element) -> int:
+    """Return how many numbers an element asks for by a count."""
+    tag, attributes = element.tag.lower(), element.attributes
+    if tag == "size":  # of memory and stack, MuJoCo touches only what it needs
+        return sum(_counts(" ".join(value for key, value in attributes.items() if key not in {"memory", "nstack"})))
+    if tag == "hfield":
+        return math.prod(_counts(f"{attributes.get('nrow', '')} {attributes.get('ncol', '')}"))
+    if tag == "mesh" and "builtin" in attributes:
+        return max(_counts(attributes.get("params", "")), default=1) ** 2
+    return 0
 
 
 def _stem(name: str) -> str:
@@ -325,7 +346,7 @@ def _stem(name: str) -> str:
 def _counts(text: str) -> list[int]:
     """Return the numbers in a text that are beyond 1, rounded up."""
     found = []
-    for number in re.findall(r"\d+(?:\.\d*)?(?:[eE]\+?\d{1,2})?", text[:1000]):
+    for number in re.findall(r"\d+(?:\.\d*)?(?:[eE]\+?\d{1,2})?", text):
         value = float(number)
         if value > 1:
             found.append(math.ceil(min(value, 1e18)))

@@ -186,6 +186,7 @@ OUTSIDE = "only regular files beside or below "
             "expected at most 20,000 copies of elements, got more",
         ),
         (model('<flexcomp name="a" type="grid" count="999 999 999"/>'), "expected at most 20,000 copies of elements"),
+        (model(f'<replicate count="{" " * 2000}30000">{GEOM}</replicate>'), "expected at most 20,000 copies"),
         (
             model("", '<asset><hfield name="h" nrow="99999" ncol="99999" size="1 1 1 1"/></asset>'),
             "expected at most 20,000,000 numbers, got more",
@@ -224,6 +225,26 @@ def test_models_that_attach_each_other_multiply(tmp_path: Path) -> None:
         write(tmp_path, model(f'<body name="b">{attach}</body>', head), f"m{k}.xml")
     assert len(ls.Scene.from_file(tmp_path / "m2.xml")) == 100
     assert "expected at most 20,000 copies of elements" in refusal(tmp_path / "m5.xml")
+
+
+def test_models_that_name_each_other_multiply(tmp_path: Path) -> None:
+    write(tmp_path, model(f'<body name="b">{GEOM}</body>'), "m0.xml")
+    for k in range(1, 8):
+        names = "".join(f'<model name="m{i}" file="m{k - 1}.xml"/>' for i in range(10))
+        write(tmp_path, model(GEOM, f"<asset>{names}</asset>"), f"m{k}.xml")
+    assert len(ls.Scene.from_file(tmp_path / "m2.xml")) == 1
+    assert "expected at most 20,000 copies of elements" in refusal(tmp_path / "m7.xml")
+
+
+def test_memory_is_not_counted(tmp_path: Path) -> None:
+    assert len(ls.Scene.from_file(write(tmp_path, model(GEOM, '<size memory="1000000000"/>')))) == 1
+
+
+def test_relative_paths_of_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path, model('<include file="robot.xml"/>'))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FileFormatError, match=r"^robot\.xml:4: 'robot\.xml' is included already$"):
+        ls.Scene.from_file("robot.xml")
 
 
 def test_warnings_are_logged_and_leave_no_file(
