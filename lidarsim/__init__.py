@@ -8,10 +8,11 @@ from lidarsim import viewers as viewers  # registers views
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
-from lidarsim.materials import Material
+from lidarsim.materials import Material, Texture
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud, register_format
 from lidarsim.rig import Rig, RigSensor
+from lidarsim.rules import Rule
 from lidarsim.scan import Scan, Source, Status
 from lidarsim.scene import Scene, SceneObject, register_scene_reader
 from lidarsim.sensor import Lidar, register_lidar_reader
@@ -50,6 +51,7 @@ __all__ = [
     "Polygon",
     "Rig",
     "RigSensor",
+    "Rule",
     "Scan",
     "Scene",
     "SceneObject",
@@ -57,6 +59,7 @@ __all__ = [
     "Source",
     "Sphere",
     "Status",
+    "Texture",
     "Trajectory",
     "Triangle",
     "TriangleMesh",

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import short
-from lidarsim.errors import ArgumentValueError, FileFormatError, LidarsimError
+from lidarsim.errors import ArgumentValueError, FileFormatError, LidarsimError, MissingExtraError
 
 PathLike = str | os.PathLike[str]
 
@@ -231,9 +231,11 @@ def _worded_here(error: BaseException) -> bool:
 
 @contextmanager
 def reading_as(path: PathLike, what: str) -> Iterator[None]:
-    """Turn any exception of the block into a one-line `FileFormatError` that names the file."""
+    """Turn any exception of the block but a missing package into a one-line `FileFormatError` that names the file."""
     try:
         yield
+    except MissingExtraError:
+        raise
     except Exception as error:
         raise FileFormatError(f"{path}: cannot be read as {what}: {unquoted(error)}") from error
 

@@ -17,6 +17,8 @@ __all__ = [
     "Scene",
     "SceneObject",
     "Shape",
+    "Texture",
+    "TextureMap",
     "expect_room",
     "isa",
     "normal_quantile",
@@ -57,6 +59,16 @@ class Shape:
     def roots(
         self, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
     ) -> npt.NDArray[np.float64]: ...
+
+@final
+class Texture:
+    def __new__(cls, values: npt.NDArray[np.float32], wrap_u: str, wrap_v: str) -> Texture: ...
+    def values(self) -> npt.NDArray[np.float32]: ...
+    def mapped(self, coordinates: npt.NDArray[np.float64]) -> TextureMap: ...
+
+@final
+class TextureMap:
+    def coordinates(self) -> npt.NDArray[np.float64]: ...
 
 @disjoint_base
 class SceneObject:

@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
@@ -44,6 +45,7 @@ from lidarsim.viewers._show import check_save, checked_size
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
+    from lidarsim.io.scenes import Imported
     from lidarsim.run import Run, RunFrame
 
 app = typer.Typer(
@@ -414,12 +416,14 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
                 type(item.shape).__name__,
                 plain(item.name, most=NAME),
                 label,
-                item.material.reflectivity,
+                item.material.reflectivity if item.material.per == "object" else f"by {item.material.per}",
                 *triangles,
                 *moves,
             )
         )
     table(columns if spans else columns[:-1], rows, left=("shape", "name"))
+    for file in run.imports:
+        _print_import(file)
     for lidar in run.lidars.values():
         _print_sensor(lidar)
     pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
@@ -431,6 +435,45 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     print_line(
         f"{config}: ok, {counted(len(run.scene), 'object')}, {counted(len(run.frames), 'frame')}, seed {run.seed}"
     )
+
+
+LARGEST, SMALLEST = 20e3, 0.01
+"""Sizes of a scene, m, beyond which its unit is probably wrong."""
+MOST_NAMES = 10
+"""Maximum names in a line."""
+
+
+def _print_import(file: Imported) -> None:
+    """Print what a scene file brought in, what it did not, and which nodes no rule matched."""
+    low, high = file.bounds
+    size = high - low
+    meshes = (item.shape for item in file.objects if isinstance(item.shape, ls.TriangleMesh))
+    triangles = counted(sum(map(len, meshes)), "triangle")
+    extent = " × ".join(f"{round(length, 6):,.6g}" for length in size.tolist())
+    instances = counted(len({instance for _, instance in file.instances(0)}), "instance")
+    print_line(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
+    for what, names in (
+        ("materials", Counter(item.material_name for item in file.objects if item.material_name)),
+        ("labels", Counter(str(item.label) for item in file.objects if item.label is not None)),
+    ):
+        if names:
+            print_line(f"  {what}: {_listed([f'{plain(name, most=NAME)} ({count})' for name, count in names.items()])}")
+    if file.left_out:
+        print_line(f"  left out: {', '.join(file.left_out)}")
+    if file.skipped:
+        print_line(f"  skipped by rules: {counted(file.skipped, 'part')}")
+    if file.without_rule:
+        paths = [plain(path, most=NAME) for path in file.without_rule]
+        print_line(f"  no rule matches {counted(len(paths), 'node')}: {_listed(paths)}")
+    if size.max() > LARGEST or size.max() < SMALLEST:
+        wrong = f"larger than {LARGEST / 1e3:g} km" if size.max() > LARGEST else f"smaller than {SMALLEST * 100:g} cm"
+        print_line(f"  warning: {wrong}; is unit_m right?")
+
+
+def _listed(names: list[str]) -> str:
+    """Return the first names, and how many there are beside them."""
+    more = len(names) - MOST_NAMES
+    return ", ".join(names[:MOST_NAMES]) + (f" and {more:,} more" if more > 0 else "")
 
 
 @app.command()

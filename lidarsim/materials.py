@@ -16,8 +16,9 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim import _native as core
 from lidarsim._pickling import Value
-from lidarsim._validation import angle, array, frozen, one_of, real, shown
+from lidarsim._validation import Floats, angle, array, as_array, frozen, in_order, one_of, real, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = [
@@ -62,11 +63,106 @@ __all__ = [
     "SOIL_1550",
     "SOURCES",
     "Material",
+    "Texture",
     "named",
 ]
 
-Per = Literal["object", "face", "vertex"]
+Per = Literal["object", "face", "vertex", "texture"]
 PER = get_args(Per)
+
+Wrap = Literal["repeat", "clamp", "mirror"]
+WRAP = get_args(Wrap)
+
+MOST = float(np.finfo(np.float32).max)  # maximum reflectivity of a texel
+
+
+class Texture(Value):
+    """An image of reflectivity for the surface of a mesh, such as a road with its markings.
+
+    Parameters
+    ----------
+    values : array_like, shape (height, width)
+        Lambertian reflectivities, >= 0, as in `Material`; row 0 is the top of the image. They are kept as a read-only
+        copy in float32, which all materials of the texture share.
+    wrap : {"repeat", "clamp", "mirror"} or a pair of these
+        What the texture is beyond its edges: the image again, the texel at the edge, or the image and its mirror image
+        in turn; of a pair, the first is for u and the second for v.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value is negative or not finite, or overflows float32; if there are no values, or they have another shape
+        or the dtype of an image's colours, which `Material.from_colors` takes; or if `wrap` is something else.
+
+    Notes
+    -----
+    Texture coordinates are those of glTF: u grows to the right and v downwards, (0, 0) is the top left corner of the
+    image and (1, 1) its bottom right corner. OBJ, Open3D and PyVista have v upwards; pass them 1 - v. The centre of the
+    texel in row j and column i is at u = (i + 0.5) / width, v = (j + 0.5) / height. Between the centres of four texels
+    the reflectivity is bilinear. It is that of the point that a ray hits; a `Beam` averages over its footprint.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lidarsim as ls
+    >>> asphalt, paint = 0.1, 0.6
+    >>> stripes = ls.Texture([[asphalt, paint, asphalt, asphalt]], wrap=("repeat", "clamp"))
+    >>> road = ls.TriangleMesh([(0, 2, 0), (0, -2, 0), (9, -2, 0), (9, 2, 0)], [(0, 1, 2), (0, 2, 3)])
+    >>> marked = ls.Material(reflectivity=stripes, texture_coordinates=[(0, 1), (1, 1), (1, 0), (0, 0)])
+    >>> scene = ls.Scene()
+    >>> ground = scene.add(road, material=marked)
+    >>> down = ls.Lidar(ls.patterns.Table([(5, 0.5, -1), (5, -0.5, -1)], rate=10.0))
+    >>> scan = down.scan(scene, [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]])
+    >>> (scan.intensity / np.cos(scan.incidence)).round(3)
+    array([[0.6],
+           [0.1]], dtype=float32)
+    """
+
+    __slots__ = ("_native", "_values", "_wrap")
+
+    def __init__(self, values: npt.ArrayLike, *, wrap: Wrap | tuple[Wrap, Wrap] = "repeat") -> None:
+        given = as_array("values", values, "numbers of shape (height, width)")
+        if given.dtype.kind == "u" and given.dtype.itemsize < 4:
+            hint = "Material.from_colors takes colours"
+            raise ArgumentTypeError("values", "reflectivities", f"dtype {given.dtype}", hint)
+        numbers = array("values", given, ("height", "width"))
+        if not numbers.size:
+            raise ArgumentValueError("values", "at least one", f"shape {numbers.shape}")
+        wrong = (numbers < 0.0) | (numbers > MOST)
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            got = f"values[{row}][{column}] = {numbers[row, column]}"
+            raise ArgumentValueError("values", f"numbers from 0 to {MOST:.3g}", got)
+        self._wrap = _wrap(wrap)
+        self._native = core.Texture(in_order(numbers, np.float32), *self._wrap)
+        self._values = self._native.values()
+
+    @property
+    def values(self) -> npt.NDArray[np.float32]:
+        """Reflectivities: read-only ndarray of float32, shape (height, width)."""
+        return self._values
+
+    @property
+    def wrap(self) -> tuple[Wrap, Wrap]:
+        """What the texture is beyond its edges, for u and v: each "repeat", "clamp" or "mirror"."""
+        return self._wrap
+
+    def _contents(self) -> dict[str, Any]:
+        return {"values": self.values, "wrap": self.wrap}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        return cls(**contents)
+
+
+def _wrap(value: object) -> tuple[Wrap, Wrap]:
+    """Return the checked argument `wrap` of a texture, for u and v."""
+    pair = tuple(value) if isinstance(value, (tuple, list)) else (value, value)
+    if len(pair) != 2:
+        raise ArgumentValueError("wrap", "one for u and one for v", shown(value))
+    for item in pair:
+        one_of("wrap", item, WRAP)
+    return pair
 
 
 class Material(Value):
@@ -74,13 +170,17 @@ class Material(Value):
 
     Parameters
     ----------
-    reflectivity : float or array_like, shape (n,)
+    reflectivity : float or array_like, shape (n,), or Texture
         Lambertian reflectivity at the wavelength of the sensor, >= 0: what the surface returns as a share of what a
         white diffuser does, so that a retro-reflector has more than 1. An array is kept as a read-only copy.
         With `roughness` or `specular`, ρ in the formula below.
-    per : {"object", "face", "vertex"}
+    per : {"object", "face", "vertex", "texture"}, optional
         What the reflectivity is given for: one number for all of an object, or, of a `TriangleMesh`, one a face or one
-        a vertex, between which it is linear over each face.
+        a vertex, between which it is linear over each face, or a texture. Default: "texture" for a `Texture`, otherwise
+        "object".
+    texture_coordinates : array_like, shape (n, 2) or (m, 3, 2), optional
+        Where a texture lies on the mesh: u, v of each of its n vertices, or of the corners of each of its m faces in
+        their order; `Texture` has the convention. Over a face they are linear. Kept as a read-only copy.
     roughness : float
         m, the standard deviation of the angles by which the facets of a rough diffuser are tilted, rad, 0 to π/2; 0 is
         Lambert's diffuser. One for all of an object.
@@ -93,8 +193,9 @@ class Material(Value):
     Raises
     ------
     TypeError, ValueError
-        If a reflectivity is negative or not finite, or is not one number or one-dimensional array, as `per` says, or if
-        another parameter is out of its range.
+        If a reflectivity is negative or not finite, or is not one number, one-dimensional array or texture, as `per`
+        says, if texture coordinates are not finite, have another shape, lack, or come without a texture, or if another
+        parameter is out of its range.
 
     Notes
     -----
@@ -114,46 +215,51 @@ class Material(Value):
     >>> asphalt = ls.Material(reflectivity=0.17, roughness=0.5)
     >>> lacquer = ls.Material(reflectivity=0.1, specular=20.0, specular_width=0.05)
     >>> sign = ls.Material(reflectivity=[0.1, 300.0], per="face")
+    >>> stripes = ls.Texture([[0.1, 0.6, 0.1, 0.1]])
+    >>> road = ls.Material(reflectivity=stripes, texture_coordinates=[(0, 0), (1, 0), (1, 1), (0, 1)])
     """
 
-    __slots__ = ("_per", "_reflectivity", "_roughness", "_specular", "_specular_width")
+    __slots__ = ("_per", "_reflectivity", "_roughness", "_specular", "_specular_width", "_texture_map")
 
     def __init__(
         self,
         *,
-        reflectivity: float | npt.ArrayLike = 1.0,
-        per: Per = "object",
+        reflectivity: float | npt.ArrayLike | Texture = 1.0,
+        per: Per | None = None,
+        texture_coordinates: npt.ArrayLike | None = None,
         roughness: float = 0.0,
         specular: float = 0.0,
         specular_width: float = 0.1,
     ) -> None:
+        if per is None:
+            per = "texture" if isinstance(reflectivity, Texture) else "object"
         one_of("per", per, PER)
-        self._per = per
+        self._per: Per = per
         self._roughness = angle("roughness", roughness, at_least=0.0, at_most=math.pi / 2)
         self._specular = real("specular", specular, at_least=0.0)
         self._specular_width = real("specular_width", specular_width, above=0.0)
-        self._reflectivity: float | npt.NDArray[np.float64]
-        if per == "object":
-            if isinstance(reflectivity, (np.ndarray, list, tuple)):
-                expected = "one number, or an array with per='face' or per='vertex'"
-                raise ArgumentTypeError("reflectivity", expected, shown(reflectivity))
-            self._reflectivity = real("reflectivity", reflectivity, at_least=0.0)
-            return
-        values = array("reflectivity", reflectivity, ("n",))
-        if (values < 0.0).any():
-            index = int(np.argmax(values < 0.0))
-            raise ArgumentValueError("reflectivity", "numbers >= 0", f"reflectivity[{index}] = {values[index]}")
-        self._reflectivity = frozen(values)
+        self._reflectivity = _reflectivity(reflectivity, per)
+        self._texture_map = None
+        if isinstance(self._reflectivity, Texture):
+            self._texture_map = self._reflectivity._native.mapped(_texture_coordinates(texture_coordinates))
+        elif texture_coordinates is not None:
+            expected = "None, or a Texture as the reflectivity"
+            raise ArgumentTypeError("texture_coordinates", expected, shown(texture_coordinates))
 
     @property
-    def reflectivity(self) -> float | npt.NDArray[np.float64]:
-        """Lambertian reflectivity: float, or read-only ndarray of float64, shape (n,)."""
+    def reflectivity(self) -> float | Floats | Texture:
+        """Lambertian reflectivity: float, or read-only ndarray of float64, shape (n,), or Texture."""
         return self._reflectivity
 
     @property
     def per(self) -> Per:
-        """What the reflectivity is given for: "object", "face" or "vertex"."""
+        """What the reflectivity is given for: "object", "face", "vertex" or "texture"."""
         return self._per
+
+    @property
+    def texture_coordinates(self) -> Floats | None:
+        """Coordinates u, v in the texture: read-only ndarray of float64, shape (n, 2) or (m, 3, 2), or None."""
+        return None if self._texture_map is None else self._texture_map.coordinates()
 
     @property
     def roughness(self) -> float:
@@ -171,7 +277,9 @@ class Material(Value):
         return self._specular_width
 
     def _contents(self) -> dict[str, Any]:
-        names = ("reflectivity", "per", "roughness", "specular", "specular_width")
+        names = ["reflectivity", "per", "roughness", "specular", "specular_width"]
+        if self._texture_map is not None:
+            names.append("texture_coordinates")
         return {name: getattr(self, name) for name in names}
 
     @classmethod
@@ -179,7 +287,14 @@ class Material(Value):
         return cls(**contents)
 
     @classmethod
-    def from_colors(cls, colors: npt.ArrayLike, *, per: Literal["face", "vertex"] = "vertex") -> Material:
+    def from_colors(
+        cls,
+        colors: npt.ArrayLike,
+        *,
+        per: Literal["face", "vertex", "texture"] = "vertex",
+        texture_coordinates: npt.ArrayLike | None = None,
+        wrap: Wrap | tuple[Wrap, Wrap] = "repeat",
+    ) -> Material:
         """Return the material of a mesh whose reflectivity is the luminance of its colours.
 
         The only guess there is where a mesh has colours and nothing is known of the infrared: green leaves, among
@@ -187,10 +302,15 @@ class Material(Value):
 
         Parameters
         ----------
-        colors : array_like, shape (n, 3) or (n, 4)
-            sRGB colours of the vertices or faces: integers 0 to 255 or numbers 0 to 1. An opacity is ignored.
-        per : {"vertex", "face"}
+        colors : array_like, shape (n, 3) or (n, 4); of a texture (height, width, 3) or (height, width, 4)
+            sRGB colours of the vertices or faces, or an image: integers 0 to 255 or numbers 0 to 1. An opacity is
+            ignored.
+        per : {"vertex", "face", "texture"}
             What the colours are given for.
+        texture_coordinates : array_like, shape (n, 2) or (m, 3, 2), optional
+            Where the image lies on the mesh, as in `Material`.
+        wrap : {"repeat", "clamp", "mirror"} or a pair of these
+            What the image is beyond its edges, as in `Texture`.
 
         Returns
         -------
@@ -199,22 +319,78 @@ class Material(Value):
 
         Raises
         ------
-        ValueError
-            If the shape is wrong or a colour out of range.
+        TypeError, ValueError
+            If a shape is wrong, a colour out of range, or texture coordinates lack or come without an image.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> image = [[(64, 64, 64), (255, 255, 255), (64, 64, 64)]]
+        >>> corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+        >>> ls.Material.from_colors(image, per="texture", texture_coordinates=corners).reflectivity.values.round(3)
+        array([[0.051, 1.   , 0.051]], dtype=float32)
         """
-        try:
-            given = np.asarray(colors)
-        except ValueError:
-            raise ArgumentValueError("colors", "shape (n, 3) or (n, 4)", "a ragged sequence") from None
-        scale = 255.0 if given.dtype.kind in "iu" else 1.0
-        if given.ndim != 2 or given.shape[1] not in {3, 4}:
-            raise ArgumentValueError("colors", "shape (n, 3) or (n, 4)", given.shape)
-        encoded = array("colors", given[:, :3], ("n", 3)) / scale
-        if ((encoded < 0.0) | (encoded > 1.0)).any():
-            raise ArgumentValueError("colors", f"numbers from 0 to {scale:g}", f"{given.min()} to {given.max()}")
-        # IEC 61966-2-1
-        linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-        return cls(reflectivity=linear @ (0.2126, 0.7152, 0.0722), per=per)
+        one_of("per", per, PER[1:])
+        if per == "texture":
+            texture = Texture(_luminance(colors, ("height", "width")), wrap=wrap)
+            return cls(reflectivity=texture, texture_coordinates=texture_coordinates)
+        return cls(reflectivity=_luminance(colors, ("n",)), per=per, texture_coordinates=texture_coordinates)
+
+
+def _reflectivity(value: object, per: Per) -> float | Floats | Texture:
+    """Return the checked argument `reflectivity` of a material."""
+    if per == "texture":
+        if not isinstance(value, Texture):
+            raise ArgumentTypeError("reflectivity", "a Texture with per='texture'", shown(value))
+        return value
+    if isinstance(value, Texture):
+        raise ArgumentTypeError("reflectivity", f"numbers with per={per!r}", "a Texture")
+    if per == "object":
+        if isinstance(value, (np.ndarray, list, tuple)):
+            expected = "one number, or an array with per='face' or per='vertex'"
+            raise ArgumentTypeError("reflectivity", expected, shown(value))
+        return real("reflectivity", value, at_least=0.0)
+    values = array("reflectivity", value, ("n",))
+    if (values < 0.0).any():
+        index = int(np.argmax(values < 0.0))
+        raise ArgumentValueError("reflectivity", "numbers >= 0", f"reflectivity[{index}] = {values[index]}")
+    return frozen(values)
+
+
+def _texture_coordinates(value: npt.ArrayLike | None) -> Floats:
+    """Return the checked coordinates of a texture, shape (n, 2) or (m, 3, 2)."""
+    if value is None:
+        raise ArgumentTypeError("texture_coordinates", "u, v of the vertices or corners for a Texture", "None")
+    given = as_array("texture_coordinates", value, "shape (n, 2) or (m, 3, 2)")
+    if given.ndim not in {2, 3}:
+        raise ArgumentValueError("texture_coordinates", "shape (n, 2) or (m, 3, 2)", given.shape)
+    return array("texture_coordinates", given, ("n", 2) if given.ndim == 2 else ("m", 3, 2))
+
+
+def _luminance(colors: npt.ArrayLike, shape: tuple[str, ...]) -> Floats:
+    """Return the luminance, of `shape`, of sRGB colours with three or four channels."""
+    expected = " or ".join(f"shape ({', '.join(shape)}, {channels})" for channels in (3, 4)).replace("or shape", "or")
+    given = as_array("colors", colors, expected)
+    if given.ndim != len(shape) + 1 or given.shape[-1] not in {3, 4}:
+        raise ArgumentValueError("colors", expected, given.shape)
+    encoded = array("colors", given[..., :3], (*shape, 3))
+    scale = 255.0 if given.dtype.kind in "iu" else 1.0
+    if ((encoded < 0.0) | (encoded > scale)).any():
+        raise ArgumentValueError("colors", f"numbers from 0 to {scale:g}", f"{given.min()} to {given.max()}")
+    luminance = np.zeros(given.shape[:-1])
+    for channel, weight in enumerate(LUMINANCE):
+        luminance += weight * linear_light(encoded[..., channel] / scale)
+    return luminance
+
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Luminance of linear red, green and blue; ITU-R BT.709."""
+
+
+def linear_light(encoded: Floats) -> Floats:
+    """Return linear light from values encoded as in IEC 61966-2-1, sRGB."""
+    linear: Floats = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return linear
 
 
 def named(name: str) -> Material:

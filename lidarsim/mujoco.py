@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from os import PathLike
+import os
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from lidarsim._files import PathLike as Path
+from lidarsim._files import PathLike
 from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.io import mjcf
+from lidarsim.io.scenes import mjcf
+from lidarsim.io.scenes._build import scene_with
 from lidarsim.materials import Material
+from lidarsim.rules import Options, Rule
 
 if TYPE_CHECKING:
     import mujoco
@@ -27,7 +30,7 @@ class World(Pickled):
 
     Each geom is an object of the scene, of the same shape, named after the geom; one without a name is called after its
     body and its number in it: ``"wheel/0"``. Rays meet what `mj_ray` meets, with the exceptions that
-    `lidarsim.io.mjcf` lists. Geoms of alpha 0, flexes and skins are left out.
+    `lidarsim.io.scenes.mjcf` lists. Geoms of alpha 0, flexes and skins are left out.
 
     Parameters
     ----------
@@ -37,9 +40,13 @@ class World(Pickled):
     groups : collection of int
         Which groups of geoms the scene has, 0 to 5. Default: those that MuJoCo's viewers show. Robots often have their
         visible geoms in group 2, and others for collisions in group 3.
-    reflectivity : float, Material or "color"
-        Reflectivity or material of all geoms, or "color" for the luminance of the colour of each, as
-        `Material.from_colors` computes it.
+    rules : sequence of Rule
+        Labels, materials and instances of the geoms; of those rules that match a geom, the first decides. The path of a
+        geom has the names of the bodies from the top one on, and then its own or, without one, its number:
+        ``"robot/wheel/0"``.
+    reflectivity : float, Material or "color", optional
+        Reflectivity or material of the geoms for which no rule gives one; "color" for the luminance of the colour of
+        each, as `Material.from_colors` computes it. Default: a perfect diffuser.
     keyframe : int or str, optional
         Number or name of the keyframe that the scene shows until the first `update`. Default: the pose of the model
         itself (``qpos0``).
@@ -83,20 +90,24 @@ class World(Pickled):
 
     def __init__(
         self,
-        model: mujoco.MjModel | Path,
+        model: mujoco.MjModel | PathLike,
         *,
         groups: Collection[int] = mjcf.SHOWN,
-        reflectivity: float | Material | Literal["color"] = 1.0,
+        rules: Sequence[Rule] = (),
+        reflectivity: float | Material | Literal["color"] | None = None,
         keyframe: int | str | None = None,
     ) -> None:
         module = mjcf.mujoco_module()
-        if isinstance(model, str | PathLike):
+        if isinstance(model, str | os.PathLike):
             model = mjcf.load(model)
         elif not isinstance(model, module.MjModel):
             raise ArgumentTypeError("model", "a mujoco.MjModel or the path of a file", shown(model))
         data = mjcf.placed(model, keyframe)
         self.model = model
-        self.scene, objects = mjcf.build(model, data, groups=groups, reflectivity=reflectivity)
+        options = Options.checked(None, None, rules, reflectivity)
+        geoms, found = mjcf.objects(model, data, Path(), options, groups)
+        self.scene = scene_with(found)
+        objects = dict(zip(geoms, range(len(geoms)), strict=True))
         body = model.geom_bodyid
         self._bodies = {
             mjcf.body_name(model, int(body[geom])): self.scene[number].instance

@@ -23,6 +23,7 @@ from lidarsim.trajectory import Trajectory
 if TYPE_CHECKING:
     from lidarsim._files import PathLike
     from lidarsim._validation import Floats
+    from lidarsim.io.scenes import Imported
     from lidarsim.pointcloud import PointCloud
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
@@ -93,6 +94,8 @@ class Run:
         Numbers of the frames to scan.
     cloud : dict
         Arguments of `Scan.point_cloud`, which set the coordinates of the points.
+    imports : tuple
+        What each scene file brought in, for `lidarsim check`.
     """
 
     scene: Scene
@@ -101,6 +104,7 @@ class Run:
     seed: int
     frames: range
     cloud: CloudArguments
+    imports: tuple[Imported, ...] = ()
 
     @property
     def lidar(self) -> Lidar:

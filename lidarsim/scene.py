@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -26,11 +27,13 @@ from lidarsim._validation import (
     one_or_each,
     placement,
     rays,
+    shown,
     t_range,
 )
 from lidarsim._views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.materials import Material
+from lidarsim.rules import Options, Rule
 from lidarsim.shapes import Hits, Shape, TriangleMesh
 from lidarsim.trajectory import Trajectory
 
@@ -276,11 +279,11 @@ class Scene(Pickled, Plotted):
         ------
         TypeError
             If `shape` is not a shape, `name` not a string, `label` or `instance` not an integer, `motion` not a
-            trajectory, or `material` not a material; or if labels or reflectivities per face or vertex are given for a
-            shape that is not a mesh.
+            trajectory, or `material` not a material; or if labels or reflectivities per face or vertex, or a texture,
+            are given for a shape that is not a mesh.
         ValueError
-            If a label or the instance is out of range, the transform is singular, or the number of labels or
-            reflectivities does not match the faces or vertices of the mesh.
+            If a label or the instance is out of range, the transform is singular, or the number of labels,
+            reflectivities or texture coordinates does not match the faces or vertices of the mesh.
         """
         number = self._next
         if number > MOST:
@@ -375,37 +378,76 @@ class Scene(Pickled, Plotted):
         return [item.id for item in self if item.name == name]
 
     @classmethod
-    def from_file(cls, path: PathLike) -> Scene:
+    def from_file(
+        cls,
+        path: PathLike,
+        *,
+        up: Literal["y", "z"] | None = None,
+        unit: float | None = None,
+        rules: Sequence[Rule] = (),
+        reflectivity: float | Material | Literal["color"] | None = None,
+    ) -> Scene:
         """Read a scene from a file, whose kind is determined by its content.
+
+        Whatever the file's units and axes, the scene is in metres with z up: from y up, (x, y, z) becomes (x, −z, y).
 
         Parameters
         ----------
         path : path-like
-            A scene in YAML, as in configurations; a model of MuJoCo, MJCF or URDF, as `lidarsim.mujoco.World` shows it
-            at first; a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE; or a mesh file: OBJ, OFF, PLY or
-            STL. Units are taken as metres. Each instance of a mesh becomes an object named
-            after its node, and all instances share the mesh. In an OBJ file, each object (or group) of one material
-            becomes an object; in an STL file, each solid. Files that it refers to are read only if they are beside or
-            below it.
+            A scene file: glTF 2.0 (GLB or glTF), COLLADA (DAE) or 3MF; a mesh file: OBJ, OFF, PLY or STL; a model of
+            MuJoCo, MJCF or URDF, as `lidarsim.mujoco.World` shows it at first; another format that trimesh reads; or a
+            scene in YAML, as in configurations, which takes no options. Files that it refers to are read only if they
+            are beside or below it.
+        up : {"y", "z"}, optional
+            The axis of the file that points up. Default: as the file declares (glTF: y; DAE: its own), else z.
+        unit : float, optional
+            Unit of length of the file, m. Default: as the file declares (glTF: 1; 3MF and DAE: their own), else 1.
+        rules : sequence of Rule
+            What becomes of the parts of the file: of those rules that match a part, the first decides.
+        reflectivity : float, Material or "color", optional
+            Reflectivity or material of the parts for which no rule gives one; "color" for the luminance of the base
+            colours: factor × texture × vertex colours of glTF, ``Kd`` and ``map_Kd`` of OBJ, the diffuse colour of DAE.
+            Default: a perfect diffuser.
 
         Returns
         -------
         Scene
-            The objects in the order of the file.
+            The objects in the order of the file, each node before the nodes below it. An object has the name of its
+            node; parts of a node, which differ in material, are objects of the same name. Objects below the same top
+            node are one instance, unless a rule says otherwise. The nodes that place one mesh share it. In an OBJ file,
+            each object (or group) is a node; in an STL file, each solid.
 
         Raises
         ------
         ConfigError, FileFormatError
             If the file cannot be read as a scene.
+        MissingExtraError
+            If reading it takes a package that is not installed.
         OSError
             If the file cannot be opened.
+        TypeError, ValueError
+            If an option is invalid or does not apply to a file of this kind.
+
+        Notes
+        -----
+        Of glTF, skins are read in their rest pose, morph targets with the default weights. Points, lines, cameras and
+        lights are passed over. Whatever has triangles and is left out, such as a node scaled to nothing, is reported to
+        the logger ``lidarsim``.
         """
+        options = Options.checked(up, unit, rules, reflectivity)
         path = Path(path)
         check_regular(path)
-        read = _reader(path)
-        if read is None:
+        kind = _kind_of(path)
+        if kind is None:
             raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
-        return read(path)
+        _, read = _readers[kind]
+        given = {name: value for name, value in vars(options).items() if value is not None and value != ()}
+        known = [name for name in inspect.signature(read).parameters if name in vars(options)]
+        for name, value in given.items():
+            if name not in known:
+                expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
+                raise ArgumentTypeError(name, expected, shown(value))
+        return read(path, **given)
 
     @property
     def class_names(self) -> Mapping[int, str]:
@@ -656,22 +698,22 @@ class Scene(Pickled, Plotted):
         return scene
 
 
-_readers: dict[str, tuple[Callable[[Path, bytes], bool], Callable[[Path], Scene]]] = {}
+_readers: dict[str, tuple[Callable[[Path, bytes], bool], Callable[..., Scene]]] = {}
 
 
-def _reader(path: Path) -> Callable[[Path], Scene] | None:
-    """Return what reads a file, or None if it is not of a known kind."""
+def _kind_of(path: Path) -> str | None:
+    """Return the name of the kind of a file, or None if it is of none."""
     with path.open("rb") as file:
         head = file.read(HEAD)
-    return next((read for recognise, read in _readers.values() if recognise(path, head)), None)
+    return next((kind for kind, (recognise, _) in _readers.items() if recognise(path, head)), None)
 
 
 def is_scene_file(path: Path) -> bool:
     """Return whether `Scene.from_file` knows the kind of a file."""
-    return path.is_file() and _reader(path) is not None
+    return path.is_file() and _kind_of(path) is not None
 
 
-def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], read: Callable[[Path], Scene]) -> None:
+def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], read: Callable[..., Scene]) -> None:
     """Let `Scene.from_file` read one more kind of file.
 
     Parameters
@@ -681,7 +723,7 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
     recognise : callable
         ``recognise(path, head)`` returns whether a file is of this kind; `head` is its first 64 KiB.
     read : callable
-        ``read(path)`` returns the `Scene`.
+        ``read(path, **options)`` returns the `Scene`; its keyword arguments are the options of `from_file` that apply.
     """
     _readers[name] = recognise, read
 
@@ -715,11 +757,17 @@ def _kind(value: object) -> str:
 
 
 def _check_reflectivity(material: Material, shape: Shape) -> None:
-    """Raise an error if the reflectivities per face or vertex do not fit the shape."""
+    """Raise an error if the texture, or the reflectivities per face or vertex, do not fit the shape."""
     per = material.per
     if not isinstance(shape, TriangleMesh):
-        raise ArgumentTypeError("material", f"a TriangleMesh for a reflectivity per {per}", type(shape).__name__)
-    wanted = len(shape) if per == "face" else len(shape.vertices)
-    given = np.size(material.reflectivity)
-    if given != wanted:
-        raise ArgumentValueError("material", f"{wanted} reflectivities, one per {per}", given)
+        wanted = "texture" if per == "texture" else f"reflectivity per {per}"
+        raise ArgumentTypeError("material", f"a TriangleMesh for a {wanted}", type(shape).__name__)
+    counts = {"face": len(shape), "vertex": len(shape.vertices)}
+    if material.texture_coordinates is not None:
+        given, per = material.texture_coordinates, "vertex" if material.texture_coordinates.ndim == 2 else "face"
+        expected = f"texture coordinates of {counts[per]} {'vertices' if per == 'vertex' else 'faces'}"
+    else:
+        given = np.asarray(material.reflectivity)
+        expected = f"{counts[per]} reflectivities, one per {per}"
+    if len(given) != counts[per]:
+        raise ArgumentValueError("material", expected, len(given))

@@ -289,7 +289,9 @@ def test_rust_imports_run_one_way() -> None:
     core, python = RustSources(NATIVE / "core" / "src"), RustSources(NATIVE / "python" / "src")
     assert len(core.imports()) > 100
     assert rust_faults(core, LAYERS) == []
-    assert rust_faults(python, ["plain", "affine", "path", "shape", "object", "scene", "scan", "cloud"]) == []
+    assert (
+        rust_faults(python, ["plain", "affine", "path", "shape", "texture", "object", "scene", "scan", "cloud"]) == []
+    )
     assert not any({"pyo3", "numpy"} & set(tokens) for tokens in core.sources.values())
 
 

@@ -89,7 +89,7 @@ def test_colours_become_luminance() -> None:
         ({"specular": math.inf}, ValueError, "specular: expected a finite number >= 0, got inf"),
         ({"specular_width": 0.0}, ValueError, "specular_width: expected a finite number > 0, got 0.0"),
         ({"specular_width": math.nan}, ValueError, "specular_width: expected a finite number > 0, got nan"),
-        ({"per": "side"}, ValueError, "per: expected 'object', 'face' or 'vertex', got 'side'"),
+        ({"per": "side"}, ValueError, "per: expected 'object', 'face', 'vertex' or 'texture', got 'side'"),
     ],
 )
 def test_materials_that_cannot_be_are_refused(parameters: dict[str, Any], error: type[Exception], message: str) -> None:
@@ -117,7 +117,7 @@ BRIGHTER_THAN_WHITE = {"ROAD_PAINT", "SIGN_SHEETING"}
 def test_each_material_of_the_library_has_a_source() -> None:
     assert len(LIBRARY) > 30
     assert list(LIBRARY) == list(materials.SOURCES)
-    assert sorted([*LIBRARY, "Material", "SOURCES", "named"]) == sorted(materials.__all__)
+    assert sorted([*LIBRARY, "Material", "SOURCES", "Texture", "named"]) == sorted(materials.__all__)
     for name, source in materials.SOURCES.items():
         assert re.search(r"\b20[0-2]\d\b", source), f"{name} has no year"
         assert re.search(r"https?://\w", source), f"{name} has no address"

@@ -127,9 +127,39 @@ def test_reflectivity() -> None:
     assert {item.material.reflectivity for item in ls.mujoco.World(model, reflectivity=0.3).scene} == {0.3}
     asphalt = ls.materials.ASPHALT
     assert {item.material for item in ls.mujoco.World(model, reflectivity=asphalt).scene} == {asphalt}
-    for wrong in ("colour", -1.0, ls.Material(reflectivity=[0.5], per="face")):
+    for wrong in ("colour", -1.0):
         with pytest.raises(ArgumentValueError, match="reflectivity"):
             ls.mujoco.World(model, reflectivity=wrong)  # type: ignore[arg-type]
+
+
+def test_rules() -> None:
+    model, data = every_geom()
+    rules = [
+        ls.Rule(node="arm/*", label=5, instance=77),
+        ls.Rule(node="drum/lid", name="top", label=6, reflectivity=0.5, instance="node"),
+        ls.Rule(node="r*", label=7, instance="parent"),
+        ls.Rule(node="crate/0", skip=True),
+    ]
+    world = ls.mujoco.World(model, rules=rules)
+    assert {item.name: item.label for item in world.scene} == {
+        **dict.fromkeys(("floor", "hill", "ghost", "drum"), 0),
+        "ramp": 7,
+        "rock": 7,
+        "top": 6,
+        "arm": 5,
+        "hand": 5,
+    }
+    instance = {item.name: item.instance for item in world.scene}
+    assert instance["arm"] == instance["hand"] == 77
+    assert instance["ramp"] == instance["rock"]
+    assert len(set(instance.values())) == 7
+    assert world.scene[world.scene.find("top")[0]].material.reflectivity == 0.5
+    moved(model, data, 3)
+    world.update(data)
+    geoms = np.array([k for k in range(model.ngeom) if k != model.geom(4).id])
+    assert [item.name for item in world.scene] == [model.geom(k).name.replace("lid", "top") for k in geoms]
+    place = world.scene[world.scene.find("top")[0]].transform
+    np.testing.assert_array_equal(place[:3, 3], data.geom("lid").xpos)  # type: ignore[index]
 
 
 def test_models_from_files(tmp_path: Path) -> None:

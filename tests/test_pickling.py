@@ -65,6 +65,8 @@ def everything() -> dict[str, Any]:
     return {
         **{f"{type(shape).__name__} {i}": shape for i, shape in enumerate(shapes())},
         "Material": ls.Material(reflectivity=[0.1, 0.2], per="face"),
+        "Material, textured": ls.Material(reflectivity=ls.Texture([[0.1, 0.2]]), texture_coordinates=np.eye(2)),
+        "Texture": ls.Texture([[0.1, 0.2], [0.3, 0.4]], wrap=("clamp", "mirror")),
         "Beam": ls.Beam(1e-3),
         "Detection": ls.Detection(0.1, 100.0),
         "Measurement": lidar.measurement,

@@ -410,6 +410,10 @@ class Place:
         loaded: T = self._loaded[path, read]
         return loaded
 
+    def loaded(self, kind: type[T]) -> tuple[T, ...]:
+        """Return the objects of a type that `load` has read so far, each once."""
+        return tuple(item for item in self._loaded.values() if isinstance(item, kind))
+
 
 def folder_of(mark: yaml.Mark) -> Path:
     """Return the base folder of relative paths that are written at `mark`."""

@@ -25,6 +25,7 @@ from lidarsim.config.schema import (
     labelled,
 )
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.io.scenes import Imported
 from lidarsim.rig import Rig
 from lidarsim.run import Run
 from lidarsim.scene import Scene
@@ -72,13 +73,15 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
     config, place = checked(Config, root), Place(root, (), {} if loaded is None else loaded)
     if config.first_frame + config.frames > 2**32:
         raise (place / "frames").error(f"expected at most 4294967296 with first_frame, got {config.frames}")
+    scene = _scene(config, place)
     return Run(
-        scene=_scene(config, place),
+        scene=scene,
         sensor=_sensor_or_rig(config, place),
         pose=build_pose(config.pose, place / "pose"),
         seed=config.seed,
         frames=range(config.first_frame, config.first_frame + config.frames),
         cloud=config.cloud.build(place / "cloud"),
+        imports=place.loaded(Imported),
     )
 
 

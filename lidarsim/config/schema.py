@@ -14,7 +14,6 @@ import re
 from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from operator import or_
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -26,10 +25,11 @@ from scipy.spatial.transform import Rotation
 from lidarsim import _validation, patterns, shapes
 from lidarsim._files import check_names, load_array, name_problem
 from lidarsim._validation import pose as rigid
-from lidarsim.io import mesh_scene, mjcf
+from lidarsim.io import scenes
 from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
 from lidarsim.rig import Rig
+from lidarsim.rules import Options, Rule
 from lidarsim.run import CloudArguments
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
@@ -206,6 +206,10 @@ def _is_list(value: object) -> bool:
     return isinstance(value, list)
 
 
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
 def _has_file(value: object) -> bool:
     return isinstance(value, dict) and "file" in value
 
@@ -224,6 +228,9 @@ if TYPE_CHECKING:
     Numbers = float | list[float]
     Vectors = Vector | list[Vector]
     Scale = float | list[float]
+    Grouping = str | int | None
+    FloatOrText = float | str
+    NumbersOrColor = float | list[float] | str
     SigmaTable = float | list[Pair]
     Returns = str | int
 else:
@@ -231,7 +238,10 @@ else:
     Vectors = either(Vector, list[Vector], _is_table)
     Scale = either(Finite, Annotated[list[Finite], Field(min_length=3, max_length=3)], _is_list)
     SigmaTable = either(float, list[Pair], _is_list)
-    Returns = either(int, str, lambda value: isinstance(value, str))
+    Returns = either(int, str, _is_text)
+    Grouping = either(int, Literal["node", "parent", "file"], _is_text) | None
+    NumbersOrColor = either(Numbers, Literal["color"], _is_text)
+    FloatOrText = either(float, str, _is_text)
 
 _KINDS: dict[Any, Any] = {
     bool: bool,
@@ -376,12 +386,12 @@ class Object(Part, Placement):
             self._add(self.build(place), scene, place, transform=pose @ sized, motion=None)
 
     def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
-        material = self._material(place)
+        material = more.pop("material", None) or self._material(place)
         transform, motion = self._placed(place)
         if inner is not None:
             transform = inner if transform is None else transform @ inner
-        more = {"transform": transform, "motion": motion, **more}
-        construct(scene.add, self, ["name", "label"], place, shape=shape, material=material, **more)
+        more = {"transform": transform, "motion": motion, "shape": shape, "material": material, **more}
+        construct(scene.add, self, ["name", "label"], place, **more)
 
     def _material(self, place: Place) -> Material:
         """Return the material, whose own keys override those of the library's."""
@@ -458,24 +468,58 @@ class Heightfield(Object):
         return construct(shapes.TriangleMesh.from_heightfield, self, ["spacing_m", "origin_m"], place, z=heights)
 
 
+class SceneRule(Part):
+    """A rule for the parts of a scene file."""
+
+    constructor = Rule
+
+    node: str = "*"
+    material: str = "*"
+    label: int | None = None
+    reflectivity: FloatOrText | None = None
+    instance: Grouping = None
+    name: str | None = None
+    skip: bool = False
+
+    def build(self, place: Place) -> Rule:
+        """Return the rule."""
+        keys = set(type(self).model_fields)
+        if not isinstance(self.reflectivity, str) or self.reflectivity == "color":
+            return construct(Rule, self, keys, place)
+        with place.refusals({"name": ("reflectivity", "")}):
+            material = named(self.reflectivity)
+        return construct(Rule, self, keys - {"reflectivity"}, place, reflectivity=material)
+
+
 class SceneFile(Object):
-    """All objects of a scene file such as GLB or MJCF. The file determines which way is up."""
+    """The objects of a scene file such as GLB."""
 
     constructor = shapes.TriangleMesh
 
     shape: Literal["scene_file"]
     file: str
+    up: Literal["y", "z"] | None = None
+    unit_m: float | None = None
+    rules: list[SceneRule] = []
+    reflectivity: NumbersOrColor = 1.0  # type: ignore[assignment]
 
     def add_to(self, scene: Scene, place: Place) -> None:
-        """Add one object per instance to `scene`, named after its node; instances of a mesh share it."""
-        first = len(scene)
-        for item in (place / "file").load(self.file, _read_scene):
-            name = f"{self.name}/{item.name}".lstrip("/")
-            self._add(item.shape, scene, place, inner=item.transform, name=name, instance=first + item.instance)
+        """Add the objects to `scene`, named after their nodes; what a rule says of them replaces what is said here."""
+        for item, instance in self.load(place).instances(len(scene)):
+            more: dict[str, Any] = {"name": f"{self.name}/{item.name}".lstrip("/"), "instance": instance}
+            if item.label is not None:
+                more["label"] = item.label
+            self._add(item.shape, scene, place, inner=item.transform, material=item.material, **more)
 
-
-def _read_scene(path: Path) -> Scene:
-    return mjcf.read(path) if mjcf.recognise(path) else mesh_scene.read(path)
+    def load(self, place: Place) -> scenes.Imported:
+        """Return what the file holds."""
+        others = [key for key in ("material", "roughness_deg", "specular") if key in self.model_fields_set]
+        if self.reflectivity == "color" and others:
+            raise (place / "reflectivity").error(f"expected a number beside {others[0]}, got color")
+        rules = [rule.build(place / "rules" / index) for index, rule in enumerate(self.rules)]
+        with place.refusals({"unit": ("unit_m", "")}):
+            options = Options.checked(self.up, self.unit_m, rules, "color" if self.reflectivity == "color" else None)
+        return (place / "file").load(self.file, scenes.Load(options))
 
 
 def _public(package: ModuleType) -> list[type]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +16,7 @@ import yaml
 from lidarsim._files import beside
 from lidarsim.config.document import Node, entries, folder_of, read
 from lidarsim.errors import ConfigError, FileFormatError
+from lidarsim.io.scenes.mesh_files import image_name
 
 __all__ = ["hashes", "located", "paths"]
 
@@ -87,7 +89,8 @@ def _from(folder: str, path: Path) -> str:
 def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
     """Return the SHA-256 of each file that documents name, by its path from `folder`.
 
-    Files that these name in turn are included: those in YAML, the buffers and images of glTF, the materials of OBJ.
+    Files that these name in turn are included: those in YAML, the buffers and images of glTF, the materials of OBJ and
+    their images, and the images of COLLADA.
     """
     found: dict[str, str] = {}
     documents = list(nodes)
@@ -117,6 +120,11 @@ def _named_in(path: Path) -> list[Path]:
         elif suffix == ".obj":
             lines = (line.split(None, 1) for line in file if line.lstrip().startswith(b"mtllib"))
             names = [words[1].decode().strip() for words in lines if len(words) == 2]
+        elif suffix == ".mtl":
+            lines = (line.split(None, 1) for line in file if line.lstrip().startswith(b"map_Kd"))
+            names = [image_name(words[1].decode()) for words in lines if len(words) == 2]
+        elif suffix == ".dae":
+            names = [name.decode().strip() for name in re.findall(rb"<(?:init_from|ref)>([^<]+)<", file.read())]
     folder = path.parent.resolve()
     files = []
     for name in names:
@@ -124,7 +132,7 @@ def _named_in(path: Path) -> list[Path]:
             file_there = beside(path, name)
             inside = file_there.is_relative_to(folder)
             files.append(path.parent / file_there.relative_to(folder) if inside else file_there)
-    return files
+    return files + [image for file in files if file.suffix.lower() == ".mtl" for image in _named_in(file)]
 
 
 def _gltf(file: BinaryIO, *, binary: bool) -> Any:

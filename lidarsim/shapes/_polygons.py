@@ -42,17 +42,8 @@ def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[In
     ValueError
         If a vertex is not finite, or a face names one that is not there.
     """
+    check_faces(vertices, corners, sizes)
     starts = np.cumsum(sizes) - sizes
-    finite = np.isfinite(vertices)
-    if not finite.all():
-        i, j = np.argwhere(~finite)[0]
-        raise ArgumentValueError("vertices", "finite numbers", f"vertices[{i}][{j}] = {vertices[i, j]}")
-    wrong = (corners < 0) | (corners >= len(vertices))
-    if wrong.any():
-        k = int(np.argmax(wrong))
-        i = int(np.searchsorted(starts, k, side="right")) - 1
-        last = len(vertices) - 1
-        raise ArgumentValueError("faces", f"indices from 0 to {last}", f"faces[{i}][{k - starts[i]}] = {corners[k]}")
     of = np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))
     faces = np.empty((len(of), 3), np.int64)
     places = np.cumsum(np.maximum(sizes - 2, 0)) - np.maximum(sizes - 2, 0)  # of the first triangle of each face
@@ -66,6 +57,21 @@ def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[In
                 cut[i] = outlines[i][_clipped(vertices[outlines[i]])]
         faces[places[which, None] + step] = cut
     return faces, of
+
+
+def check_faces(vertices: Floats, corners: Indices, sizes: Indices) -> None:
+    """Raise `ValueError` if a vertex is not finite, or a face names one that is not there; see `triangulated`."""
+    finite = np.isfinite(vertices)
+    if not finite.all():
+        i, j = np.argwhere(~finite)[0]
+        raise ArgumentValueError("vertices", "finite numbers", f"vertices[{i}][{j}] = {vertices[i, j]}")
+    wrong = (corners < 0) | (corners >= len(vertices))
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        starts = np.cumsum(sizes) - sizes
+        i = int(np.searchsorted(starts, k, side="right")) - 1
+        last = len(vertices) - 1
+        raise ArgumentValueError("faces", f"indices from 0 to {last}", f"faces[{i}][{k - starts[i]}] = {corners[k]}")
 
 
 def of_strips(corners: Indices, sizes: Indices) -> tuple[Indices, Indices]:
@@ -119,6 +125,31 @@ def _clipped(points: Floats) -> Indices:
     if len(ears) != n - 2:  # of an outline that crosses itself
         ears = np.stack([np.zeros(n - 2, np.int64), np.arange(1, n - 1), np.arange(2, n)], axis=1)
     return ears
+
+
+def with_holes(points: Floats, ends: Indices) -> Indices:
+    """Cut a plane outline with holes into triangles that turn as the outline does, shape (t, 3).
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, 3)
+        Corners of the outline, then those of each hole.
+    ends : ndarray of int64, shape (m,)
+        Where the outline and each hole end among the corners.
+    """
+    import mapbox_earcut
+
+    normal = _normals(points[None, : ends[0]])[0][0]
+    drop = int(np.argmax(np.abs(normal)))
+    axes = [(drop + 1) % 3, (drop + 2) % 3]
+    if normal[drop] < 0:
+        axes.reverse()
+    flat = np.ascontiguousarray((points - points[0])[:, axes])
+    triangles = mapbox_earcut.triangulate_float64(flat, ends.astype(np.uint32)).reshape(-1, 3).astype(np.int64)
+    first, second = (flat[triangles[:, k]] - flat[triangles[:, 0]] for k in (1, 2))
+    backwards = first[:, 0] * second[:, 1] < first[:, 1] * second[:, 0]
+    triangles[backwards] = triangles[backwards][:, ::-1]
+    return triangles
 
 
 def _slivers(ears: Indices, n: int) -> Indices:

@@ -93,15 +93,16 @@ class TriangleMesh(Shape):
 
     @classmethod
     def from_file(cls, path: str | PathLike[str], *, transform: Transform | None = None) -> Self:
-        """Read a mesh file: PLY, STL, OBJ and OFF, and GLB and what else trimesh reads.
+        """Read a file as one mesh: PLY, STL, OBJ or OFF, or a scene file such as GLB.
 
         Faces of more than three corners are cut into triangles, be they convex or not.
 
         Parameters
         ----------
         path : str or path-like
-            The file; its units are taken as metres. A file of several meshes is read as one. Of the files that it
-            names, only those beside or below it are read.
+            A mesh file, whose numbers are taken as they are, in metres; or a scene file as in `Scene.from_file` (glTF,
+            COLLADA, 3MF), of which all objects are read as one mesh, in metres with z up whatever its units and axes.
+            Of the files that it names, only those beside or below it are read.
         transform : array_like, shape (4, 4), or RigidTransform, optional
             Affine map applied to the mesh.
 

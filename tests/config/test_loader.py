@@ -124,7 +124,7 @@ SHAPES = {
         "{file: heights.npy, spacing_m: [1, 2], origin_m: [-1, -2]}",
         ls.TriangleMesh.from_heightfield([[2, 2, 2], [3, 3, 3], [2, 2, 2]], (1, 2), (-1, -2)),
     ),
-    "scene_file": ("{file: scene.glb}", None),
+    "scene_file": ("{file: scene.glb, up: z}", None),
 }
 
 
@@ -176,7 +176,8 @@ def test_instances_of_a_scene_file_share_their_mesh() -> None:
     run = load(
         "sensor: {preset: velodyne-vlp16}\n"
         "scene:\n"
-        "  - {shape: scene_file, file: scene.glb, name: hall, label: 7, position_m: [1, 0, 0], rotation_deg: {yaw: 90}}"
+        "  - {shape: scene_file, file: scene.glb, up: z, name: hall, label: 7, position_m: [1, 0, 0],"
+        "     rotation_deg: {yaw: 90}}"
     )
     objects = {item.name: item for item in run.scene.objects}
     assert objects.keys() == {"hall/one", "hall/two"}

@@ -13,12 +13,16 @@ import sys
 import tempfile
 import time
 import warnings
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 
+import DracoPy
 import numpy as np
+import PIL.Image
 import plyfile
 import pypcd4
 import trimesh
@@ -27,16 +31,20 @@ from rosbags.rosbag2 import Reader as BagReader
 from rosbags.rosbag2 import Writer as BagWriter
 from scipy.spatial.transform import Rotation
 
-from lidarsim import Lidar, PointCloud, Scene, Trajectory, TriangleMesh, config, io, pointcloud
+from lidarsim import Lidar, PointCloud, Rule, Scene, Trajectory, TriangleMesh, config, io, pointcloud
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import rosbag
 from lidarsim.io.semantickitti import read_labels
 from lidarsim.patterns import Table
 
+sys.path.append(str(Path(__file__).parents[2]))
+from tests.io.scenes.gltf_files import Gltf
+from tests.io.scenes.test_formats import BOUND, COLORED, collada, threemf
+
 ROOM = 1 << 30
 LONGEST = 2000  # characters of an error, path and place included
 ROOT = Path(__file__).parents[2]
-BESIDE = ("scene_file.yaml", "heightfield.yaml", "Angle_Correction", "Firetime_Correction")
+BESIDE = ("scene_file.yaml", "damaged.3mf", "heightfield.yaml", "Angle_Correction", "Firetime_Correction")
 """Files that are read with a damaged one, and may be blamed."""
 NUMBERS = (0, 1, 2, 255, 65_535, 2**31 - 1, 2**31, 2**32 - 1, 10**12, 2**63 - 1, 2**64 - 1)
 
@@ -167,6 +175,7 @@ def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
         path = folder / f"mesh_text{suffix}"
         mesh.export(path, **options)
         yield f"mesh text {suffix}", path, TriangleMesh.from_file
+    yield from scenes(folder)
     for path in (folder / "configs" / "scenes" / "warehouse.xml", folder / "robot.urdf"):
         if path.suffix == ".urdf":
             path.write_text(URDF)
@@ -178,6 +187,81 @@ def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
             f"sensor: {{preset: velodyne-vlp16}}\nscene: [{{shape: {shape}, file: damaged{file[-4:]}{more}}}]\n"
         )
         yield shape, folder / file, partial(load_scene, scene)
+
+
+def scenes(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
+    """The same of scene files that have all that a reader reads."""
+    for suffix in (".gltf", ".glb"):
+        path = all_of_gltf().save(folder / f"scene{suffix}", uri="scene.bin" if suffix == ".gltf" else None)
+        (folder / "scene.bin").write_bytes(all_of_gltf().data)
+        yield f"scene {suffix}", path, load_colored
+    compressed = Gltf()
+    content = DracoPy.encode(np.random.default_rng(1).normal(size=(30, 3)), np.arange(30).reshape(10, 3))
+    extension = {"bufferView": compressed.view(content), "attributes": {"POSITION": 0}}
+    position = compressed.put("accessors", {"componentType": 5126, "count": 30, "type": "VEC3"})
+    primitive = {"attributes": {"POSITION": position}, "extensions": {"KHR_draco_mesh_compression": extension}}
+    compressed.node(mesh=compressed.mesh(primitive))
+    yield "scene draco.glb", compressed.save(folder / "draco.glb"), load_colored
+    path = folder / "scene.dae"
+    path.write_text(collada(BOUND, more=COLORED.format("<color>0.5 0.25 1 1</color>")), encoding="utf-8")
+    yield "scene .dae", path, load_colored
+    (folder / "3mf").mkdir()
+    archive = threemf(folder / "3mf")
+    yield "scene .3mf", archive, load_colored
+    with zipfile.ZipFile(archive) as file:
+        (folder / "3dmodel.model").write_bytes(file.read("3D/3dmodel.model"))
+        relations = file.read("_rels/.rels")
+    yield "scene model of .3mf", folder / "3dmodel.model", partial(load_model, relations)
+    path = folder / "scene.obj"
+    path.write_text(
+        "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 1\no a\nusemtl m\nf 1/1 2/2 -1/-1\n", encoding="utf-8"
+    )
+    (folder / "a.mtl").write_text("newmtl m\nKd 0.5 0 0\nmap_Kd a.png\n", encoding="utf-8")
+    PIL.Image.new("RGB", (4, 4), "red").save(folder / "a.png")
+    yield "scene .obj", path, load_colored
+
+
+def all_of_gltf() -> Gltf:
+    """A document with all that is read of glTF but Draco."""
+    rng = np.random.default_rng(2)
+    file = Gltf(materials=[{"name": "m", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}])
+    image = BytesIO()
+    PIL.Image.new("RGB", (4, 4), "red").save(image, "PNG")
+    file.put("images", {"bufferView": file.view(image.getvalue()), "mimeType": "image/png"})
+    file.put("textures", {"source": 0, "sampler": 0})
+    file.put("samplers", {"wrapS": 33648, "wrapT": 33071})
+    colored = {"TEXCOORD_0": file.numbers(rng.random((3, 2))), "COLOR_0": file.numbers(rng.random((3, 3)))}
+    joints = {"JOINTS_0": file.numbers(np.ones((3, 4)), "u1"), "WEIGHTS_0": file.numbers(np.full((3, 4), 0.25))}
+    moves = [{"POSITION": file.numbers(rng.normal(size=(3, 3)))}]
+    plain = file.mesh(file.primitive(attributes=colored, material=0), file.primitive(mode=5))
+    skinned = file.mesh(file.primitive(attributes=joints, targets=moves), weights=[0.5])
+    sparse = {
+        "count": 1,
+        "indices": {"bufferView": file.view(b"\1"), "componentType": 5121},
+        "values": {"bufferView": file.view(bytes(12))},
+    }
+    file.tree["accessors"][file.tree["meshes"][plain]["primitives"][1]["attributes"]["POSITION"]]["sparse"] = sparse
+    copies = {"attributes": {"TRANSLATION": file.numbers(rng.normal(size=(2, 3)))}}
+    file.put("skins", {"joints": [2, 3], "inverseBindMatrices": file.numbers(np.tile(np.eye(4).ravel(), (2, 1)))})
+    file.node(name="a", mesh=plain, extensions={"EXT_mesh_gpu_instancing": copies}, children=[2])
+    file.node(name="b", mesh=skinned, skin=0)
+    file.node(top=False, scale=[1, 2, 3], children=[3])
+    file.node(top=False, matrix=np.eye(4).ravel().tolist(), mesh=plain)
+    return file
+
+
+def load_colored(path: Path) -> Scene:
+    if path.name == "damaged.gltf":
+        path.with_name("scene.bin").write_bytes(all_of_gltf().data)
+    return Scene.from_file(path, reflectivity="color", rules=[Rule(node="a*", label=1), Rule(material="m", instance=2)])
+
+
+def load_model(relations: bytes, path: Path) -> Scene:
+    archive = path.with_name("damaged.3mf")
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("_rels/.rels", relations)
+        file.writestr("3D/3dmodel.model", path.read_bytes())
+    return load_colored(archive)
 
 
 def with_firing_times(angles: Path, path: Path) -> Lidar:

@@ -460,7 +460,7 @@ def test_files_beside_and_below_are_read(outside: Path, uri: str) -> None:
     path = outside / "a.gltf"
     path.write_text(gltf(uri, image="nowhere.png"), encoding="utf-8")
     corners = [[5, 0, 0], [5, 1, 0], [5, 0, 1]]
-    assert ls.TriangleMesh.from_file(path).vertices.tolist() == corners
+    assert ls.TriangleMesh.from_file(path).vertices.tolist() == [[x, -z, y] for x, y, z in corners]
     assert ls.Scene.from_file(path)[0].shape.vertices.tolist() == corners  # type: ignore[attr-defined]
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,11 +19,35 @@ from lidarsim.io.meshes._lines import Indices, Lines, floats, joined, lines_of
 from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 
+class Contents(NamedTuple):
+    """What a file holds, with the lines of its faces."""
+
+    mesh: MeshFile
+    materials: list[str]
+    """Name of the material of each part."""
+    faces: Lines
+    vertices: Lines
+    """Coordinates, which a colour may follow."""
+    places: Lines
+    """Texture coordinates."""
+    places_before: list[int]
+    """Texture coordinates above each face."""
+    libraries: list[str]
+    """Files with materials."""
+
+
 def read(path: Path) -> MeshFile:
     """Read a file."""
+    return contents(path).mesh
+
+
+def contents(path: Path) -> Contents:
+    """Return what a file holds."""
     lines = lines_of(path.read_bytes())
-    vertices, faces = Lines(), Lines()
+    vertices, faces, places = Lines(), Lines(), Lines()
+    libraries: list[str] = []
     before: list[int] = []  # vertices read before each face
+    places_before: list[int] = []
     now = {"o": "", "g": "", "usemtl": ""}
     states: dict[tuple[str, ...], int] = {}
     state_of: list[int] = []
@@ -34,23 +59,29 @@ def read(path: Path) -> MeshFile:
         elif word in {"f", "fo"}:
             faces.append(number, rest)
             before.append(len(vertices))
+            places_before.append(len(places))
             if state < 0:
                 state = states.setdefault(tuple(now.values()), len(states))
             state_of.append(state)
+        elif word == "vt":
+            places.append(number, rest)
         elif word in now:
             now[word] = " ".join(rest.split())
             state = -1
+        elif word == "mtllib":
+            libraries.append(rest.strip())
     corners, sizes = _corners(faces, len(vertices), np.array(before, np.int64))
     objects = any(o for o, _, _ in states)
     keys = [(o if objects else g, material) for o, g, material in states]
     parts = {key: part for part, key in enumerate(dict.fromkeys(keys))}
-    return MeshFile(
+    mesh = MeshFile(
         floats(vertices, 3, more=True),
         corners,
         sizes,
         names=[name or material for name, material in parts],
         parts=np.array([parts[key] for key in keys], np.int64)[state_of],
     )
+    return Contents(mesh, [material for _, material in parts], faces, vertices, places, places_before, libraries)
 
 
 def _corners(faces: Lines, vertices: int, before: Indices) -> tuple[Indices, Indices]:

@@ -138,8 +138,8 @@ def test_bad_files(content: str, message: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e999"])
 def test_vertices_are_finite(number: str, tmp_path: Path) -> None:
-    message = f"a.obj: vertices: expected finite numbers, got vertices[3][1] = {float(number)}"
-    for load in (ls.TriangleMesh.from_file, ls.Scene.from_file):
+    message = f"vertices: expected finite numbers, got vertices[3][1] = {float(number)}"
+    for load, start in ((ls.TriangleMesh.from_file, ""), (ls.Scene.from_file, "cannot be read as a scene: ")):
         (tmp_path / "a.obj").write_text(f"{TRIANGLE}v 0 {number} 0\n", encoding="utf-8")
-        with pytest.raises(FileFormatError, match=f"{re.escape(message)}$"):
+        with pytest.raises(FileFormatError, match=f"{re.escape(f'a.obj: {start}{message}')}$"):
             load(tmp_path / "a.obj")

@@ -8,6 +8,7 @@ mod plain;
 mod scan;
 mod scene;
 mod shape;
+mod texture;
 
 use std::any::Any;
 use std::env;
@@ -16,16 +17,19 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use lidarsim_core::memory::OutOfMemory;
 use lidarsim_core::stop::{self, Stopped};
 use lidarsim_core::{Kernels, Level, Point, with_room};
-use numpy::ndarray::Dimension;
-use numpy::{Element, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::ndarray::{ArrayView, Dimension};
+use numpy::{Element, PyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::PyClass;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::pyclass::boolean_struct::True;
 
 pub use affine::PyAffine;
 pub use object::PySceneObject;
 pub use path::PyPath;
 pub use scene::PyScene;
 pub use shape::PyShape;
+pub use texture::{PyTexture, PyTextureMap};
 
 pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 
@@ -36,6 +40,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PySceneObject>()?;
     m.add_class::<PyScene>()?;
     m.add_class::<PyPath>()?;
+    m.add_class::<PyTexture>()?;
+    m.add_class::<PyTextureMap>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
     m.add_function(wrap_pyfunction!(scan::scan_columns, m)?)?;
@@ -150,6 +156,20 @@ pub fn elements<'a, T: Element, D: Dimension>(
 ) -> PyResult<&'a [T]> {
     let wrong = |_| PyValueError::new_err(format!("{name}: expected an aligned, C-contiguous array"));
     array.as_slice().map_err(wrong)
+}
+
+/// A read-only array over values of an object, which it keeps alive.
+pub fn view<'py, C, T: Element, D: Dimension>(
+    owner: &Bound<'py, C>,
+    values: ArrayView<'_, T, D>,
+) -> Bound<'py, PyArray<T, D>>
+where
+    C: PyClass<Frozen = True>,
+{
+    // SAFETY: the values belong to the owner, which is frozen, and the array holds a reference to it.
+    let array = unsafe { PyArray::borrow_from_array(&values, owner.clone().into_any()) };
+    array.readwrite().make_nonwriteable();
+    array
 }
 
 /// The rows of such an array, of shape (n, 3).

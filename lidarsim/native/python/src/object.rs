@@ -10,7 +10,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use crate::{PyAffine, PyPath, PyShape, detached, elements, shape};
+use crate::{PyAffine, PyPath, PyShape, PyTextureMap, detached, elements, shape};
 
 /// An object in two forms: as given and validated in Python, and in the core.
 #[pyclass(frozen, subclass, name = "SceneObject", module = "lidarsim._native")]
@@ -113,6 +113,25 @@ impl PySceneObject {
     }
 }
 
+fn reflectivity(material: &Bound<'_, PyAny>) -> PyResult<Reflectivity> {
+    let py = material.py();
+    let Ok(numbers) = material.getattr(intern!(py, "_reflectivity"))?.extract() else {
+        let map: Bound<'_, PyTextureMap> = material.getattr(intern!(py, "_texture_map"))?.cast_into()?;
+        return Ok(Reflectivity::Texture(map.get().map.clone()));
+    };
+    let values = match numbers {
+        ReflectivityParameter::Object(value) => return Ok(Reflectivity::Object(value)),
+        ReflectivityParameter::Each(values) => values,
+    };
+    let values = elements("reflectivity", &values)?;
+    let values = detached(py, || memory::copy(values))?;
+    match material.getattr(intern!(py, "_per"))?.extract()? {
+        "face" => Ok(Reflectivity::Face(values)),
+        "vertex" => Ok(Reflectivity::Vertex(values)),
+        _ => Err(PyValueError::new_err("reflectivity: expected one of an object")),
+    }
+}
+
 /// The properties of an object that a lidar measures.
 fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAny>) -> PyResult<Appearance> {
     let py = material.py();
@@ -123,18 +142,7 @@ fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAn
             Labels::Face(detached(py, || memory::copy(labels))?)
         }
     };
-    let reflectivity = match material.getattr(intern!(py, "_reflectivity"))?.extract()? {
-        ReflectivityParameter::Object(value) => Reflectivity::Object(value),
-        ReflectivityParameter::Each(values) => {
-            let values = elements("reflectivity", &values)?;
-            let values = detached(py, || memory::copy(values))?;
-            match material.getattr(intern!(py, "_per"))?.extract()? {
-                "face" => Reflectivity::Face(values),
-                "vertex" => Reflectivity::Vertex(values),
-                _ => return Err(PyValueError::new_err("reflectivity: expected one of an object")),
-            }
-        }
-    };
+    let reflectivity = reflectivity(material)?;
     let number = |name: &Bound<'_, PyString>| material.getattr(name)?.extract::<f64>();
     let backscatter = Backscatter::new(
         number(intern!(py, "_roughness"))?,

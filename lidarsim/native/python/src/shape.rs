@@ -6,12 +6,12 @@ use std::sync::Arc;
 use lidarsim_core::shapes::{self, AnySurface, Form};
 use lidarsim_core::{Geometry, Object, Scene, TriangleMesh, memory};
 use numpy::ndarray::aview2;
-use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::{Points, PyAffine, argument_error, detached, elements, plain, points, rays};
+use crate::{Points, PyAffine, argument_error, detached, elements, plain, points, rays, view};
 
 /// A shape, placed by the maps applied to it.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
@@ -109,12 +109,12 @@ impl PyShape {
 
     /// The vertices of a mesh, (n, 3): a read-only view.
     fn vertices<'py>(shape: &Bound<'py, Self>) -> Bound<'py, PyArray2<f64>> {
-        view(shape, shape.get().mesh().map_or(&[][..], TriangleMesh::vertices))
+        view(shape, aview2(shape.get().mesh().map_or(&[][..], TriangleMesh::vertices)))
     }
 
     /// The faces of a mesh, (m, 3): a read-only view.
     fn faces<'py>(shape: &Bound<'py, Self>) -> Bound<'py, PyArray2<u32>> {
-        view(shape, shape.get().mesh().map_or(&[][..], TriangleMesh::faces))
+        view(shape, aview2(shape.get().mesh().map_or(&[][..], TriangleMesh::faces)))
     }
 
     /// The low and the high corner of a box around the surface; infinite if it is unbounded, NaN for a mesh
@@ -172,15 +172,6 @@ pub fn bounds<'py>(py: Python<'py>, object: &Object) -> Bound<'py, PyArray2<f64>
         None => [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]],
     };
     PyArray2::from_array(py, &aview2(&corners))
-}
-
-/// A read-only array over rows of a shape, which it keeps alive.
-fn view<'py, T: Element>(shape: &Bound<'py, PyShape>, rows: &[[T; 3]]) -> Bound<'py, PyArray2<T>> {
-    let rows = aview2(rows);
-    // SAFETY: the rows belong to the shape, which is frozen, and the array owns a reference to it.
-    let array = unsafe { PyArray2::borrow_from_array(&rows, shape.clone().into_any()) };
-    array.readwrite().make_nonwriteable();
-    array
 }
 
 /// The first two edges of a closed outline (n, 2) that touch where they must not; edge i starts at vertex i.

@@ -2,6 +2,7 @@
 
 use super::backscatter::Backscatter;
 use super::caster::Caster;
+use super::texture::TextureMap;
 use crate::scene::{Hit, TimedRay};
 
 /// What a lidar measures of an object besides its geometry.
@@ -41,6 +42,7 @@ pub enum Reflectivity {
     Face(Vec<f64>),
     /// One a vertex, linear in between.
     Vertex(Vec<f64>),
+    Texture(TextureMap),
 }
 
 impl Reflectivity {
@@ -52,18 +54,19 @@ impl Reflectivity {
         hit: impl FnOnce() -> (Hit, TimedRay),
         caster: &impl Caster,
     ) -> f64 {
+        let place = || {
+            let (hit, ray) = hit();
+            caster.barycentric(&hit, &ray)
+        };
         match self {
             Reflectivity::Object(value) => *value,
             Reflectivity::Face(values) => values[primitive as usize],
-            Reflectivity::Vertex(values) => {
-                let (hit, ray) = hit();
-                match caster.barycentric(&hit, &ray) {
-                    Some((vertices, [u, v, w])) => {
-                        let [a, b, c] = vertices.map(|i| values[i as usize]);
-                        u * a + v * b + w * c
-                    }
-                    None => f64::NAN,
-                }
+            Reflectivity::Vertex(values) => place().map_or(f64::NAN, |(vertices, [u, v, w])| {
+                let [a, b, c] = vertices.map(|i| values[i as usize]);
+                u * a + v * b + w * c
+            }),
+            Reflectivity::Texture(map) => {
+                place().map_or(f64::NAN, |(vertices, weights)| map.at(primitive as usize, vertices, weights))
             }
         }
     }

@@ -30,6 +30,7 @@ mod scratch;
 mod single_ray;
 mod source;
 mod status;
+mod texture;
 mod waveform;
 
 pub use appearance::{Appearance, Labels, Reflectivity};
@@ -42,3 +43,4 @@ pub use parameters::{Parameters, Value};
 pub use points::{Coordinates, PointSource, PointsAndNormals, WritePoints};
 pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
 pub use scan::{Batch, Scan};
+pub use texture::{Texture, TextureCoordinates, TextureMap, Wrap};

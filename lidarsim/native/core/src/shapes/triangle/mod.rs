@@ -58,12 +58,24 @@ impl Triangle {
 /// Barycentric coordinates of the origin in the plane of the triangle abc, clamped to ≥ 0, as rounding may
 /// put points of the rim outside.
 #[inline(always)]
-pub fn barycentric([a, b, c]: [Point; 3]) -> [f64; 3] {
-    let normal = cross(sub(b, a), sub(c, a));
+pub fn barycentric(corners: [Point; 3]) -> [f64; 3] {
+    let [a, b, c] = scaled(corners);
+    let [normal] = scaled([cross(sub(b, a), sub(c, a))]);
     // Twice the areas opposite to the corners, times the length of the normal.
     let areas = [cross(b, c), cross(c, a), cross(a, b)].map(|n| dot(n, normal).max(0.0));
     let all = areas[0] + areas[1] + areas[2];
-    areas.map(|area| area / all)
+    // Rounding may leave no area of a sliver.
+    if all > 0.0 { areas.map(|area| area / all) } else { [1.0 / 3.0; 3] }
+}
+
+/// The points times the power of two that takes the largest coordinate to [1, 2), so that products of
+/// coordinates neither overflow nor underflow. Their digits stay the same.
+#[inline(always)]
+fn scaled<const N: usize>(points: [Point; N]) -> [Point; N] {
+    let largest = points.as_flattened().iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let exponent = largest.to_bits() & f64::INFINITY.to_bits();
+    let factor = 1.0 / f64::from_bits(exponent).max(f64::MIN_POSITIVE);
+    points.map(|point| point.map(|x| x * factor))
 }
 
 /// d·(p × q), of corners relative to the origin of a ray: six times the volume of the ray and an edge.
@@ -166,5 +178,28 @@ impl Surface for Triangle {
             low: self.0[i].min(self.1[i]).min(self.2[i]),
             high: self.0[i].max(self.1[i]).max(self.2[i]),
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn barycentric_coordinates_do_not_depend_on_the_size_of_the_triangle() {
+        let corners = [[-1.0, -0.75, 0.0], [3.0, -0.25, 0.5], [-0.5, 2.0, -0.25]];
+        let expected = barycentric(corners);
+        assert!(expected.iter().all(|x| *x > 0.0));
+        for exponent in [-1000, -500, -100, -1, 1, 100, 500, 1000] {
+            let sized = corners.map(|point| point.map(|x| x * 2.0_f64.powi(exponent)));
+            assert_eq!(barycentric(sized), expected, "2^{exponent}");
+        }
+    }
+
+    #[test]
+    fn barycentric_coordinates_of_a_sliver_are_numbers() {
+        let sliver = |height: f64| [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, height, 0.0]];
+        assert_eq!(barycentric(sliver(2.0_f64.powi(-700))), [0.5, 0.5, 0.0]);
+        assert_eq!(barycentric(sliver(0.0)), [1.0 / 3.0; 3]);
     }
 }

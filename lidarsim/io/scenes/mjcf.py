@@ -15,20 +15,22 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import LONGEST, PathLike, check_regular
-from lidarsim._validation import Floats, integer, real, shown
+from lidarsim._validation import Floats, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
-from lidarsim.io._mjcf import closed
+from lidarsim.io.scenes._build import UNTOUCHED, Imported, Placed, scene_with
+from lidarsim.io.scenes._mjcf import closed
 from lidarsim.materials import Material
+from lidarsim.rules import Appearance, Options, Rule
 from lidarsim.scene import HEAD, Scene, register_scene_reader
 from lidarsim.shapes import Box, Capsule, Cylinder, Ellipsoid, Plane, Polygon, Shape, Sphere, TriangleMesh
 
@@ -36,9 +38,6 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from mujoco import MjData, MjModel
-
-Reflectivity = float | Material | Literal["color"]
-"""Reflectivity or material of all geoms, or "color" for the luminance of the colour of each."""
 
 GROUPS = 6
 """Number of groups of geoms; as in MuJoCo, the last one has those of all higher numbers, too."""
@@ -108,16 +107,32 @@ def _warnings_logged(mujoco: ModuleType, path: Path) -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def read(path: Path, *, reflectivity: Reflectivity = 1.0) -> Scene:
-    """Read a file as documented in `lidarsim.Scene.from_file`."""
+def read(path: Path, *, rules: tuple[Rule, ...] = (), reflectivity: Appearance = None) -> Scene:
+    """Read a file as documented in `lidarsim.Scene.from_file`, which checks the options."""
+    return scene_with(imported(path, Options(rules=rules, reflectivity=reflectivity)))
+
+
+def imported(path: Path, options: Options) -> Imported:
+    """Return the objects of a file.
+
+    Raises
+    ------
+    FileFormatError, MissingExtraError
+        If the file cannot be read.
+    ValueError
+        If the options name an axis or a unit: models of MuJoCo are z up and in metres.
+    """
+    for name in ("up", "unit"):
+        if getattr(options, name) is not None:
+            raise ArgumentValueError(name, "none, since MJCF and URDF are z up and in metres", getattr(options, name))
     model = load(path)
     try:
-        scene, _ = build(model, placed(model), reflectivity=reflectivity)
+        _, found = objects(model, placed(model), path, options)
     except ValueError as error:
         raise FileFormatError(f"{path}: {error}") from error
-    if model.nflex or model.nskin:
-        logging.getLogger("lidarsim").warning("%s: %d flexes and %d skins are left out", path, model.nflex, model.nskin)
-    return scene
+    if found.left_out:
+        logging.getLogger("lidarsim").warning("%s: left out: %s", path, ", ".join(found.left_out))
+    return found
 
 
 def placed(model: MjModel, keyframe: int | str | None = None) -> MjData:
@@ -136,33 +151,61 @@ def placed(model: MjModel, keyframe: int | str | None = None) -> MjData:
     return data
 
 
-def build(
-    model: MjModel,
-    data: MjData,
-    *,
-    groups: Collection[int] = SHOWN,
-    reflectivity: Reflectivity = 1.0,
-) -> tuple[Scene, dict[int, int]]:
-    """Return a scene of the geoms of a model as data places them, and the object of each geom."""
+def objects(
+    model: MjModel, data: MjData, path: Path, options: Options, groups: Collection[int] = SHOWN
+) -> tuple[list[int], Imported]:
+    """Return the geoms that are objects, as data places them, and the objects."""
     mujoco = mujoco_module()
-    wanted, material = _groups(groups), _material(reflectivity)
+    wanted = _groups(groups)
     geoms = [geom for geom in range(model.ngeom) if _visible(model, geom) and _group(model, geom) in wanted]
-    scene, objects = Scene(), {}
+    kept, found, without_rule = [], [], []
     shapes: dict[tuple[str, int], Shape] = {}
-    instances: dict[int, int] = {}
     for geom, place in zip(geoms, poses(data, geoms), strict=True):
         body = int(model.geom_bodyid[geom])
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
-        objects[geom] = scene.add(
-            _shape(mujoco, model, geom, shapes),
-            name=name or f"{body_name(model, body)}/{geom - model.body_geomadr[body]}",
-            instance=instances.get(body),
-            material=material or Material(reflectivity=_luminance(model, geom)),
-            transform=place,
+        named: str | None = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
+        name = named or f"{body_name(model, body)}/{geom - model.body_geomadr[body]}"
+        material: str = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_MATERIAL, int(model.geom_matid[geom])) or ""
+        node = "/".join([*_bodies(model, body), name.rpartition("/")[2] if not named else name])
+        rule = next((rule for rule in options.rules if rule.matches(node, material)), None)
+        if options.rules and rule is None:
+            without_rule.append(node)
+        rule = rule or UNTOUCHED
+        if rule.skip:
+            continue
+        appearance = options.reflectivity if rule.reflectivity is None else rule.reflectivity
+        kept.append(geom)
+        found.append(
+            Placed(
+                _shape(mujoco, model, geom, shapes),
+                name if rule.name is None else rule.name,
+                rule.label,
+                _material(model, geom, appearance),
+                _instance(geom, body, rule),
+                rule.instance if isinstance(rule.instance, int) else None,
+                place,
+                material,
+            )
         )
-        if body:  # things of the world itself, such as floor and walls, are not parts of one
-            instances.setdefault(body, scene[objects[geom]].instance)
-    return scene, objects
+    others = {"flexes": int(model.nflex), "skins": int(model.nskin)}
+    left_out = [f"{what} ({count:,})" for what, count in others.items() if count]
+    return kept, Imported(path, found, len(geoms) - len(kept), left_out, without_rule)
+
+
+def _instance(geom: int, body: int, rule: Rule) -> Hashable:
+    """Return what the objects of one instance have in common: their body, unless a rule says otherwise."""
+    if rule.instance == "file":
+        return "file"
+    # Things of the world body, such as floor and walls, are not parts of one.
+    return ("node", geom) if rule.instance == "node" or not (body or rule.instance == "parent") else ("parent", body)
+
+
+def _bodies(model: MjModel, body: int) -> list[str]:
+    """Return the names of the bodies from the world on, without it, to a body."""
+    names = []
+    while body:
+        names.append(body_name(model, body))
+        body = int(model.body_parentid[body])
+    return names[::-1]
 
 
 def body_name(model: MjModel, body: int) -> str:
@@ -188,16 +231,11 @@ def _groups(groups: object) -> set[int]:
     return {integer(f"groups[{i}]", group, at_least=0, at_most=GROUPS - 1) for i, group in enumerate(groups)}
 
 
-def _material(reflectivity: object) -> Material | None:
-    """Return the material of all geoms, or None for one by the colour of each."""
-    if isinstance(reflectivity, Material) and reflectivity.per == "object":
-        return reflectivity
-    if isinstance(reflectivity, str | Material):
-        if reflectivity == "color":
-            return None
-        expected = 'a number >= 0, a Material of one reflectivity or "color"'
-        raise ArgumentValueError("reflectivity", expected, shown(reflectivity))
-    return Material(reflectivity=real("reflectivity", reflectivity, at_least=0.0))
+def _material(model: MjModel, geom: int, appearance: Appearance) -> Material | None:
+    """Return the material of a geom."""
+    if appearance is None or isinstance(appearance, Material):
+        return appearance
+    return Material(reflectivity=_luminance(model, geom) if appearance == "color" else appearance)
 
 
 def _group(model: MjModel, geom: int) -> int:
@@ -217,8 +255,8 @@ def _luminance(model: MjModel, geom: int) -> float:
     if material >= 0 and np.array_equal(rgba, np.array([0.5, 0.5, 0.5, 1.0], rgba.dtype)):
         rgba = model.mat_rgba[material]
     color = np.clip(np.asarray(rgba[:3], np.float64), 0.0, 1.0)
-    (luminance,) = np.atleast_1d(Material.from_colors(color[None]).reflectivity)
-    return float(luminance)
+    luminance: Any = Material.from_colors(color[None]).reflectivity
+    return float(luminance[0])
 
 
 def _shape(mujoco: ModuleType, model: MjModel, geom: int, shared: dict[tuple[str, int], Shape]) -> Shape:

@@ -13,7 +13,7 @@ import trimesh
 
 import lidarsim as ls
 from lidarsim.errors import FileFormatError
-from lidarsim.io import mjcf
+from lidarsim.io.scenes import mjcf
 from tests.mujoco_rays import EVERY_GEOM, compare
 
 GEOM = '<geom size="1"/>'
@@ -295,7 +295,7 @@ def test_flexes_are_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -
     flex = '<flexcomp name="f" type="grid" count="3 3 1" spacing="1 1 1" dim="2" radius="0.1"/>'
     scene = ls.Scene.from_file(write(tmp_path, model(flex + GEOM)))
     assert [type(item.shape).__name__ for item in scene] == ["Sphere"]
-    assert "1 flexes and 0 skins are left out" in caplog.text
+    assert "left out: flexes (1)" in caplog.text
 
 
 Edit = Callable[[str], str]

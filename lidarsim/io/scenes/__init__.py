@@ -1,0 +1,69 @@
+"""Scene files: one module per format, each of which returns nodes; `_build` makes objects of them."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from lidarsim.io.meshes import SUFFIXES
+from lidarsim.io.scenes import mjcf, others
+from lidarsim.io.scenes._build import Imported, Reader, imported, mesh_of, scene_of
+from lidarsim.rules import Appearance, Options, Rule
+from lidarsim.scene import Scene, register_scene_reader
+from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
+
+__all__ = ["Imported", "Load"]
+
+MODULES = {
+    **dict.fromkeys((".glb", ".gltf"), "gltf"),
+    ".dae": "dae",
+    ".3mf": "threemf",
+    **dict.fromkeys(SUFFIXES, "mesh_files"),
+}
+"""Modules by suffix, imported with the first file, since pydantic takes long; trimesh reads what else it knows."""
+
+
+def _reader(path: Path) -> Reader:
+    name = MODULES.get(path.suffix.lower(), "others")
+    read: Reader = importlib.import_module(f"lidarsim.io.scenes.{name}").read
+    return read
+
+
+def _recognise(path: Path, _head: bytes = b"") -> bool:
+    return path.suffix.lower() in MODULES or others.known(path)
+
+
+def _read(
+    path: Path,
+    *,
+    up: Literal["y", "z"] | None = None,
+    unit: float | None = None,
+    rules: tuple[Rule, ...] = (),
+    reflectivity: Appearance = None,
+) -> Scene:
+    """Read a file as documented in `lidarsim.Scene.from_file`, which checks the options."""
+    return scene_of(path, _reader(path), Options(up, unit, rules, reflectivity))
+
+
+@dataclass(frozen=True)
+class Load:
+    """A reader with options: ``Load(options)(path)`` returns the objects of a file and what became of its parts."""
+
+    options: Options
+
+    def __call__(self, path: Path) -> Imported:
+        """Read a file."""
+        if mjcf.recognise(path):
+            return mjcf.imported(path, self.options)
+        return imported(path, _reader(path), self.options)
+
+
+def _read_mesh(path: Path) -> MeshFile:
+    """Read a file as documented in `lidarsim.TriangleMesh.from_file`."""
+    return mesh_of(_reader(path), path)
+
+
+register_mesh_reader(_recognise, _read_mesh)
+register_scene_reader("a scene of meshes, by its suffix", _recognise, _read)

@@ -1,0 +1,281 @@
+"""From what a reader returns to objects: units, axes, rules and colours, for all formats alike."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from lidarsim._files import check_regular, reading_as
+from lidarsim._validation import Floats, placement
+from lidarsim.errors import FileFormatError
+from lidarsim.io.scenes._model import Indices, Node, Part, Picture, SceneFile, mean_of_corners
+from lidarsim.io.scenes._pictures import sampled, texture
+from lidarsim.materials import LUMINANCE, Material, Texture
+from lidarsim.rules import Appearance, Options, Rule
+from lidarsim.scene import Scene
+from lidarsim.shapes import Shape, TriangleMesh
+from lidarsim.shapes._polygons import check_faces, triangulated
+from lidarsim.shapes.triangle_mesh import MeshFile
+
+Reader = Callable[[Path], SceneFile]
+
+UPRIGHT = {
+    "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "z": np.eye(3),
+}
+"""Turns the axis that points up to z; from x up, y to −x and z to −y, as COLLADA defines it."""
+
+
+class Placed(NamedTuple):
+    """An object of a scene file; None where nothing is said."""
+
+    shape: Shape
+    name: str
+    label: int | None
+    material: Material | None
+    group: Hashable
+    """Objects with the same group are one instance."""
+    instance: int | None
+    """Number of the instance."""
+    transform: Floats | None
+    material_name: str
+    """Name of its material in the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """What a scene file holds, after the options were applied."""
+
+    path: Path
+    objects: list[Placed]
+    skipped: int
+    """Parts that rules leave out."""
+    left_out: list[str]
+    """What else was left out, and why."""
+    without_rule: list[str]
+    """Paths of the nodes that no rule matched, if there are rules."""
+
+    @property
+    def bounds(self) -> Floats:
+        """Lowest and highest corner of the objects, m, shape (2, 3); nan if there are none."""
+        scene = Scene()
+        for item in self.objects:
+            scene.add(item.shape, transform=item.transform)
+        return scene.bounds
+
+    def instances(self, first: int) -> Iterator[tuple[Placed, int]]:
+        """Yield the objects with the numbers of their instances, if the first object has the id `first`."""
+        numbers: dict[Hashable, int] = {}
+        for number, item in enumerate(self.objects, first):
+            known = numbers.setdefault(item.group, number + 1)
+            yield item, known if item.instance is None else item.instance
+
+
+IDENTITY = np.eye(4)
+UNTOUCHED = Rule()
+"""What applies to a part that no rule matches."""
+
+
+def imported(path: Path, read: Reader, options: Options) -> Imported:
+    """Return what a file holds.
+
+    Raises
+    ------
+    FileFormatError, MissingExtraError
+        If the file cannot be read, or its objects are none.
+    """
+    check_regular(path)
+    with reading_as(path, "a scene"):
+        result = _built(path, read(path), options)
+    _report(path, result.left_out)
+    return result
+
+
+def _report(path: Path, left_out: list[str]) -> None:
+    if left_out:
+        logging.getLogger("lidarsim").warning("%s: left out: %s", path, ", ".join(left_out))
+
+
+def scene_of(path: Path, read: Reader, options: Options) -> Scene:
+    """Return the scene that a file holds."""
+    return scene_with(imported(path, read, options))
+
+
+def scene_with(found: Imported) -> Scene:
+    """Return a scene of the objects of a file."""
+    scene = Scene()
+    for item, instance in found.instances(0):
+        scene.add(
+            item.shape,
+            name=item.name,
+            label=item.label or 0,
+            instance=instance,
+            material=item.material,
+            transform=item.transform,
+        )
+    return scene
+
+
+def mesh_of(read: Reader, path: Path) -> MeshFile:
+    """Return all that a file holds as one mesh, in metres and z up."""
+    file = read(path)
+    _report(path, file.left_out)
+    vertices, corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
+    count = 0
+    for node in file.nodes:
+        transform = _upright(file, Options()) @ node.transform
+        for part in node.parts:
+            faces = triangulated(part.vertices, part.corners, part.sizes)[0]
+            if np.linalg.det(transform[:3, :3]) < 0:  # a reflection, which would turn the surface inside out
+                faces = faces[:, ::-1]
+            vertices.append(_moved(part.vertices, transform))
+            corners.append(faces.ravel() + count)
+            count += len(part.vertices)
+    joined = np.concatenate(corners)
+    return MeshFile(np.concatenate(vertices), joined, np.full(len(joined) // 3, 3))
+
+
+def _upright(file: SceneFile, options: Options) -> Floats:
+    """Return the map from the units and axes of a file to metres and z up, shape (4, 4)."""
+    matrix = np.eye(4)
+    unit = file.unit if options.unit is None else options.unit
+    matrix[:3, :3] = UPRIGHT[options.up or file.up] * unit
+    return matrix
+
+
+def _moved(points: Floats, transform: Floats) -> Floats:
+    """Return points at their place; they are not changed at all by the identity."""
+    if np.array_equal(transform, IDENTITY):
+        return points
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
+        return points @ transform[:3, :3].T + transform[:3, 3]
+
+
+def _built(path: Path, file: SceneFile, options: Options) -> Imported:
+    """Return the objects of a file."""
+    upright = _upright(file, options)
+    meshes = _Meshes()
+    objects: list[Placed] = []
+    without_rule: list[str] = []
+    skipped = flat = 0
+    for node in file.nodes:
+        matched = False
+        with np.errstate(over="ignore", invalid="ignore"):
+            transform = upright @ node.transform
+        path_of_node = node.names.path if options.rules else ""
+        for part in node.parts:
+            found = next((rule for rule in options.rules if rule.matches(path_of_node, part.material)), None)
+            matched = matched or found is not None
+            rule = found or UNTOUCHED
+            if rule.skip:
+                skipped += 1
+                continue
+            if not len(meshes.cuts(part)):
+                continue
+            shape, place = meshes.placed(part, transform)
+            if place is None and shape.degenerate_count == len(shape) and not np.array_equal(transform, IDENTITY):
+                flat += 1
+                continue
+            appearance = options.reflectivity if rule.reflectivity is None else rule.reflectivity
+            objects.append(
+                Placed(
+                    shape,
+                    node.names.name if rule.name is None else rule.name,
+                    rule.label,
+                    meshes.material(part, appearance),
+                    _group(node, rule),
+                    rule.instance if isinstance(rule.instance, int) else None,
+                    place,
+                    part.material,
+                )
+            )
+        if options.rules and not matched:
+            without_rule.append(path_of_node)
+    left_out = [*file.left_out, *([f"objects scaled to nothing ({flat:,})"] if flat else [])]
+    if not objects and not skipped:
+        raise FileFormatError("it holds no triangles" + f"; left out: {', '.join(left_out)}" * bool(left_out))
+    return Imported(path, objects, skipped, left_out, without_rule)
+
+
+class _Meshes:
+    """The meshes of parts, which all nodes that place a part share, and their textures."""
+
+    def __init__(self) -> None:
+        self._cuts: dict[Part, Indices] = {}
+        self._shapes: dict[Part, TriangleMesh] = {}
+        self._colored: dict[Part, Material] = {}
+        self._textures: dict[tuple[Picture, bytes], Texture] = {}
+
+    def cuts(self, part: Part) -> Indices:
+        """Return the triangles of a part by the numbers of their corners in it, shape (m, 3)."""
+        if part not in self._cuts:
+            check_faces(part.vertices, part.corners, part.sizes)
+            cuts = np.arange(len(part.corners))
+            if (part.sizes == 3).all():
+                self._cuts[part] = cuts.reshape(-1, 3)
+            else:
+                self._cuts[part] = triangulated(part.vertices[part.corners], cuts, part.sizes)[0]
+        return self._cuts[part]
+
+    def placed(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
+        """Return the mesh of a part and its transform; a singular one flattens the vertices themselves."""
+        if part not in self._shapes:
+            self._shapes[part] = TriangleMesh(part.vertices, part.corners[self.cuts(part)])
+        shape = self._shapes[part]
+        if np.array_equal(transform, IDENTITY):
+            return shape, None
+        try:
+            shape._native.transformed(placement(transform))
+        except ValueError:
+            return TriangleMesh(_moved(part.vertices, transform), shape.faces), None
+        return shape, transform
+
+    def material(self, part: Part, appearance: Appearance) -> Material | None:
+        """Return the material of a part."""
+        if appearance is None or isinstance(appearance, Material):
+            return appearance
+        if appearance != "color":
+            return Material(reflectivity=appearance)
+        if part not in self._colored:
+            self._colored[part] = self._from_colors(part)
+        return self._colored[part]
+
+    def _from_colors(self, part: Part) -> Material:
+        """Return the material whose reflectivity is the luminance of a part's base colours.
+
+        A texture on a part whose vertices differ in colour is sampled at the vertices.
+        """
+        paint = part.paint()
+        color, colors = np.clip(paint.color, 0.0, 1.0), paint.colors
+        if colors is not None and len(colors) and (colors == colors[0]).all():
+            color, colors = color * np.clip(colors[0], 0.0, 1.0), None
+        if paint.picture is None or paint.uv is None:
+            if colors is None:
+                return Material(reflectivity=float(color @ LUMINANCE))
+            return Material(reflectivity=np.clip(color * colors, 0.0, 1.0) @ LUMINANCE, per="vertex")
+        if colors is not None:
+            texels = sampled(paint.picture, mean_of_corners(part.corners, paint.uv))
+            return Material(reflectivity=np.clip(color * colors * texels, 0.0, 1.0) @ LUMINANCE, per="vertex")
+        key = paint.picture, color.tobytes()
+        if key not in self._textures:
+            self._textures[key] = texture(paint.picture, color)
+        return Material(reflectivity=self._textures[key], texture_coordinates=paint.uv[self.cuts(part)])
+
+
+def _group(node: Node, rule: Rule) -> Hashable:
+    """Return what the objects of one instance have in common."""
+    match rule.instance:
+        case "node":
+            return "node", node.key
+        case "parent":
+            return "parent", node.parent
+        case "file":
+            return "file"
+        case _:
+            return "top", node.top

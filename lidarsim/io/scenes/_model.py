@@ -1,0 +1,137 @@
+"""What the readers of scene files return: nodes with meshes, in the file's own units and axes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats, short
+from lidarsim.errors import FileFormatError
+from lidarsim.materials import Wrap
+
+Indices = npt.NDArray[np.int64]
+Axis = Literal["x", "y", "z"]
+Key = tuple[int, int]
+"""Number of a node, and which of the copies that it places."""
+
+MOST_DEPTH = 1000
+"""Greatest depth of nodes, so that their paths stay short."""
+MOST_LETTERS = 1000
+"""Greatest length of a name, for the same reason."""
+MOST_OBJECTS = 1 << 20
+"""Most objects of a file: a few bytes of it can place a mesh many times."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A texture whose image is read only if it is asked for."""
+
+    read: Callable[[], bytes]
+    """Return the bytes of the image file."""
+    wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+    """What is beyond the image along u and v: "repeat", "mirror" or "clamp"."""
+
+
+class Paint(NamedTuple):
+    """The base colours of a part: the product of all that is given."""
+
+    color: Floats
+    """Linear red, green and blue, shape (3,)."""
+    colors: Floats | None = None
+    """Linear colours of the vertices, shape (n, 3)."""
+    picture: Picture | None = None
+    uv: Floats | None = None
+    """Places in the image from its upper left corner, in widths and heights, of the corners of all faces, (k, 2)."""
+
+
+def white() -> Paint:
+    """Return the paint of a part that has no colours."""
+    return Paint(np.ones(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Faces of one material; nodes that place the same part share it."""
+
+    vertices: Floats
+    """Shape (n, 3)."""
+    corners: Indices
+    """Vertices of the faces, one face after the other, shape (k,)."""
+    sizes: Indices
+    """Corners of each face, shape (m,)."""
+    material: str = ""
+    """Name of the material."""
+    paint: Callable[[], Paint] = white
+    """Return the colours, for which further files may be read."""
+
+
+class Names(NamedTuple):
+    """The name of a node, and those of the nodes above it, which all nodes below them share."""
+
+    name: str
+    above: Names | None = None
+
+    @property
+    def path(self) -> str:
+        """The names from the top node to this one, separated by slashes."""
+        names: list[str] = []
+        now: Names | None = self
+        while now is not None:
+            names.append(now.name)
+            now = now.above
+        return "/".join(reversed(names))
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A node that places parts."""
+
+    names: Names
+    transform: Floats
+    """To the scene, shape (4, 4)."""
+    parts: tuple[Part, ...]
+    key: Key
+    parent: Key
+    top: Key
+
+
+@dataclass
+class SceneFile:
+    """A scene file, in the order of the file."""
+
+    nodes: list[Node] = field(default_factory=list)
+    up: Axis = "z"
+    unit: float = 1.0
+    """Unit of length, m."""
+    left_out: list[str] = field(default_factory=list)
+    """What was left out, and why."""
+
+    def add(self, node: Node) -> None:
+        """Append a node, after checking that it lies within the range of float64."""
+        if not np.isfinite(node.transform).all():
+            name = short(ascii(node.names.name))
+            raise FileFormatError(f"node {name}: expected a place within the range of float64")
+        if len(self.nodes) == MOST_OBJECTS:
+            raise FileFormatError(f"expected at most {MOST_OBJECTS:,} objects, got more")
+        self.nodes.append(node)
+
+
+def mean_of_corners(corners: Indices, values: Floats) -> Floats:
+    """Return for each vertex the mean of the values that the corners of its faces have, shape (vertices, k).
+
+    Parameters
+    ----------
+    corners : ndarray of int64, shape (n,)
+        Vertices of the corners, each at least once.
+    values : ndarray of float64, shape (n, k)
+        Values of the corners.
+    """
+    counts = np.bincount(corners)
+    total = np.zeros((len(counts), values.shape[1]))
+    np.add.at(total, corners, values)
+    mean: Floats = total / counts[:, None]
+    return mean

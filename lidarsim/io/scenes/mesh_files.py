@@ -1,0 +1,167 @@
+"""Files of a single mesh (OBJ, OFF, PLY, STL) as scenes: a node for each object, group or solid.
+
+The base colours of OBJ are those of its material library (``Kd``, ``map_Kd``) and of its vertices, all in sRGB.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._files import beside, reading_as
+from lidarsim._validation import Floats
+from lidarsim.errors import FileFormatError
+from lidarsim.io.meshes import obj
+from lidarsim.io.meshes._lines import floats, lines_of
+from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile
+from lidarsim.materials import linear_light
+from lidarsim.shapes._polygons import check_faces
+from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh
+
+Chosen = npt.NDArray[np.bool_] | slice
+Painter = Callable[[int, Indices, Chosen], Paint]
+"""Returns the paint of a part, of which it gets the number, the vertices and which corners of all are its own."""
+
+
+def read(path: Path) -> SceneFile:
+    """Read a file."""
+    if path.suffix.lower() != ".obj":
+        mesh = read_mesh(path)
+        return _nodes(mesh, path.name)
+    contents = obj.contents(path)
+    return _nodes(contents.mesh, path.name, contents.materials, _ObjPaint(path, contents))
+
+
+def _nodes(
+    mesh: MeshFile, name: str, materials: Sequence[str] | None = None, painter: Painter | None = None
+) -> SceneFile:
+    """Return a node for each part of a mesh; with materials, parts of the same name are one node.
+
+    A part has those vertices that it uses; a mesh of one part keeps all.
+    """
+    check_faces(mesh.vertices, mesh.corners, mesh.sizes)
+    found: dict[object, tuple[str, list[Part]]] = {}
+    alone = mesh.parts is None or len(mesh.names) < 2
+    for number in range(1 if alone else len(mesh.names)):
+        if alone or mesh.parts is None:
+            corners, sizes, used = mesh.corners, mesh.sizes, np.arange(len(mesh.vertices))
+            chosen: Chosen = slice(None)
+            called = next(filter(None, mesh.names), name)
+        else:
+            sizes = mesh.sizes[mesh.parts == number]
+            chosen = np.repeat(mesh.parts == number, mesh.sizes)
+            used, corners = np.unique(mesh.corners[chosen], return_inverse=True)
+            called = mesh.names[number] or name
+        material = materials[number] if materials else ""
+        paint = {} if painter is None else {"paint": partial(painter, number, used, chosen)}
+        part = Part(mesh.vertices[used], corners, sizes, material, **paint)
+        found.setdefault(number if materials is None else called, (called, []))[1].append(part)
+    file = SceneFile()
+    for number, (called, parts) in enumerate(found.values()):
+        key = number, 0
+        file.add(Node(Names(called), np.eye(4), tuple(parts), key, key, key))
+    return file
+
+
+class _Material(NamedTuple):
+    color: Floats
+    picture: Picture | None
+
+
+class _ObjPaint:
+    """The colours of an OBJ file, for which its libraries and textures are read once they are asked for."""
+
+    def __init__(self, path: Path, contents: obj.Contents) -> None:
+        self._path = path
+        self._contents = contents
+        self._colors = cache(self._vertex_colors)
+        self._library = cache(self._materials)
+        self._uv = cache(self._texture_places)
+
+    def __call__(self, number: int, used: Indices, chosen: Chosen) -> Paint:
+        """Return the colours of a part, of which `used` are the vertices, and `chosen` the corners."""
+        name = self._contents.materials[number] if self._contents.materials else ""
+        material = self._library().get(name, _Material(np.ones(3), None))
+        colors, uv = self._colors(), None
+        if material.picture is not None:
+            uv = self._uv()[chosen]
+        return Paint(material.color, None if colors is None else colors[used], material.picture, uv)
+
+    def _vertex_colors(self) -> Floats | None:
+        """Return the linear colours of the vertices, if each has three numbers from 0 to 1 behind its coordinates."""
+        lines = self._contents.vertices
+        if not all(len(text.split()) == 6 for text in lines.texts):
+            return None
+        encoded = floats(lines, 6)[:, 3:]
+        return linear_light(encoded) if ((encoded >= 0.0) & (encoded <= 1.0)).all() else None
+
+    def _materials(self) -> dict[str, _Material]:
+        """Return the materials of the libraries by name."""
+        materials: dict[str, _Material] = {}
+        for library in self._contents.libraries:
+            file = beside(self._path, library)
+            name = ""
+            for number, text in lines_of(file.read_bytes()):
+                word, *rest = text.split(maxsplit=1)
+                value = rest[0] if rest else ""
+                known = materials.get(name, _Material(np.ones(3), None))
+                with reading_as(file, "a library of materials"):
+                    if word == "newmtl":
+                        name = " ".join(value.split())
+                        materials[name] = _Material(np.ones(3), None)
+                    elif word == "Kd":
+                        materials[name] = known._replace(color=_kd(value, number))
+                    elif word == "map_Kd":
+                        read = partial(_image, file, value)
+                        materials[name] = known._replace(picture=Picture(read))
+        return materials
+
+    def _texture_places(self) -> Floats:
+        """Return the texture coordinates of the corners of all faces, shape (k, 2); (0, 1) for those without."""
+        contents = self._contents
+        given = floats(contents.places, 2, more=True)
+        words = [word.split("/") for text in contents.faces.texts for word in text.partition("#")[0].split()]
+        indices = np.array([int(word[1]) if len(word) > 1 and word[1] else 0 for word in words], np.int64)
+        before = np.repeat(contents.places_before, contents.mesh.sizes)
+        places = np.where(indices < 0, indices + before, indices - 1)
+        wrong = np.flatnonzero((places >= len(given)) | ((places < 0) & (indices != 0)))
+        if len(wrong):
+            face = int(np.searchsorted(np.cumsum(contents.mesh.sizes), wrong[0], side="right"))
+            raise FileFormatError(f"line {contents.faces.numbers[face]}: expected texture coordinates to {len(given)}")
+        uv = np.zeros((len(places), 2))
+        uv[places >= 0] = given[places[places >= 0]]
+        return np.column_stack((uv[:, 0], 1.0 - uv[:, 1]))  # v of OBJ counts from the lower edge
+
+
+def _kd(value: str, number: int) -> Floats:
+    """Return the linear colour of a ``Kd``, given as one or three numbers; white for those of a spectrum or XYZ."""
+    words = value.split()
+    if words and words[0] in {"spectral", "xyz"}:
+        return np.ones(3)
+    try:
+        color = np.array([float(word) for word in words], np.float64)
+    except ValueError:
+        color = np.array([np.nan])
+    if len(color) not in {1, 3} or not np.isfinite(color).all():
+        raise FileFormatError(f"line {number}: expected Kd and one or three numbers")
+    return linear_light(np.clip(np.broadcast_to(color, 3), 0.0, 1.0))
+
+
+def image_name(value: str) -> str:
+    """Return the name of the image of a ``map_Kd``, which follows options of one word each."""
+    words = value.split()
+    while len(words) > 1 and words[0].startswith("-"):
+        if words[0] in {"-o", "-s", "-t", "-mm"}:
+            raise FileFormatError(f"map_Kd: its option {words[0]} is not supported")
+        words = words[2:]
+    return " ".join(words).replace("\\", "/")
+
+
+def _image(library: Path, value: str) -> bytes:
+    """Return the bytes of the image of a ``map_Kd``."""
+    return beside(library, image_name(value)).read_bytes()

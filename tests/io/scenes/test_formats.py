@@ -1,0 +1,484 @@
+"""COLLADA, 3MF, OBJ and the formats that are not read: against other readers and by hand."""
+
+from __future__ import annotations
+
+import logging
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import PIL.Image
+import pytest
+import trimesh
+
+import lidarsim as ls
+from lidarsim.errors import FileFormatError
+from lidarsim.io.scenes.others import CONVERTERS
+
+REC_709 = np.array([0.2126, 0.7152, 0.0722])
+
+
+def refusal(path: Path, **options: Any) -> str:
+    with pytest.raises(FileFormatError) as caught:
+        ls.Scene.from_file(path, **options)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: cannot be read as a scene: ")
+    return text.removeprefix(f"{path}: cannot be read as a scene: ")
+
+
+def decoded(value: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """IEC 61966-2-1."""
+    encoded = np.asarray(value, float)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+# COLLADA
+
+SQUARE = "0 0 0  4 0 0  4 4 0  0 4 0  2 1 0"
+NOTCHED = """<polylist count="1" material="m"><input semantic="VERTEX" source="#v" offset="0"/>
+<vcount>5</vcount><p>0 1 2 4 3</p></polylist>"""
+
+
+def collada(
+    nodes: str,
+    faces: str = NOTCHED,
+    *,
+    unit: str = "",
+    up: str = "<up_axis>Z_UP</up_axis>",
+    positions: str = SQUARE,
+    more: str = "",
+) -> str:
+    count = len(positions.split())
+    return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset>{unit}{up}</asset>{more}
+<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="a" count="{count}">{positions}</float_array>
+<technique_common><accessor source="#a" count="{count // 3}" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>{faces}</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s">{nodes}</visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+ONE = '<node name="wall"><instance_geometry url="#g"/></node>'
+
+
+def dae(folder: Path, *arguments: str, **options: str) -> Path:
+    path = folder / "a.dae"
+    path.write_text(collada(*arguments, **options), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("up", "expected"),
+    [("X_UP", (-2.0, -3.0, 1.0)), ("Y_UP", (1.0, -3.0, 2.0)), ("Z_UP", (1.0, 2.0, 3.0)), ("", (1.0, -3.0, 2.0))],
+)
+def test_collada_declares_axes_and_unit(up: str, expected: tuple[float, ...], tmp_path: Path) -> None:
+    """x up: COLLADA 1.4.1, table of up_axis: right is −y, in is z."""
+    path = dae(
+        tmp_path,
+        '<node><translate>1 2 3</translate><instance_geometry url="#g"/></node>',
+        unit='<unit name="inch" meter="0,0254"/>',  # with the decimal comma of some programs
+        up=up and f"<up_axis>{up}</up_axis>",
+    )
+    (item,) = ls.Scene.from_file(path)
+    assert item.transform is not None
+    np.testing.assert_allclose(item.transform[:3, 3], np.multiply(expected, 0.0254), rtol=1e-15)
+    assert np.linalg.det(item.transform) == pytest.approx(0.0254**3)
+    (item,) = ls.Scene.from_file(path, up="z", unit=2.0)
+    assert item.transform is not None
+    assert item.transform[:3, 3].tolist() == [2, 4, 6]
+
+
+def test_collada_keeps_float64_and_concave_polygons(tmp_path: Path) -> None:
+    positions = "500000.123 0 0  500004.123 0 0  500004.123 4 0  500000.123 4 0  500002.123 1 0"
+    (item,) = ls.Scene.from_file(dae(tmp_path, ONE, positions=positions))
+    assert item.name == "wall"
+    hits = item.shape.cast([[500002.123, 3, 1], [500000.5, 2, 1], [500002.123, 0.5, 1]], [[0, 0, -1]] * 3)
+    assert hits.hit.tolist() == [False, True, True]
+    assert item.shape.vertices[0, 0] == 500000.123  # type: ignore[attr-defined]
+
+
+def test_collada_nodes(tmp_path: Path) -> None:
+    nodes = """<node id="top" name="top"><scale>2 2 2</scale><rotate>0 0 1 90</rotate><instance_camera url="#none"/>
+    <node id="below"><translate>1 0 0</translate><instance_geometry url="#g"/><instance_geometry url="#g"/></node>
+    <instance_node url="#lib"/></node><node name="last"><instance_geometry url="#g"/></node>"""
+    library = '<library_nodes><node id="lib" name="of the library"><instance_geometry url="#g"/></node></library_nodes>'
+    scene = ls.Scene.from_file(dae(tmp_path, nodes, more=library))
+    assert [(item.name, item.instance) for item in scene] == [
+        ("below", 1),
+        ("below", 1),
+        ("of the library", 1),
+        ("last", 4),
+    ]
+    assert len({id(item.shape) for item in scene}) == 1
+    matrix = scene[0].transform
+    assert matrix is not None
+    assert matrix.tolist() == [[0, -2, 0, 0], [2, 0, 0, 2], [0, 0, 2, 0], [0, 0, 0, 1]]
+
+
+HOLED = """<polygons count="2"><input semantic="VERTEX" source="#v" offset="0"/>
+<ph><p>0 1 2 3</p><h>{}</h></ph><p>0 1 2</p></polygons>"""
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("order", ["4 5 6 7", "7 6 5 4"])
+def test_collada_polygons_have_holes(turned: bool, order: str, tmp_path: Path) -> None:
+    """A square of side 4 at x = y = 0 with a hole of side 2 in the middle, and a triangle 5 m above its half."""
+    points = np.array([[0, 0], [4, 0], [4, 4], [0, 4], [1, 1], [3, 1], [3, 3], [1, 3]])
+    corners = np.column_stack((points, points @ (0.5, 0.25)))[:, [1, 0, 2] if turned else [0, 1, 2]]
+    path = dae(tmp_path, ONE, HOLED.format(order), positions=" ".join(map(str, corners.ravel().tolist())))
+    (item,) = ls.Scene.from_file(path)
+    assert isinstance(item.shape, ls.TriangleMesh)
+    assert len(item.shape) == 9
+    places = np.random.default_rng(3).uniform(0, 4, (500, 2))
+    sheet = ls.TriangleMesh(item.shape.vertices, item.shape.faces[1:])
+    hits = sheet.cast(np.column_stack((places, np.full(500, 9.0))), [[0, 0, -1]] * 500)
+    inside = (np.abs(places - 2) < 1).all(axis=1)
+    assert 0 < inside.sum() < 500
+    np.testing.assert_array_equal(hits.hit, ~inside)
+    assert (np.sign(hits.normal[hits.hit, 2]) == (-1 if turned else 1)).all()
+
+
+PRIMITIVES = {
+    "triangles": ('<triangles count="2">{}<p>0 1 2 0 2 3</p></triangles>', [[0, 1, 2], [0, 2, 3]]),
+    "polygons": ('<polygons count="2">{}<p>0 1 2 3</p><p>0 1 4</p></polygons>', [[0, 1, 2], [0, 2, 3], [0, 1, 4]]),
+    "fans": ('<trifans count="2">{}<p>0 1 2 3</p><p>4 1 2</p></trifans>', [[0, 1, 2], [0, 2, 3], [4, 1, 2]]),
+    "strips": ('<tristrips count="1">{}<p>0 1 2 3 4</p></tristrips>', [[0, 1, 2], [1, 3, 2], [2, 3, 4]]),
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), PRIMITIVES.values(), ids=PRIMITIVES)
+def test_collada_primitives(text: str, expected: list[list[int]], tmp_path: Path) -> None:
+    faces = text.format('<input semantic="VERTEX" source="#v" offset="0"/>')
+    (item,) = ls.Scene.from_file(dae(tmp_path, ONE, faces))
+    points = np.array(SQUARE.split(), float).reshape(-1, 3)
+    assert isinstance(item.shape, ls.TriangleMesh)
+    np.testing.assert_array_equal(item.shape.vertices[item.shape.faces], points[expected])
+
+
+def test_collada_lines_and_controllers_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    nodes = f'{ONE}<node><instance_controller url="#c"/></node>'
+    path = dae(tmp_path, nodes, f'{NOTCHED}<lines count="0"><p/></lines>')
+    with caplog.at_level(logging.WARNING, "lidarsim"):
+        assert len(ls.Scene.from_file(path)) == 1
+    assert caplog.messages == [f"{path}: left out: lines (1), skinned and morphed meshes (1)"]
+
+
+def test_collada_is_what_trimesh_reads(tmp_path: Path) -> None:
+    path = tmp_path / "a.dae"
+    path.write_bytes(trimesh.exchange.dae.export_collada(trimesh.creation.icosphere(subdivisions=2)))
+    (item,), mesh = ls.Scene.from_file(path, up="z", unit=1), trimesh.load_mesh(path, process=False)
+    assert isinstance(item.shape, ls.TriangleMesh)
+    ours, theirs = item.shape.vertices[item.shape.faces], mesh.vertices[mesh.faces]
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-7)  # it keeps float32
+
+
+COLORED = """<library_images><image id="i"><init_from>sub%20folder/i.png</init_from></image></library_images>
+<library_materials><material id="m1" name="Paint"><instance_effect url="#e"/></material></library_materials>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="su"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="sa"><sampler2D><source>su</source></sampler2D></newparam>
+<technique sid="t"><phong><diffuse>{}</diffuse></phong></technique></profile_COMMON></effect></library_effects>"""
+BOUND = """<node name="n"><instance_geometry url="#g"><bind_material><technique_common>
+<instance_material symbol="m" target="#m1"/></technique_common></bind_material></instance_geometry></node>"""
+
+
+def test_collada_colors(tmp_path: Path) -> None:
+    path = dae(tmp_path, BOUND, more=COLORED.format("<color>0.5 0.25 1 1</color>"))
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    assert item.material.reflectivity == pytest.approx(decoded([0.5, 0.25, 1]) @ REC_709, rel=1e-15)
+    (item,) = ls.Scene.from_file(path, rules=[ls.Rule(material="Paint", label=7)])
+    assert (item.label, item.material.reflectivity) == (7, 1.0)
+
+
+def test_collada_textures(tmp_path: Path) -> None:
+    (tmp_path / "sub folder").mkdir()
+    pixels = np.random.default_rng(1).integers(0, 256, (3, 4, 3), np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "sub folder" / "i.png")
+    places = """<source id="t"><float_array id="ta">0 0 1 0 0.5 0.25</float_array><technique_common>
+    <accessor source="#ta" count="3" stride="2"><param name="S" type="float"/><param name="T" type="float"/></accessor>
+    </technique_common></source>"""
+    faces = """<triangles count="1" material="m"><input semantic="VERTEX" source="#v" offset="0"/>
+    <input semantic="TEXCOORD" source="#t" offset="1" set="0"/><p>0 2 1 1 2 0</p></triangles>"""
+    more = COLORED.format('<texture texture="sa" texcoord="UV"/>')
+    path = dae(tmp_path, BOUND, places + faces, more=more)
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    assert isinstance(item.material.reflectivity, ls.Texture)
+    np.testing.assert_allclose(item.material.reflectivity.values, decoded(pixels / 255) @ REC_709, rtol=1e-6)
+    assert item.material.texture_coordinates is not None
+    assert item.material.texture_coordinates.tolist() == [[[0.5, 0.75], [1, 1], [0, 1]]]
+    (tmp_path / "sub folder" / "i.png").unlink()
+    assert len(ls.Scene.from_file(path)) == 1
+    assert refusal(path, reflectivity="color") == "it names a file that is not there"
+
+
+WRONG_COLLADA = {
+    "no XML": ("<COLLADA", "the file is damaged XML: line 1"),
+    "entities": (
+        '<!DOCTYPE x [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><COLLADA>&b;</COLLADA>',
+        "expected XML without a document type",
+    ),
+    "other": ("<svg/>", "expected COLLADA as the first element"),
+    "up": (collada(ONE, up="<up_axis>W_UP</up_axis>"), "asset/up_axis: expected X_UP, Y_UP, Z_UP"),
+    "unit": (collada(ONE, unit='<unit meter="0"/>'), "asset/unit, meter: expected a finite number > 0, got 0.0"),
+    "reference": (
+        collada('<node><instance_geometry url="#x"/></node>'),
+        "instance_geometry: expected the id of a geometry in this file, got '#x'",
+    ),
+    "cycle": (
+        collada('<node id="n"><instance_node url="#n"/></node>'),
+        "expected at most 1000 nodes in line and 1,048,576 in all",
+    ),
+    "truncated": (
+        collada(ONE).replace('count="5"', 'count="6"'),
+        "source 'p': truncated, 15 of 18 numbers",
+    ),
+    "corners": (
+        collada(ONE).replace("0 1 2 4 3", "0 1 2 4"),
+        "geometry 'g', polylist: expected 1 faces of 5 corners in all, got 1 and 4 corners",
+    ),
+    "index": (
+        collada(ONE).replace("0 1 2 4 3", "0 1 2 4 5"),
+        "geometry 'g', polylist: faces: expected indices from 0 to 4, got faces[0][4] = 5",
+    ),
+    "negative": (collada(ONE).replace("0 1 2 4 3", "0 1 2 4 -1"), "geometry 'g', polylist: expected integers >= 0"),
+    "infinite": (
+        collada(ONE, positions=f"{SQUARE} INF 0 0"),
+        "geometry 'g', polylist: vertices: expected finite numbers, got vertices[5][0] = inf",
+    ),
+    "words": (collada(ONE, positions="x y z"), "source 'p': expected numbers"),
+    "matrix": (collada("<node><matrix>1 2 3</matrix></node>"), "node '0', matrix: expected 16 numbers, got 3"),
+    "hole": (
+        collada(ONE, HOLED.format("4 5")),
+        "geometry 'g', polygons: expected an outline and holes of at least three corners",
+    ),
+    "index of a hole": (
+        collada(ONE, HOLED.format("4 5 9")),
+        "geometry 'g', polygons: faces: expected indices from 0 to 4, got faces[1][1] = 5",
+    ),
+    "nothing": (collada("<node/>"), "it holds no triangles"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG_COLLADA.values(), ids=WRONG_COLLADA)
+def test_wrong_collada(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.dae"
+    path.write_text(text, encoding="utf-8")
+    assert refusal(path).startswith(message)
+
+
+# 3MF
+
+CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+TETRAHEDRON = """<mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/><vertex x="0" y="1" z="0"/>
+<vertex x="0" y="0" z="1"/></vertices><triangles><triangle v1="0" v2="2" v3="1"/><triangle v1="0" v2="1" v3="3"/>
+<triangle v1="1" v2="2" v3="3" pid="5" p1="1"/><triangle v1="2" v2="0" v3="3"/></triangles></mesh>"""
+BASES = """<basematerials id="5"><base name="red" displaycolor="#FF0000"/><base name="grey" displaycolor="#808080FF"/>
+</basematerials>"""
+OBJECTS = f"""{BASES}<object id="1" name="part" pid="5" pindex="0">{TETRAHEDRON}</object>
+<object id="2" name="pair"><components><component objectid="1"/>
+<component objectid="1" transform="1 0 0 0 1 0 0 0 1 10 20 30"/></components></object>"""
+BUILD = '<item objectid="2" transform="0 1 0 -1 0 0 0 0 1 0 0 0"/><item objectid="1" partnumber="p7"/>'
+
+
+def threemf(folder: Path, objects: str = OBJECTS, build: str = BUILD, head: str = "", **others: str) -> Path:
+    path = folder / "a.3mf"
+    kind = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+    rels = "http://schemas.openxmlformats.org/package/2006/relationships"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        relation = f'<Relationship Target="/3D/3dmodel.model" Id="r" Type="{kind}"/>'
+        archive.writestr("_rels/.rels", f'<Relationships xmlns="{rels}">{relation}</Relationships>')
+        for name, (text, items) in {
+            "3D/3dmodel.model": (objects, build),
+            **{k: (v, "") for k, v in others.items()},
+        }.items():
+            resources = f"<resources>{text}</resources><build>{items}</build>"
+            archive.writestr(name, f'<model xmlns="{CORE}" xmlns:p="{PRODUCTION}" {head}>{resources}</model>')
+    return path
+
+
+UNITS = {
+    "": 0.001,
+    "micron": 1e-6,
+    "millimeter": 1e-3,
+    "centimeter": 0.01,
+    "inch": 0.0254,
+    "foot": 0.3048,
+    "meter": 1.0,
+}
+
+
+@pytest.mark.parametrize(("unit", "metres"), UNITS.items())
+def test_3mf_has_a_unit(unit: str, metres: float, tmp_path: Path) -> None:
+    path = threemf(tmp_path, build='<item objectid="1"/>', head=unit and f'unit="{unit}"')
+    np.testing.assert_allclose(ls.Scene.from_file(path).bounds[1], metres, rtol=1e-14)
+    np.testing.assert_allclose(ls.TriangleMesh.from_file(path).vertices.max(), metres, rtol=1e-15)
+    np.testing.assert_allclose(ls.Scene.from_file(path, unit=3.0).bounds[1], 3.0, rtol=1e-14)
+
+
+def test_3mf_objects(tmp_path: Path) -> None:
+    scene = ls.Scene.from_file(threemf(tmp_path), unit=1.0)
+    assert [(item.name, item.instance) for item in scene] == [("part", 1)] * 4 + [("part", 5)] * 2
+    matrix = scene[2].transform
+    assert matrix is not None
+    assert matrix[:3].tolist() == [[0, -1, 0, -20], [1, 0, 0, 10], [0, 0, 1, 30]]
+    assert [len(item.shape) for item in scene] == [3, 1, 3, 1, 3, 1]  # type: ignore[arg-type]
+    path = tmp_path / "a.3mf"
+    loaded = trimesh.load_scene(path)
+    np.testing.assert_allclose(scene.bounds, loaded.bounds, atol=1e-12)
+    mesh = ls.TriangleMesh.from_file(path)
+    assert len(mesh) == sum(len(loaded.geometry[loaded.graph[node][1]].faces) for node in loaded.graph.nodes_geometry)
+
+
+def test_3mf_materials(tmp_path: Path) -> None:
+    path = threemf(tmp_path, build='<item objectid="1"/>')
+    red, grey = ls.Scene.from_file(path, reflectivity="color")
+    assert red.material.reflectivity == pytest.approx(0.2126)
+    assert grey.material.reflectivity == pytest.approx(float(decoded(128 / 255)))
+    rules = [ls.Rule(material="red", skip=True), ls.Rule(label=3)]
+    (item,) = ls.Scene.from_file(path, rules=rules)
+    assert (item.label, len(item.shape)) == (3, 1)  # type: ignore[arg-type]
+
+
+def test_3mf_models_of_the_production_extension(tmp_path: Path) -> None:
+    component = '<component p:path="/3D/more.model" objectid="1"/>'
+    objects = f'<object id="9"><components>{component}</components></object>'
+    other = {"3D/more.model": f'<object id="1" name="there">{TETRAHEDRON}</object>'}
+    path = threemf(tmp_path, objects, '<item objectid="9"/>', 'requiredextensions="p"', **other)
+    assert {item.name for item in ls.Scene.from_file(path)} == {"there"}
+
+
+LATTICE = "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02"
+WRONG_3MF: dict[str, tuple[dict[str, str], str]] = {
+    "extension": (
+        {"head": f'xmlns:b="{LATTICE}" requiredextensions="b"'},
+        f"it requires the extension '{LATTICE}', which is not supported",
+    ),
+    "unit": ({"head": 'unit="parsec"'}, "unit: expected one of micron, millimeter"),
+    "object": ({"build": '<item objectid="7"/>'}, "expected the id of an object, got '7'"),
+    "twice": ({"objects": OBJECTS + '<object id="1"/>'}, "object '1': expected each id once"),
+    "cycle": (
+        {"objects": '<object id="1"><components><component objectid="1"/></components></object>'},
+        "expected at most 1000 components in line",
+    ),
+    "index": ({"objects": OBJECTS.replace('v1="0"', 'v1="4"')}, "object '1': faces: expected indices from 0 to 3, got"),
+    "missing": ({"objects": OBJECTS.replace('v1="0"', "")}, "object '1', triangles: expected integers >= 0"),
+    "infinite": (
+        {"objects": OBJECTS.replace('x="1"', 'x="inf"')},
+        "object '1': vertices: expected finite numbers, got",
+    ),
+    "number": ({"objects": OBJECTS.replace('x="1"', 'x="one"')}, "object '1', vertices: expected numbers"),
+    "transform": ({"build": '<item objectid="1" transform="1 0"/>'}, "transform: expected 12 numbers, got 2"),
+    "material": ({"objects": OBJECTS.replace('p1="1"', 'p1="2"')}, "object '1': expected a material below 2, got 2"),
+    "nothing": ({"build": ""}, "it holds no triangles"),
+}
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG_3MF.values(), ids=WRONG_3MF)
+def test_wrong_3mf(changes: dict[str, str], message: str, tmp_path: Path) -> None:
+    changes = {"build": '<item objectid="1"/>', **changes}
+    assert refusal(threemf(tmp_path, **changes)).startswith(message)
+
+
+def test_3mf_bombs_are_refused(tmp_path: Path) -> None:
+    path = threemf(tmp_path, objects=" " * (1 << 27))
+    assert refusal(path) == "'3D/3dmodel.model': expected at most 100 bytes for each that it takes in the archive"
+    path.write_bytes(path.read_bytes()[:-30])
+    assert "not a zip file" in refusal(path)
+
+
+# OBJ and other mesh files
+
+
+def test_obj_objects_are_nodes_of_several_materials(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(
+        "mtllib none.mtl\nv 0 0 0\nv\t1 0 0\nv 0 1 0\no car\nusemtl red\nf 1 2 3\nusemtl glass\nf -3 -2 -1\n"
+        "o road\nusemtl tar\nf 1 2 3\no car\nusemtl red\nf 3 2 1\n",
+        encoding="utf-8",
+    )
+    scene = ls.Scene.from_file(path)
+    assert [(item.name, item.instance, len(item.shape)) for item in scene] == [  # type: ignore[arg-type]
+        ("car", 1, 2),
+        ("car", 1, 1),
+        ("road", 3, 1),
+    ]
+    scene = ls.Scene.from_file(path, rules=[ls.Rule(material="glass", skip=True), ls.Rule(node="car", label=2)])
+    assert [(item.name, item.label) for item in scene] == [("car", 2), ("road", 0)]
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".ply", ".stl"])
+def test_mesh_files_have_the_units_and_axes_that_are_given(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    trimesh.creation.box((1, 2, 3)).apply_translation((0, 0, 5)).export(path)
+    np.testing.assert_array_equal(ls.Scene.from_file(path).bounds, [[-0.5, -1, 3.5], [0.5, 1, 6.5]])
+    moved = ls.Scene.from_file(path, up="y", unit=0.5).bounds
+    np.testing.assert_allclose(moved, [[-0.25, -3.25, -0.5], [0.25, -1.75, 0.5]], rtol=1e-14)
+    np.testing.assert_array_equal(ls.TriangleMesh.from_file(path).vertices[:, 2].max(), 6.5)
+
+
+def test_obj_colors(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    faces = "v 0 0 0\nv 1 0 0\nv 0 1 0\no a\nusemtl red\nf 1 2 3\no b\nusemtl grey\nf 1 2 3\no c\nusemtl x\nf 1 2 3\n"
+    path.write_text(f"mtllib my materials.mtl\n{faces}", encoding="utf-8")
+    (tmp_path / "my materials.mtl").write_text("newmtl red\nKd 0.5 0 0\nnewmtl grey\nKd 0.5\n", encoding="utf-8")
+    found = [item.material.reflectivity for item in ls.Scene.from_file(path, reflectivity="color")]
+    half = float(decoded(0.5))
+    assert found == pytest.approx([0.2126 * half, half, 1.0], rel=1e-15)
+    path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0.5 0.5 0.5\nv 0 1 0 0 0 0\nf 1 2 3\n", encoding="utf-8")
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    np.testing.assert_allclose(item.material.reflectivity, [0.2126, half, 0.0], rtol=1e-14)
+
+
+def test_obj_textures(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(2).integers(0, 256, (2, 2, 3), np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "my image.png")
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 0.5 0.5 0.5\nmap_Kd -clamp on my image.png\n", encoding="utf-8")
+    path = tmp_path / "a.obj"
+    path.write_text(
+        "mtllib a.mtl\nv 0 0 0\nv 4 0 0\nv 4 4 0\nv 0 4 0\nvt 0 0\nvt 1 0\nusemtl m\nf 1/1 2/-1 3/2/7\n"
+        "vt 1 0.75\nvt 0 1\no other\nf 1/1 2/2 3/-2 4/4\n",
+        encoding="utf-8",
+    )
+    first, second = ls.Scene.from_file(path, reflectivity="color")
+    assert isinstance(first.material.reflectivity, ls.Texture)
+    expected = decoded(0.5) * (decoded(pixels / 255) @ REC_709)
+    np.testing.assert_allclose(first.material.reflectivity.values, expected, rtol=1e-6)
+    assert first.material.reflectivity is second.material.reflectivity
+    assert first.material.texture_coordinates is not None
+    assert second.material.texture_coordinates is not None
+    assert first.material.texture_coordinates.tolist() == [[[0, 1], [1, 1], [1, 1]]]
+    assert second.material.texture_coordinates.tolist() == [[[0, 1], [1, 1], [1, 0.25]], [[0, 1], [1, 0.25], [0, 0]]]
+
+
+def test_wrong_material_libraries(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n", encoding="utf-8")
+    assert len(ls.Scene.from_file(path)) == 1
+    assert refusal(path, reflectivity="color") == "it names a file that is not there"
+    for text, message in (
+        ("newmtl m\nKd x", "line 2: expected Kd and one or three numbers"),
+        ("newmtl m\nmap_Kd ../a.png", "it names a file that is not there"),
+        ("newmtl m\nmap_Kd -s 2 2 1 a.png", "map_Kd: its option -s is not supported"),
+        ("newmtl m\nmap_Kd /dev/zero", "it names a file by other than a relative path"),
+    ):
+        (tmp_path / "a.mtl").write_text(text, encoding="utf-8")
+        if "map_Kd" in text:
+            path.write_text(path.read_text().replace("f 1 2 3", "vt 0 0\nf 1/1 2/1 3/1"), encoding="utf-8")
+        assert message in refusal(path, reflectivity="color")
+
+
+# Formats that are not read
+
+
+@pytest.mark.parametrize("suffix", CONVERTERS)
+def test_formats_that_are_not_read_name_a_converter(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix.upper()}"
+    path.write_bytes(b"anything")
+    assert re.fullmatch(r"\w+ is not read; convert it to (GLB|OBJ)( or GLB)? with [\w ]+", refusal(path))
+    with pytest.raises(FileFormatError, match=r"is not read; convert it to"):
+        ls.TriangleMesh.from_file(path)
