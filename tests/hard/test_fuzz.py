@@ -257,6 +257,7 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "materials.named.name": lambda _: "asphalt",
     "Lidar.model": lambda _: "",
     "mujoco.World.model": lambda _: MODEL,
+    "mujoco.World.rules": lambda _: [ls.Rule(node="*", label=1)],
     "Lidar.preset.name": lambda _: "velodyne-vlp16",
     "patterns.Pulses.time": lambda _: np.array([0.0, 0.1]),
     "patterns.Pulses.ring": lambda _: np.array([0, 1]),
