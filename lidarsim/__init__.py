@@ -3,7 +3,8 @@
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from lidarsim import config, datasets, errors, io, materials, patterns, viewers  # noqa: F401 (viewers register views)
+from lidarsim import config, datasets, errors, io, materials, mujoco, patterns
+from lidarsim import viewers as viewers  # registers views
 from lidarsim.boxes import Boxes
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
@@ -72,6 +73,7 @@ __all__ = [
     "generate",
     "io",
     "materials",
+    "mujoco",
     "patterns",
     "register_format",
     "register_lidar_reader",

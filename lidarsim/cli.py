@@ -38,6 +38,7 @@ from lidarsim.io import raster, rosbag
 from lidarsim.io._cuts import WORDS
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output, is_point_cloud
+from lidarsim.scene import is_scene_file
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
@@ -274,7 +275,7 @@ def view(
         Path,
         typer.Argument(
             metavar="PATH",
-            help="Point cloud, folder of point clouds, elevation model (.tif, .asc), configuration or recipe.",
+            help="Point cloud, folder of point clouds, configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, ….",
             parser=_path,
         ),
     ],
@@ -295,7 +296,7 @@ def view(
     frame: Frame = None,
     frames: Frames = None,
 ) -> None:
-    """Show point clouds or terrain in a window, or write pictures of them.
+    """Show point clouds or a scene in a window, or write pictures of them.
 
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
     the scene. With several frames, windows and web pages have a slider, and a screenshot shows the first frame.
@@ -329,8 +330,8 @@ def view(
         unused = [name for name, value in given.items() if value is not None]
         if unused:
             raise LidarsimError(f"{', '.join(unused)}: expected only with a configuration or recipe, got {path}")
-        if raster.recognise(path):
-            _view_terrain(path, saves, looks)
+        if not is_point_cloud(path) and is_scene_file(path):
+            _view_scene(path, saves, looks)
             return
         files = _clouds(path)
         count, places = len(files), {}
@@ -344,13 +345,14 @@ def view(
             print_line(f"{save}: the first of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
 
 
-def _view_terrain(path: Path, saves: Sequence[Path], looks: Mapping[str, Any]) -> None:
-    """Show a raster of heights from all around, since there is no sensor, coloured by height."""
+def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:
+    """Show a scene file without points; terrain from all around, since there is no sensor, coloured by height."""
+    if raster.recognise(path):
+        camera = Camera.ORBIT.value if looks["camera"] == Camera.BEHIND else looks["camera"]
+        looks = {**looks, "color_by": looks["color_by"] or "height", "camera": camera}
     scene = ls.Scene.from_file(path)
-    camera = Camera.ORBIT.value if looks["camera"] == Camera.BEHIND else looks["camera"]
-    options = {**looks, "color_by": looks["color_by"] or "height", "camera": camera}
     for save in saves or (None,):
-        ls.show(scene, save=save, **options)
+        ls.show(scene, save=save, **looks)
 
 
 @app.command()
@@ -461,7 +463,8 @@ def _print_import(file: Imported) -> None:
     """Print what a scene file brought in, what it did not, and which nodes no rule matched."""
     low, high = file.bounds
     size = high - low
-    triangles = counted(sum(len(item.shape) for item in file.objects), "triangle")
+    meshes = (item.shape for item in file.objects if isinstance(item.shape, ls.TriangleMesh))
+    triangles = counted(sum(map(len, meshes)), "triangle")
     extent = " × ".join(f"{round(length, 6):,.6g}" for length in size.tolist())
     instances = counted(len({instance for _, instance in file.instances(0)}), "instance")
     print_line(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")

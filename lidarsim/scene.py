@@ -395,10 +395,10 @@ class Scene(Pickled, Plotted):
         Parameters
         ----------
         path : path-like
-            A scene file: glTF 2.0 (GLB or glTF), COLLADA (DAE) or 3MF; a mesh file: OBJ, OFF, PLY or STL; another
-            format that trimesh reads; an elevation model that `TriangleMesh.from_raster` reads; or a scene in YAML, as
-            in configurations. The last two take no options. Files that it refers to are read only if they are beside or
-            below it.
+            A scene file: glTF 2.0 (GLB or glTF), COLLADA (DAE) or 3MF; a mesh file: OBJ, OFF, PLY or STL; a model of
+            MuJoCo, MJCF or URDF, as `lidarsim.mujoco.World` shows it at first; another format that trimesh reads; an
+            elevation model that `TriangleMesh.from_raster` reads; or a scene in YAML, as in configurations. The last
+            two take no options. Files that it refers to are read only if they are beside or below it.
         up : {"y", "z"}, optional
             The axis of the file that points up. Default: as the file declares (glTF: y; DAE: its own), else z.
         unit : float, optional
@@ -438,18 +438,17 @@ class Scene(Pickled, Plotted):
         options = Options.checked(up, unit, rules, reflectivity)
         path = Path(path)
         check_regular(path)
-        with path.open("rb") as file:
-            head = file.read(HEAD)
-        for kind, (recognise, read) in _readers.items():
-            if recognise(path, head):
-                given = {name: value for name, value in vars(options).items() if value is not None and value != ()}
-                known = [name for name in inspect.signature(read).parameters if name in vars(options)]
-                for name, value in given.items():
-                    if name not in known:
-                        expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
-                        raise ArgumentTypeError(name, expected, shown(value))
-                return read(path, **given)
-        raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
+        kind = _kind_of(path)
+        if kind is None:
+            raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
+        _, read = _readers[kind]
+        given = {name: value for name, value in vars(options).items() if value is not None and value != ()}
+        known = [name for name in inspect.signature(read).parameters if name in vars(options)]
+        for name, value in given.items():
+            if name not in known:
+                expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
+                raise ArgumentTypeError(name, expected, shown(value))
+        return read(path, **given)
 
     @property
     def class_names(self) -> Mapping[int, str]:
@@ -766,6 +765,18 @@ class Scene(Pickled, Plotted):
 
 
 _readers: dict[str, tuple[Callable[[Path, bytes], bool], Callable[..., Scene]]] = {}
+
+
+def _kind_of(path: Path) -> str | None:
+    """Return the name of the kind of a file, or None if it is of none."""
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    return next((kind for kind, (recognise, _) in _readers.items() if recognise(path, head)), None)
+
+
+def is_scene_file(path: Path) -> bool:
+    """Return whether `Scene.from_file` knows the kind of a file."""
+    return path.is_file() and _kind_of(path) is not None
 
 
 def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], read: Callable[..., Scene]) -> None:

@@ -315,6 +315,23 @@ def test_pictures() -> None:
             assert len(drawn.convert("RGB").getcolors(2**24) or []) > 1000
 
 
+def test_pictures_of_scene_files(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("robot.xml").write_text(
+        '<mujoco><worldbody><geom size="1"/><geom name="ball" pos="3 0 0" size="1"/></worldbody></mujoco>',
+        encoding="utf-8",
+    )
+    assert lidarsim("view", "robot.xml", "--screenshot", "a.png", "--color-by", "object_id", *SMALL) == 0
+    assert len(Image.open("a.png").convert("RGB").getcolors(2**24) or []) > 1000
+    assert lidarsim("view", "robot.xml", "--html", "a.html") == 0
+    assert "ball" in Path("a.html").read_text(encoding="utf-8")
+    assert capsys.readouterr().err == ""
+    assert lidarsim("view", "robot.xml", "--screenshot", "b.png", "--seed", "1") == 2
+    assert "expected only with a configuration or recipe, got robot.xml" in capsys.readouterr().err
+    Path("robot.xml").write_text('<mujoco><worldbody>\n<geom file="x"/></worldbody></mujoco>', encoding="utf-8")
+    assert lidarsim("view", "robot.xml", "--screenshot", "b.png") == 2
+    assert capsys.readouterr().err.endswith("robot.xml:2: geom names a file, which is not read\n")
+
+
 def film(path: str) -> tuple[tuple[int, int], int]:
     with Image.open(path) as opened:
         return opened.size, getattr(opened, "n_frames", 1)

@@ -192,6 +192,26 @@ def test_instances_of_a_scene_file_share_their_mesh() -> None:
     assert objects["hall/two"].transform[:3, 3] == pytest.approx([-4, 4, 6])  # (4, 5, 6), turned, then moved
 
 
+def test_scene_files_of_mujoco() -> None:
+    arm = '<body name="arm" pos="4 0 0"><geom type="box" size="1 2 3"/><geom size="1"/></body>'
+    Path("arm.xml").write_text(f"<mujoco><worldbody><geom size='1'/>{arm}</worldbody></mujoco>", encoding="utf-8")
+    item = "{shape: scene_file, file: arm.xml, name: %s, label: 7, reflectivity: 0.3, position_m: [0, %d, 0]}"
+    ball = "{shape: sphere, center_m: [0, 0, 9], radius_m: 1}"
+    scene = f"scene: [{ball}, {item % ('left', 5)}, {item % ('right', -5)}]"
+    _, *objects = load(f"sensor: {{preset: velodyne-vlp16}}\n{scene}").scene.objects
+    assert [object_.name for object_ in objects] == [
+        f"{side}/{name}" for side in ("left", "right") for name in ("world/0", "arm/0", "arm/1")
+    ]
+    assert [object_.instance for object_ in objects] == [2, 3, 3, 5, 6, 6]
+    assert {(object_.label, object_.material.reflectivity) for object_ in objects} == {(7, 0.3)}
+    assert objects[1].shape == ls.Box((2, 4, 6))
+    assert objects[1].shape is objects[4].shape
+    assert objects[4].transform[:3, 3].tolist() == [4, -5, 0]
+    Path("arm.xml").write_text("<mujoco>", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"arm\.xml:1: not well-formed XML: no element found"):
+        load(f"sensor: {{preset: velodyne-vlp16}}\n{scene}")
+
+
 def test_patterns_without_a_preset() -> None:
     Path("rows.csv").write_text("x,y,z\n1,0,0\n0,1,0\n", encoding="utf-8")
     grid = "{pattern: {type: grid, azimuths_deg: [-1, 0, 1], elevations_deg: [0, 1], rate_hz: 5}}"

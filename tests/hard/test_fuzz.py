@@ -19,6 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -96,6 +97,17 @@ def lidar() -> ls.Lidar:
 
 def drive() -> ls.Trajectory:
     return ls.Trajectory([0.0, 0.5, 2.0], [turned(a, a, 0, 0) for a in (0.0, 1.0, 3.0)], interpolation="spline")
+
+
+MODEL = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><body><freejoint/><geom size="1"/><site name="lidar"/></body></worldbody></mujoco>'
+)
+
+
+def poses() -> mujoco.MjData:
+    data = mujoco.MjData(MODEL)
+    mujoco.mj_forward(MODEL, data)
+    return data
 
 
 RUN = """\
@@ -225,6 +237,11 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "clouds": lambda _: [cloud(), cloud()],
     "cloud": lambda _: cloud(),
     "float32": lambda _: False,
+    # MuJoCo
+    "groups": lambda _: (0, 1),
+    "keyframe": lambda _: None,
+    "data": lambda _: poses(),
+    "site": lambda _: "lidar",
     # Files
     "path": lambda folder: folder / "cloud.npz",
     "topic": lambda _: None,
@@ -241,6 +258,8 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "compare.sensor": lambda _: None,
     "materials.named.name": lambda _: "asphalt",
     "Lidar.model": lambda _: "",
+    "mujoco.World.model": lambda _: MODEL,
+    "mujoco.World.rules": lambda _: [ls.Rule(node="*", label=1)],
     "Lidar.preset.name": lambda _: "velodyne-vlp16",
     "patterns.Pulses.time": lambda _: np.array([0.0, 0.1]),
     "patterns.Pulses.ring": lambda _: np.array([0, 1]),

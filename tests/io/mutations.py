@@ -117,6 +117,23 @@ def samples(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]
     yield ".mcap zstd", folder / "zstd" / "zstd.mcap", PointCloud.load
 
 
+URDF = """<?xml version="1.0"?>
+<robot name="arm">
+  <material name="blue"><color rgba="0 0 1 1"/></material>
+  <link name="base"><collision><geometry><box size="1 1 0.2"/></geometry></collision></link>
+  <link name="upper">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://arm/upper.dae"/></geometry><material name="blue"/></visual>
+    <collision><geometry><mesh filename="package://arm/mesh.stl" scale="1 1 2"/></geometry></collision>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><origin xyz="0 0 0.1" rpy="0 0 1"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
 def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
     """The same of configurations, of vendors' files and of what else describes a scene, a sensor or a path."""
     shutil.copytree(ROOT / "configs", folder / "configs")
@@ -161,6 +178,10 @@ def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
         yield f"mesh text {suffix}", path, TriangleMesh.from_file
     yield from rasters(folder)
     yield from scenes(folder)
+    for path in (folder / "configs" / "scenes" / "warehouse.xml", folder / "robot.urdf"):
+        if path.suffix == ".urdf":
+            path.write_text(URDF)
+        yield f"scene {path.suffix}", path, Scene.from_file
     for shape, file in (("scene_file", "mesh.glb"), ("heightfield", "table.npy")):
         scene = folder / f"{shape}.yaml"
         more = ", spacing_m: 1" if shape == "heightfield" else ""

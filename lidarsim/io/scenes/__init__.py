@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from lidarsim.io.meshes import SUFFIXES
-from lidarsim.io.scenes import others
+from lidarsim.io.scenes import mjcf, others
 from lidarsim.io.scenes._build import Imported, Reader, imported, mesh_of, scene_of
 from lidarsim.rules import Appearance, Options, Rule
 from lidarsim.scene import Scene, register_scene_reader
@@ -55,6 +55,8 @@ class Load:
 
     def __call__(self, path: Path) -> Imported:
         """Read a file."""
+        if mjcf.recognise(path):
+            return mjcf.imported(path, self.options)
         return imported(path, _reader(path), self.options)
 
 

@@ -18,7 +18,7 @@ from lidarsim.io.scenes._pictures import sampled, texture
 from lidarsim.materials import LUMINANCE, Material, Texture
 from lidarsim.rules import Appearance, Options, Rule
 from lidarsim.scene import Scene
-from lidarsim.shapes import TriangleMesh
+from lidarsim.shapes import Shape, TriangleMesh
 from lidarsim.shapes._polygons import check_faces, triangulated
 from lidarsim.shapes.triangle_mesh import MeshFile
 
@@ -35,7 +35,7 @@ UPRIGHT = {
 class Placed(NamedTuple):
     """An object of a scene file; None where nothing is said."""
 
-    shape: TriangleMesh
+    shape: Shape
     name: str
     label: int | None
     material: Material | None
@@ -104,8 +104,13 @@ def _report(path: Path, left_out: list[str]) -> None:
 
 def scene_of(path: Path, read: Reader, options: Options) -> Scene:
     """Return the scene that a file holds."""
+    return scene_with(imported(path, read, options))
+
+
+def scene_with(found: Imported) -> Scene:
+    """Return a scene of the objects of a file."""
     scene = Scene()
-    for item, instance in imported(path, read, options).instances(0):
+    for item, instance in found.instances(0):
         scene.add(
             item.shape,
             name=item.name,

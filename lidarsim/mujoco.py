@@ -1,0 +1,217 @@
+"""Worlds of MuJoCo: scenes that follow the simulation of a model."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+
+from lidarsim._files import PathLike
+from lidarsim._pickling import Pickled
+from lidarsim._validation import Floats, shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.io.scenes import mjcf
+from lidarsim.io.scenes._build import scene_with
+from lidarsim.materials import Material
+from lidarsim.rules import Options, Rule
+
+if TYPE_CHECKING:
+    import mujoco
+
+__all__ = ["World"]
+
+
+class World(Pickled):
+    """A scene that shows what a MuJoCo model and its data describe.
+
+    Each geom is an object of the scene, of the same shape, named after the geom; one without a name is called after its
+    body and its number in it: ``"wheel/0"``. Rays meet what `mj_ray` meets, with the exceptions that
+    `lidarsim.io.scenes.mjcf` lists. Geoms of alpha 0, flexes and skins are left out.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel or path-like
+        A model, or an MJCF or URDF file. A file may name others beside or below it; it may not use plugins, and its
+        textures are not read.
+    groups : collection of int
+        Which groups of geoms the scene has, 0 to 5. Default: those that MuJoCo's viewers show. Robots often have their
+        visible geoms in group 2, and others for collisions in group 3.
+    rules : sequence of Rule
+        Labels, materials and instances of the geoms; of those rules that match a geom, the first decides. The path of a
+        geom has the names of the bodies from the top one on, and then its own or, without one, its number:
+        ``"robot/wheel/0"``.
+    reflectivity : float, Material or "color", optional
+        Reflectivity or material of the geoms for which no rule gives one; "color" for the luminance of the colour of
+        each, as `Material.from_colors` computes it. Default: a perfect diffuser.
+    keyframe : int or str, optional
+        Number or name of the keyframe that the scene shows until the first `update`. Default: the pose of the model
+        itself (``qpos0``).
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene. Things may be added to it and changed; `update` only sets the transforms of geoms that move.
+    model : mujoco.MjModel
+        The model.
+
+    Raises
+    ------
+    MissingExtraError
+        If mujoco is not installed.
+    FileFormatError
+        If the file cannot be read as a model.
+    TypeError, ValueError
+        If an argument is of another type or out of range.
+    OSError
+        If the file cannot be opened.
+
+    Examples
+    --------
+    >>> import mujoco
+    >>> import lidarsim as ls
+    >>> model = mujoco.MjModel.from_xml_string('''
+    ... <mujoco><worldbody>
+    ...   <geom type="plane" size="0 0 1"/>
+    ...   <site name="lidar" pos="0 0 0.5"/>
+    ...   <body name="ball" pos="4 0 0.5"><freejoint/><geom size="0.5"/></body>
+    ... </worldbody></mujoco>''')
+    >>> world, data = ls.mujoco.World(model), mujoco.MjData(model)
+    >>> data.qpos[0] = 5.0
+    >>> mujoco.mj_forward(model, data)
+    >>> world.update(data)
+    >>> hits = world.scene.cast([world.pose(data, site="lidar")[:3, 3]], [[1, 0, 0]])
+    >>> world.scene[hits.object_id[0]].name, hits.t
+    ('ball/0', array([4.5]))
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel | PathLike,
+        *,
+        groups: Collection[int] = mjcf.SHOWN,
+        rules: Sequence[Rule] = (),
+        reflectivity: float | Material | Literal["color"] | None = None,
+        keyframe: int | str | None = None,
+    ) -> None:
+        module = mjcf.mujoco_module()
+        if isinstance(model, str | os.PathLike):
+            model = mjcf.load(model)
+        elif not isinstance(model, module.MjModel):
+            raise ArgumentTypeError("model", "a mujoco.MjModel or the path of a file", shown(model))
+        data = mjcf.placed(model, keyframe)
+        self.model = model
+        options = Options.checked(None, None, rules, reflectivity)
+        geoms, found = mjcf.objects(model, data, Path(), options, groups)
+        self.scene = scene_with(found)
+        objects = dict(zip(geoms, range(len(geoms)), strict=True))
+        body = model.geom_bodyid
+        self._bodies = {
+            mjcf.body_name(model, int(body[geom])): self.scene[number].instance
+            for geom, number in objects.items()
+            if body[geom]
+        }
+        self._moving = np.array([geom for geom in objects if _moves(model, int(body[geom]))], np.intp)
+        self._objects = [objects[geom] for geom in self._moving.tolist()]
+        self._poses = mjcf.poses(data, self._moving)
+
+    @property
+    def bodies(self) -> Mapping[str, int]:
+        """Instance of each body by its name, or by its number as text if it has none: read-only mapping of str to int.
+
+        All objects of a body share the instance. Objects of the world body are instances of their own; that body and
+        those without objects are not listed.
+        """
+        return MappingProxyType(self._bodies)
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Move all objects to where their geoms are.
+
+        Parameters
+        ----------
+        data : mujoco.MjData
+            Data of the model. Poses are those of its last ``mj_forward`` or ``mj_kinematics``: after ``mj_step`` alone
+            they are one step old.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If these are not data of the model, or they have no poses yet, or one that is not finite; nothing is then
+            moved.
+        """
+        self._check(data)
+        poses = mjcf.poses(data, self._moving)
+        wrong = ~np.isfinite(poses).all(axis=(1, 2))
+        if wrong.any():
+            name = self.scene[self._objects[int(np.argmax(wrong))]].name
+            raise ArgumentValueError(
+                "data", "finite poses", f"one of {name!r} that is not", "is the simulation stable?"
+            )
+        for i in np.flatnonzero((poses != self._poses).any(axis=(1, 2))).tolist():
+            self.scene.update(self._objects[i], transform=poses[i])
+        self._poses = poses
+
+    def pose(self, data: mujoco.MjData, *, site: str) -> Floats:
+        """Return where a site is: the pose of a sensor on it.
+
+        Parameters
+        ----------
+        data : mujoco.MjData
+            Data of the model; see `update`.
+        site : str
+            Name of the site. Its x axis is the sensor's forward direction, and its z axis is up.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4)
+            Sensor to world.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If these are not data of the model, or they have no poses yet, or the model has no such site.
+        """
+        self._check(data)
+        module = mjcf.mujoco_module()
+        if not isinstance(site, str):
+            raise ArgumentTypeError("site", "the name of a site", shown(site))
+        number = module.mj_name2id(self.model, module.mjtObj.mjOBJ_SITE, site)
+        if number < 0:
+            names = (module.mj_id2name(self.model, module.mjtObj.mjOBJ_SITE, k) for k in range(self.model.nsite))
+            known = ", ".join(filter(None, names)) or "none"
+            raise ArgumentValueError("site", "the name of a site of the model", shown(site), f"it has {known}")
+        pose = np.eye(4)
+        pose[:3, :3] = data.site_xmat[number].reshape(3, 3)
+        pose[:3, 3] = data.site_xpos[number]
+        return pose
+
+    def _check(self, data: Any) -> None:
+        if not isinstance(data, mjcf.mujoco_module().MjData):
+            raise ArgumentTypeError("data", "a mujoco.MjData", shown(data))
+        sizes = {"ngeom": len(data.geom_xpos), "nsite": len(data.site_xpos), "nbody": len(data.xpos)}
+        for name, size in sizes.items():
+            if size != getattr(self.model, name):
+                raise ArgumentValueError("data", f"data of the model, {name} = {getattr(self.model, name)}", size)
+        if not data.xmat[0].any():  # the world's orientation, which mj_kinematics sets
+            raise ArgumentValueError("data", "data with poses", "none", "call mujoco.mj_forward(model, data) first")
+
+    def __repr__(self) -> str:
+        """Return the number of bodies and objects."""
+        return f"World: {self.model.nbody} bodies, {len(self.scene)} objects of which {len(self._objects)} can move"
+
+    def _contents(self) -> dict[str, Any]:
+        return dict(vars(self))
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        world = cls.__new__(cls)
+        vars(world).update(contents)
+        return world
+
+
+def _moves(model: mujoco.MjModel, body: int) -> bool:
+    """Return whether data can move a body: it is not welded to the world, or a part of a mocap body."""
+    return bool(model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0)
