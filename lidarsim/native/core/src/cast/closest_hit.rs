@@ -5,8 +5,9 @@ use std::cmp::Ordering;
 use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::bvh::{Bvh, LANES, Mask, RayPacket, Stack, TraversalRay, take};
-use crate::scene::{Geometry, RootId, RootIntervals, Scene, TRange, TimedRay, TriangleMesh, World};
+use crate::scene::{Geometry, PrimitiveLeaf, RootId, RootIntervals, Scene, TRange, TimedRay, World};
 use crate::shapes::MOST_ROOTS;
+use crate::shapes::triangle::Leaf;
 
 /// The closest-hit query of one ray.
 pub struct ClosestHit<'a> {
@@ -59,19 +60,37 @@ impl<'a> ClosestHit<'a> {
         hierarchy.traverse(&mut ray, stack, |stack, leaf| {
             match &self.scene.objects()[*leaf as usize].geometry {
                 Geometry::Surface(_) => self.intersect(*leaf, 0),
-                Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
+                _ => self.enter(*leaf, stack),
             }
             self.limit
         });
     }
 
-    /// Traverses one mesh.
-    pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
+    /// Traverses one object that holds primitives.
+    pub fn enter(&mut self, id: u32, stack: &mut Stack) {
+        match &self.scene.objects()[id as usize].geometry {
+            Geometry::Surface(_) => {}
+            Geometry::Mesh(mesh) => self.traverse_within(id, mesh.hierarchy(), Leaf::ids, stack),
+            Geometry::Spheres(spheres) => {
+                self.traverse_within(id, spheres.hierarchy(), PrimitiveLeaf::ids, stack);
+            }
+            Geometry::Disks(disks) => {
+                self.traverse_within(id, disks.hierarchy(), PrimitiveLeaf::ids, stack);
+            }
+        }
+    }
+
+    fn traverse_within<L>(
+        &mut self,
+        id: u32,
+        hierarchy: &Bvh<L>,
+        ids: impl Fn(&L) -> &[u32],
+        stack: &mut Stack,
+    ) {
         let [o, d] = self.scene.at(id, self.ray.time).enclose(self.ray.origin, self.ray.direction);
-        let hierarchy = mesh.hierarchy();
         let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.range.min, self.limit);
         hierarchy.traverse(&mut ray, stack, |_, leaf| {
-            for &primitive in leaf.ids() {
+            for &primitive in ids(leaf) {
                 self.intersect(id, primitive);
             }
             self.limit
@@ -382,9 +401,9 @@ impl<'a> ClosestHits<'a> {
     }
 
     /// As `ClosestHit::enter`.
-    pub fn enter(&mut self, rays: &RayPacket, lane: usize, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
+    pub fn enter(&mut self, rays: &RayPacket, lane: usize, id: u32, stack: &mut Stack) {
         let mut closest = self.of_lane(rays, lane);
-        closest.enter(id, mesh, stack);
+        closest.enter(id, stack);
         self.set_lane(lane, &closest);
     }
 

@@ -9,6 +9,7 @@ mod instance;
 mod leaf_intersector;
 mod local_rays;
 mod poses;
+mod primitive_intersector;
 mod ray_sort;
 mod schedule;
 mod surface_intersector;

@@ -76,6 +76,18 @@ pub fn length_above(v: Point) -> f64 {
     largest * ((x * x + y * y + z * z).sqrt() * (1.0 + 4.0 * f64::EPSILON)) + f64::from_bits(1)
 }
 
+/// Upper bounds of how far a circle of radius r around an axis A reaches along each axis of coordinates:
+/// r·√(1 − A_i²/|A|²). Each coordinate of A may be off by one rounding.
+pub fn reach_of_circle(axis: Point, radius: f64) -> Point {
+    let [x, y, z] = axis;
+    let length = length_above(axis);
+    let across = [[0.0, y, z], [x, 0.0, z], [x, y, 0.0]].map(length_above);
+    std::array::from_fn(|i| {
+        let share = if length.is_normal() { across[i] / length * (1.0 + 32.0 * f64::EPSILON) } else { 1.0 };
+        (radius * share.min(1.0)).next_up()
+    })
+}
+
 /// The unit vector along `v`, whose squares neither overflow nor underflow.
 ///
 /// Coordinates are first rounded to 2⁻⁶⁰ of the largest, so that the way they were computed does not

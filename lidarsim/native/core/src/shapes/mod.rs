@@ -5,6 +5,8 @@
 
 mod r#box;
 mod cylinder;
+mod disk;
+mod each;
 mod ellipsoid;
 pub(crate) mod newton;
 mod plane;
@@ -15,6 +17,8 @@ pub(crate) mod triangle;
 
 pub use r#box::Box;
 pub use cylinder::Cylinder;
+pub use disk::Disk;
+pub(crate) use each::{Each, EachOf, of_each};
 pub use ellipsoid::Ellipsoid;
 pub use plane::Plane;
 pub use polygon::self_crossing;
@@ -127,7 +131,7 @@ macro_rules! surfaces {
     };
 }
 
-surfaces!(Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle);
+surfaces!(Box, Cylinder, Disk, Ellipsoid, Plane, Sphere, Triangle);
 
 #[cfg(test)]
 mod tests {
