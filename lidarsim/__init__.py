@@ -16,7 +16,9 @@ from lidarsim.scene import Scene, SceneObject, register_scene_reader
 from lidarsim.sensor import Lidar, register_lidar_reader
 from lidarsim.shapes import (
     Box,
+    Capsule,
     Cylinder,
+    Disk,
     Ellipsoid,
     Hits,
     Plane,
@@ -32,9 +34,11 @@ from lidarsim.viewers import show
 __all__ = [
     "Beam",
     "Box",
+    "Capsule",
     "Comparison",
     "Cylinder",
     "Detection",
+    "Disk",
     "Ellipsoid",
     "Hits",
     "Lidar",

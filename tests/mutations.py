@@ -440,8 +440,8 @@ MUTANTS = [
     Mutant("boxes of cylinders 32ε", "across[i] / length * (1.0 + 32.0 * f64::EPSILON)", "across[i] / length"),
     Mutant(
         "boxes of cylinders",
-        "low: (self.start[i].min(self.end[i]) - reach).next_down(),",
-        "low: self.start[i].min(self.end[i]) - reach,",
+        "low: (self.start[i].min(self.end[i]) - reach[i]).next_down(),",
+        "low: self.start[i].min(self.end[i]) - reach[i],",
     ),
     Mutant("boxes of spheres", "low: (c - self.radius).next_down()", "low: c - self.radius"),
     Mutant("boxes of boxes", "low: (self.center[i] - half.next_up()).next_down()", "low: self.center[i] - half"),

@@ -78,6 +78,8 @@ def shapes(transform: Floats | None = None) -> list[ls.Shape]:
         ls.Polygon(corners, **own),
         blob(**own),
         ls.Plane((0.1, 0.2, 1.0), -8.0, **own),
+        ls.Capsule((0, -0.5, -0.5), (0.25, 0, 0.75), 0.5, **own),
+        ls.Disk((0.25, 0, 0.5), (0.5, -1, 2), 1.25, **own),
     ]
 
 

@@ -2,7 +2,9 @@
 
 from lidarsim.shapes._shape import Hits, Shape
 from lidarsim.shapes.box import Box
+from lidarsim.shapes.capsule import Capsule
 from lidarsim.shapes.cylinder import Cylinder
+from lidarsim.shapes.disk import Disk
 from lidarsim.shapes.ellipsoid import Ellipsoid
 from lidarsim.shapes.plane import Plane
 from lidarsim.shapes.polygon import Polygon
@@ -12,7 +14,9 @@ from lidarsim.shapes.triangle_mesh import TriangleMesh
 
 __all__ = [
     "Box",
+    "Capsule",
     "Cylinder",
+    "Disk",
     "Ellipsoid",
     "Hits",
     "Plane",

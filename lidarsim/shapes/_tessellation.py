@@ -50,6 +50,22 @@ def segments(radius: float, chord_error: float | None) -> int:
     return max(8, 2 * math.ceil(count / 2))
 
 
+def frame(axis: Floats) -> Floats:
+    """Return an axis and two directions across it as unit vectors, right-handed: the rows are x, y and the axis."""
+    z = axis / np.abs(axis).max()  # whose square neither overflows nor underflows
+    z /= np.linalg.norm(z)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def circle(radius: float, chord_error: float | None) -> Floats:
+    """Return points of a circle around the z axis whose chords keep within an error of it, shape (n, 3)."""
+    count = segments(radius, chord_error)
+    angle = np.arange(count) * (2 * np.pi / count)
+    return radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=-1)
+
+
 def unit_sphere(chord_error: float | None) -> Triangles:
     """Return a triangulation of the unit sphere that keeps within an error of it; its vertices are on the sphere.
 
@@ -66,9 +82,42 @@ def unit_sphere(chord_error: float | None) -> Triangles:
     Triangles
         Vertices in rings from the south pole to the north pole, and faces.
     """
-    count = segments(1.0, (_DEFAULT if chord_error is None else chord_error) / 2)
+    count = _steps(chord_error)
+    return _globe(count, np.arange(1, count // 2) * (2 * np.pi / count) - np.pi / 2)
+
+
+def unit_capsule(chord_error: float | None) -> tuple[Floats, npt.NDArray[np.uint32], npt.NDArray[np.bool_]]:
+    """Return a triangulation of the unit sphere, cut along the equator by a side without height.
+
+    Parameters
+    ----------
+    chord_error : float, optional
+        As of `unit_sphere`, which the side keeps, too.
+
+    Returns
+    -------
+    vertices, faces : ndarray
+        As of `unit_sphere`.
+    is_north : ndarray of bool, shape (n,)
+        Which vertices belong to the northern half; moved along z, they draw the side out.
+    """
+    count = 4 * math.ceil(_steps(chord_error) / 4)
+    south = np.arange(1, count // 4 + 1) * (2 * np.pi / count) - np.pi / 2
+    vertices, faces = _globe(count, np.concatenate([south, -south[::-1]]))
+    is_north = np.arange(len(vertices)) >= len(south) * count
+    is_north[-2] = False  # the south pole
+    return vertices, faces, is_north
+
+
+def _steps(chord_error: float | None) -> int:
+    """Return how many steps of longitude a unit sphere takes."""
+    return segments(1.0, (_DEFAULT if chord_error is None else chord_error) / 2)
+
+
+def _globe(count: int, latitudes: Floats) -> Triangles:
+    """Return rings of vertices of the unit sphere at ascending latitudes, both poles after them, and the faces."""
     longitude = np.arange(count) * (2 * np.pi / count)
-    latitude = (np.arange(1, count // 2) * (2 * np.pi / count) - np.pi / 2)[:, None]
+    latitude = latitudes[:, None]
     x, y, z = np.broadcast_arrays(
         np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
     )

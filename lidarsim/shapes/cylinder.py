@@ -10,7 +10,7 @@ import numpy.typing as npt
 from lidarsim._validation import Floats, Transform, Vector, frozen
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.shapes._shape import Shape
-from lidarsim.shapes._tessellation import Triangles, segments
+from lidarsim.shapes._tessellation import Triangles, circle, frame
 
 
 class Cylinder(Shape):
@@ -87,13 +87,9 @@ class Cylinder(Shape):
         return bool(self._arguments["capped"][0])
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
-        start, end, radius = self.start, self.end, self.radius
-        axis = (end - start) / np.linalg.norm(end - start)
-        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        across /= np.linalg.norm(across)
-        count = segments(radius, chord_error)
-        angle = np.arange(count)[:, None] * (2 * np.pi / count)
-        rim = radius * (np.cos(angle) * across + np.sin(angle) * np.cross(axis, across))
+        start, end = self.start, self.end
+        rim = circle(self.radius, chord_error) @ frame(end - start)
+        count = len(rim)
         low, high = np.arange(count), np.arange(count) + count
         after = np.roll(low, -1)
         faces = [np.stack([low, after, after + count], axis=-1), np.stack([low, after + count, high], axis=-1)]

@@ -109,6 +109,8 @@ SHAPES = {
         "{shape: cylinder, start_m: [-9, 0, 1], end_m: [9, 0, 1], radius_m: 0.5, capped: false}",
         ls.Cylinder((-9, 0, 1), (9, 0, 1), 0.5, capped=False),
     ),
+    "capsule": ("{start_m: [0, 0, 1], end_m: [0, 0, 3], radius_m: 1}", ls.Capsule((0, 0, 1), (0, 0, 3), 1)),
+    "disk": ("{center_m: [0, 0, 2], normal: [0, 1, 2], radius_m: 1}", ls.Disk((0, 0, 2), (0, 1, 2), 1)),
     "triangle": (
         "{a_m: [-1, -1, 2], b_m: [1, -1, 2], c_m: [0, 1, 3]}",
         ls.Triangle((-1, -1, 2), (1, -1, 2), (0, 1, 3)),

@@ -100,6 +100,13 @@ SAMPLES = [
         lambda m: (m.point((-1, 0.25, 0)), m.point((1, 0, 0.25)), m.length(0.75), False),
     ),
     Sample(
+        "capsule",
+        "Capsule",
+        lambda m: (m.point((0.125, 0.25, -0.75)), m.point((0.25, -0.125, 0.5)), m.length(0.625)),
+        (0.25, 0.125, 0.25),
+    ),
+    Sample("disk", "Disk", lambda m: (m.point((0.125, -0.25, 0.25)), m.direction((1, -2, 3)), m.length(1.25))),
+    Sample(
         "triangle",
         "Triangle",
         lambda m: (m.point((1.25, 0.125, 0.25)), m.point((-0.75, 1, 0.125)), m.point((-0.5, -1, 0.5))),

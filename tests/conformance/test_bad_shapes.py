@@ -74,6 +74,20 @@ BAD = [
     (lambda: ls.Cylinder(ORIGIN, Z, 1.0, "yes"), TypeError, "capped: expected a bool, got 'yes'"),
     (lambda: ls.Cylinder(ORIGIN, (0, 0, math.nan), 1.0), ValueError, "end: expected finite numbers, got end[2] = nan"),
     (
+        lambda: ls.Capsule(X, X, 1.0),
+        ValueError,
+        "end: expected a point other than start, got (1.0, 0.0, 0.0) for both",
+    ),
+    (lambda: ls.Capsule(ORIGIN, Z, -1), ValueError, "radius: expected a finite number > 0, got -1.0"),
+    (lambda: ls.Capsule((0, math.inf, 0), Z, 1.0), ValueError, "start: expected finite numbers, got start[1] = inf"),
+    (lambda: ls.Disk(ORIGIN, ORIGIN, 1.0), ValueError, "normal: expected a non-zero vector, got [0.0, 0.0, 0.0]"),
+    (lambda: ls.Disk(ORIGIN, Z, 0.0), ValueError, "radius: expected a finite number > 0, got 0.0"),
+    (
+        lambda: ls.Disk(ORIGIN, (0, math.nan, 1), 1.0),
+        ValueError,
+        "normal: expected finite numbers, got normal[1] = nan",
+    ),
+    (
         lambda: ls.Triangle(*COLLINEAR),
         ValueError,
         ON_A_LINE + "[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [-3.0, -6.0, -9.0]",
@@ -176,12 +190,14 @@ def test_small_and_large_shapes_are_legal(power):
         ls.Sphere(ORIGIN, size),
         ls.Box((2 * size,) * 3),
         ls.Cylinder((0, 0, -size), (0, 0, size), size),
+        ls.Capsule((0, 0, -size), (0, 0, size), size),
         ls.Ellipsoid(ORIGIN, (size, size, size)),
     ):
         np.testing.assert_array_equal(shape.roots([(-3 * size, 0, 0)], [(size, 0, 0)]), [[2.0, 4.0]])
         np.testing.assert_array_equal(shape.roots([(-3 * size, 0, 0)], [(1.0, 0, 0)]), [[2.0 * size, 4.0 * size]])
     square = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * size
-    for shape in (ls.Polygon(square), ls.TriangleMesh(square, [(0, 1, 2), (0, 2, 3)]), ls.Triangle(*square[:3])):
+    mesh = ls.TriangleMesh(square, [(0, 1, 2), (0, 2, 3)])
+    for shape in (ls.Polygon(square), mesh, ls.Triangle(*square[:3]), ls.Disk(ORIGIN, (0, 0, size), size)):
         hits = shape.cast([(0.5 * size, 0.25 * size, 3 * size)], [(0, 0, -size)])
         assert hits.t[0] == 3.0
         np.testing.assert_array_equal(hits.normal, [Z])

@@ -220,8 +220,8 @@ def _mujoco_geom(spec: cases.Spec) -> str | None:
             return geom("ellipsoid", size=radii, pos=center, xyaxes=axes[:, :2].T)
         case "Box", (size, *center), None:
             return geom("box", size=np.divide(size, 2), pos=center[0] if center else (0, 0, 0))
-        case "Cylinder", (start, end, radius, *capped), None if not capped or capped[0]:
-            return geom("cylinder", size=radius, fromto=(start, end))
+        case "Cylinder" | "Capsule" as kind, (start, end, radius, *capped), None if not capped or capped[0]:
+            return geom(kind.lower(), size=radius, fromto=(start, end))
     return None
 
 

@@ -132,6 +132,38 @@ def _solid_targets(rng: np.random.Generator, kind: str, n: int) -> tuple[Floats,
     return radial * _near_one(rng, n) + z * axis, np.where(np.any(d, axis=1, keepdims=True), d, axis)
 
 
+def _random_capsule(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
+    """Aim at the side and its seams as at those of a cylinder, or where lines nearly touch the ball around an end."""
+    half, radius = (
+        size * (np.array((0.0, 0.0, 4.0)) if lattice else _units(rng, 1)[0] * 10 ** rng.uniform(-3, 3)),
+        5 * size,
+    )
+    axis = half / np.linalg.norm(half)
+    across = np.cross(axis, (1.0, 0.0, 0.0) if lattice else rng.normal(size=3))
+    across /= np.linalg.norm(across)
+    turn = np.stack([across, np.cross(axis, across), axis], axis=1)
+    on_side, along_side = _solid_targets(rng, "Cylinder", n)
+    linear = turn * (radius, radius, np.linalg.norm(half))
+    on_ball, past_ball = _solid_targets(rng, "Sphere", n)
+    is_end = rng.random((n, 1)) < 0.5
+    target = np.where(is_end, radius * on_ball + rng.choice([-1.0, 1.0], (n, 1)) * half, on_side @ linear.T)
+    d = np.where(is_end, radius * past_ball, along_side @ linear.T)
+    return _Aim(cases.Spec(kind, (center - half, center + half, radius)), center + target, d, size / 2)
+
+
+def _random_disk(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
+    """Aim near the rim, from all sides and nearly within the plane."""
+    normal = np.rint(rng.uniform(-4, 4, 3)) if lattice else rng.normal(size=3) * 10.0 ** rng.integers(-6, 6)
+    normal = normal if normal.any() else np.array((0.0, 0.0, 1.0))
+    out = np.cross(normal, rng.normal(size=(n, 3)))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    upward = normal / np.linalg.norm(normal) * 10.0 ** rng.uniform(-15, 0, (n, 1)) * rng.choice([-1.0, 1.0], (n, 1))
+    along = rng.choice([-1.0, 0.0, 1.0], (n, 1)) * np.cross(upward, out) / np.linalg.norm(upward, axis=1, keepdims=True)
+    d = np.where(rng.random((n, 1)) < 0.3, _units(rng, n), out * rng.choice([-1.0, 0.0, 1.0], (n, 1)) + along + upward)
+    spec = cases.Spec(kind, (center, normal, 5 * size))
+    return _Aim(spec, center + 5 * size * _near_one(rng, n) * out, d * size, size / 2)
+
+
 def _random_facets(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
     unit = size / 2
     if kind == "Triangle":
@@ -193,6 +225,8 @@ MAKERS: dict[str, Callable[..., _Aim]] = {
     "Ellipsoid": _random_solid,
     "Box": _random_solid,
     "Cylinder": _random_solid,
+    "Capsule": _random_capsule,
+    "Disk": _random_disk,
     "Triangle": _random_facets,
     "Polygon": _random_facets,
     "TriangleMesh": _random_facets,

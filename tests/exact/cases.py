@@ -71,7 +71,20 @@ def _affine(linear: Any, translation: Any = (0.0, 0.0, 0.0)) -> Floats:
 
 def hard_cases() -> list[Case]:
     """Return every named case."""
-    makers = (_planes, _spheres, _ellipsoids, _boxes, _cylinders, _triangles, _meshes, _polygons, _scaled, _transformed)
+    makers = (
+        _planes,
+        _spheres,
+        _ellipsoids,
+        _boxes,
+        _cylinders,
+        _capsules,
+        _disks,
+        _triangles,
+        _meshes,
+        _polygons,
+        _scaled,
+        _transformed,
+    )
     return list(itertools.chain.from_iterable(maker() for maker in makers))
 
 
@@ -352,6 +365,111 @@ def _cylinders() -> Iterator[Case]:
         )
 
 
+def _capsules() -> Iterator[Case]:
+    sizes = {
+        "unit": (5.0, 10.0),
+        "needle": (1e-6, 1.0),
+        "ball": (1e6, 1.0),
+        "nearly-a-sphere": (1.0, 1e-12),
+        "thread": (1e-12, 1.0),
+    }
+    for label, (r, h) in sizes.items():
+        spec = Spec("Capsule", ((0, 0, 0), (0, 0, h), r))
+        pairs: list[tuple[Any, Any]] = []
+        for sign in (-1, 1):
+            for rho in (0.0, 0.5 * r, np.nextafter(r, 0), r, np.nextafter(r, np.inf)):
+                pairs += [((rho, 0, z), (0, 0, sign * 1.5)) for z in (-2 * r, -r, 0, 0.5 * h, h, h + r, h + 2 * r)]
+                pairs += [((0, -rho, -h), (0.0, -0.0, sign * 0.1))]
+        yield Case(
+            f"capsule-{label}-along-axis", "capsule, along the axis and in the wall", spec, *_rays(pairs), 20, 12
+        )
+        pairs = []
+        for z, impact in itertools.product((-5e-324, 0.0, 0.5 * h, h, np.nextafter(h, 9 * h)), IMPACTS.values()):
+            pairs += [
+                ((-3 * r, impact(r), z), (1.0, 0, 0)),
+                ((impact(r), 7 * r, z), (0, -3.0, 0)),
+                ((-impact(r), 0, z), (0, 1.0, 0)),
+            ]
+        yield Case(f"capsule-{label}-across", "capsule, tangent and at the seams' height", spec, *_rays(pairs), 30, 15)
+        pairs = []
+        for beyond, impact in itertools.product((-1, 1), IMPACTS.values()):  # impact(r) beyond an end; 5² = 3² + 4²
+            z = h + impact(r) if beyond > 0 else -impact(r)
+            pairs += [((-3 * r, 0, z), (1.0, 0, 0)), ((0, 2 * r, z), (0, -0.25, 0)), ((0, 0, z), (3.0, -4.0, 0))]
+            pairs += [((-0.6 * r, -3 * r, beyond * impact(0.8 * r) + h * (beyond > 0)), (0, 2.0, 0))]
+        yield Case(f"capsule-{label}-over-the-ends", "capsule, tangent to the ends", spec, *_rays(pairs), 20, 4)
+        pairs = []
+        for (x, y), z in itertools.product(((1, 0), (-0.6, 0.8), (0.6, -0.8)), (0.0, h)):
+            seam = np.array((x * r, y * r, z))  # (3, 4)/5 of r = 5 is on the seam exactly
+            for towards in (
+                (x * r, y * r, h),
+                (x * r, y * r, -h),
+                (-y * r, x * r, h),
+                (-y * r, x * r, 0),
+                (r, 2 * r, 0.5 * h),
+                (r, -r, -3 * h),
+            ):
+                step = np.array(towards)
+                pairs += [(seam - step, step), (seam + 2 * step, step), (seam + 2 * step, -step), (seam, step)]
+        yield Case(f"capsule-{label}-through-seam", "capsule, through the seams", spec, *_rays(pairs), 20)
+        for angle in GRAZING:
+            rng = np.random.default_rng(9)
+            around = rng.uniform(0, 6.28, 24)
+            wall = np.stack([r * np.cos(around), r * np.sin(around), h * rng.uniform(0, 1, 24)], axis=1)
+            inward = -wall * (1, 1, 0) / r
+            d = inward * angle * rng.choice([-1, 1], (24, 1)) + np.array((0, 0, 1.0)) * rng.choice([-1, 1], (24, 1))
+            yield Case(
+                f"capsule-{label}-grazing-{angle:g}", "capsule, grazing the wall", spec, wall - d * 2 * (h + r), d, 0
+            )
+    rng = np.random.default_rng(10)
+    for offset, shift in OFFSETS.items():
+        start = shift + rng.normal(size=3)
+        axis = rng.normal(size=3)
+        u = np.cross(axis, rng.normal(size=(60, 3)))
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        v = np.cross(axis, u)
+        v /= np.linalg.norm(v, axis=1, keepdims=True)
+        radius, z = 0.37, rng.choice([-0.2, 0, 1e-17, 0.3, 0.99999, 1, 1 + 1e-16, 1.2], (60, 1))
+        b = radius * rng.choice([0.3, 1 - 1e-9, 1 - 1e-15, 1], (60, 1))
+        target = start + z * axis + u * np.sqrt(radius * radius - b * b) + v * b
+        d = u + rng.normal(size=(60, 1)) * axis
+        yield Case(
+            f"capsule-tilted-at-{offset}",
+            "capsule, tilted, to tangents and seams",
+            Spec("Capsule", (start, start + axis, radius)),
+            target + d * rng.choice([1e-9, 1.0, 100.0], (60, 1)),
+            -d,
+            10,
+        )
+
+
+def _disks() -> Iterator[Case]:
+    group = "disk, to the rim and in its plane"
+    for label, r in (("unit", 5.0), ("tiny", 2.0**-40), ("wide", 2.0**40)):
+        pairs: list[tuple[Any, Any]] = []
+        for (x, y), impact in itertools.product(((1, 0), (0, -1), (-0.6, 0.8), (0.8, 0.6)), IMPACTS.values()):
+            point = np.array((x * impact(r), y * impact(r), 0.0))
+            for d in ((0, 0, 1.0), (0, 0, -3.0), (r, 0, 0.5 * r), (-y * r, x * r, r), (r, 2 * r, 1e-3 * r)):
+                pairs += [(point, d), (point - 2 * np.array(d), d)]
+            pairs += [(point - 2 * r, (1, 0, 0)), (point, (x, y, 0))]  # beside the plane and within it
+        yield Case(f"disk-{label}", group, Spec("Disk", ((0, 0, 0), (0, 0, 2.0), r)), *_rays(pairs), 100, 60)
+    rng = np.random.default_rng(11)
+    for (offset, shift), angle in itertools.product(OFFSETS.items(), GRAZING):
+        center, normal, radius = shift + rng.normal(size=3), rng.normal(size=3) * 10.0 ** rng.integers(-6, 6), 0.37
+        n = normal / np.linalg.norm(normal)
+        u = np.cross(n, rng.normal(size=(30, 3)))
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        target = center + radius * u * (1 + rng.choice([-1, 0, 1], (30, 1)) * rng.choice([1e-16, 1e-9, 0.5], (30, 1)))
+        d = np.cross(n, u) * rng.choice([0.0, 1.0], (30, 1)) + u + angle * n * rng.choice([-1, 1], (30, 1))
+        yield Case(
+            f"disk-grazing-{angle:g}-at-{offset}",
+            "disk, grazing 1e-2 … 1e-12 rad",
+            Spec("Disk", (center, normal, radius)),
+            target - d * rng.choice([1e-3, 1.0, 100.0], (30, 1)),
+            d,
+            0,
+        )
+
+
 def _triangle_rays(a: Any, b: Any, c: Any, rng: np.random.Generator, distance: float) -> tuple[Floats, Floats]:
     """Rays to the vertices, to edge midpoints and points p + s·e, inside, and just outside of a triangle."""
     corners = np.array([a, b, c])
@@ -573,6 +691,8 @@ def basic_specs() -> dict[str, Spec]:
         "box": Spec("Box", ((1.5, 1.1, 0.7), (0.1, 0.2, 0.3))),
         "cylinder": Spec("Cylinder", ((0.1, 0.2, -0.6), (0.3, 0.1, 0.8), 0.7)),
         "open-cylinder": Spec("Cylinder", ((0.1, 0.2, -0.6), (0.3, 0.1, 0.8), 0.7, False)),
+        "capsule": Spec("Capsule", ((0.1, 0.2, -0.4), (0.3, 0.1, 0.5), 0.6)),
+        "disk": Spec("Disk", ((0.1, 0.2, 0.3), (1.0, 2.0, 3.0), 0.9)),
         "triangle": Spec("Triangle", ((1.3, 0.1, 0.2), (-0.7, 1.1, 0.1), (-0.6, -0.9, 0.4))),
         "polygon": Spec("Polygon", (star(9, np.random.default_rng(12)) / 1024,)),
         "mesh": Spec("TriangleMesh", (vertices, faces)),

@@ -21,8 +21,10 @@ import numpy.typing as npt
 
 __all__ = [
     "Box",
+    "Capsule",
     "Crossing",
     "Cylinder",
+    "Disk",
     "Ellipsoid",
     "Plane",
     "Polygon",
@@ -415,6 +417,49 @@ class Cylinder(Shape):
         f = [p - Fraction(s, self.w) for p, s in zip(point, self.start, strict=True)]
         along = (f[0] * x + f[1] * y + f[2] * z) / (x * x + y * y + z * z)
         return f[0] - along * x, f[1] - along * y, f[2] - along * z
+
+
+class Capsule(Shape):
+    """The side about start–end and the outer half of the sphere around each; faces 0 side, 1 at start, 2 at end."""
+
+    def __init__(self, start: Any, end: Any, radius: float) -> None:
+        self.side = Cylinder(start, end, radius, capped=False)
+        self.balls = {1: Sphere(start, radius), 2: Sphere(end, radius)}
+
+    def _crossings(self, ray: Ray) -> list[Crossing]:
+        found = [(crossing.t, 0) for crossing in self.side._crossings(ray)]
+        for face, ball in self.balls.items():
+            f, g = ray.about(ball.center, ball.w)
+            height, rate, r = _dot(f, self.side.axis), _dot(g, self.side.axis), ball.radius * ray.w
+            for t in _quadratic(_dot(g, g), _dot(f, g), _dot(f, f) - r * r):
+                above = _sign(height * t.q + rate * t.p, rate * t.s, t.d)  # the plane through the ball's centre
+                if above in {0, -1 if face == 1 else 1}:
+                    found.append((t.scaled(ray.scale), face))
+        return _merge(found)
+
+    def _normal(self, point: Point, face: int, /) -> Point:
+        return self.balls[face]._normal(point, 0) if face else self.side._normal(point, 0)
+
+
+class Disk(Shape):
+    """The points p with normal·(p − center) = 0 and |p − center| ≤ radius."""
+
+    def __init__(self, center: Any, normal: Any, radius: float) -> None:
+        self.ball, self.plane = Sphere(center, radius), Plane.from_point(center, normal)
+
+    def _crossings(self, ray: Ray) -> list[Crossing]:
+        n = self.plane.n
+        f, g = ray.about(self.ball.center, self.ball.w)
+        a, b = _dot(n, g), -_dot(n, f)
+        if a == 0:
+            return []
+        x, y, z = (p * a + q * b for p, q in zip(f, g, strict=True))
+        if x * x + y * y + z * z > (self.ball.radius * ray.w * a) ** 2:
+            return []
+        return [Crossing(Surd(b, a).scaled(ray.scale))]
+
+    def _normal(self, point: Point, face: int, /) -> Point:
+        return self.plane._normal(point, face)
 
 
 class TriangleMesh(Shape):

@@ -93,6 +93,8 @@ ROUND = {
     "ellipsoid": lambda x, y, r: cases.Spec("Ellipsoid", ((x, y, 0), (r, r, 3 * r))),
     "cylinder": lambda x, y, r: cases.Spec("Cylinder", ((x, y, -1), (x, y, 1), r)),
     "open-cylinder": lambda x, y, r: cases.Spec("Cylinder", ((x, y, -1), (x, y, 1), r, False)),
+    "capsule": lambda x, y, r: cases.Spec("Capsule", ((x, y, -1), (x, y, 1), r)),
+    "end-of-a-capsule": lambda x, y, r: cases.Spec("Capsule", ((x, y, 0), (x, y, 2), r)),
     "moved-sphere": lambda x, y, r: cases.Spec("Sphere", ((x / 2, y / 2, 0), r / 2), HALVES),
 }
 
@@ -129,7 +131,12 @@ def test_normal_of_a_small_sphere_far_away(power):
 
 RANGED = [case for case in CASES if case.name.endswith(("-direction-times-1", "transform-thirds"))]
 RANGED += [
-    case for case in CASES if "through-rim" in case.name or "edges-corners" in case.name or "at-5e6" in case.name
+    case
+    for case in CASES
+    if "through-rim" in case.name
+    or "through-seam" in case.name
+    or "edges-corners" in case.name
+    or "at-5e6" in case.name
 ]
 
 

@@ -27,6 +27,8 @@ shapes = {
     "Sphere": st.tuples(vector, length),
     "Box": st.tuples(st.tuples(length, length, length), vector),
     "Cylinder": st.tuples(vector, vector, length, st.booleans()),
+    "Capsule": st.tuples(vector, vector, length),
+    "Disk": st.tuples(vector, direction, length),
     "Triangle": st.tuples(vector, vector, vector),
     "TriangleMesh": st.tuples(
         st.lists(vector, min_size=5, max_size=5), st.lists(st.tuples(*[st.integers(0, 4)] * 3), min_size=1, max_size=6)
@@ -42,7 +44,7 @@ def test_any_numbers(kind: str, slow: bool) -> None:
     @given(shapes[kind], matrices, lines)
     def check(arguments, matrix, lines):
         assume(kind != "Triangle" or area(*arguments))
-        assume(kind != "Cylinder" or arguments[0] != arguments[1])
+        assume(kind not in {"Cylinder", "Capsule"} or arguments[0] != arguments[1])
         if matrix is not None:
             matrix = np.array([*matrix, 0, 0, 0, 1.0]).reshape(4, 4)
             assume(determinant(matrix))

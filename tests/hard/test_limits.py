@@ -25,6 +25,9 @@ WALLS = {
     "box": lambda: ls.Box((2, 2, 2), (-1, 0, 0)),
     "sphere": lambda: ls.Sphere((-1, 0, 0), 1.0),
     "cylinder": lambda: ls.Cylinder((-1, 0, 0), (0, 0, 0), 1.0),
+    "capsule": lambda: ls.Capsule((-2, 0, 0), (-1, 0, 0), 1.0),
+    "side of a capsule": lambda: ls.Capsule((-1, -1, 0), (-1, 1, 0), 1.0),
+    "disk": lambda: ls.Disk((0, 0, 0), (1, 0, 0), 1.0),
 }
 
 

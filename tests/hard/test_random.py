@@ -45,6 +45,8 @@ shapes = {
     "Ellipsoid": st.tuples(vector, st.tuples(length, length, length), turns),
     "Box": st.tuples(st.tuples(length, length, length), vector),
     "Cylinder": st.tuples(vector, vector, length, st.booleans()),
+    "Capsule": st.tuples(vector, vector, length),
+    "Disk": st.tuples(vector, direction, length),
     "Triangle": st.tuples(vector, vector, vector),
     "TriangleMesh": st.tuples(
         st.lists(vector, min_size=5, max_size=5), st.lists(st.tuples(*[st.integers(0, 4)] * 3), min_size=1, max_size=6)
@@ -64,7 +66,7 @@ def test_any_shape_any_ray(kind):
     def check(arguments, matrix, lines):
         if kind in {"Plane.from_points", "Triangle"}:
             assume(area(*arguments))
-        if kind == "Cylinder":
+        if kind in {"Cylinder", "Capsule"}:
             assume(arguments[0] != arguments[1])
         if matrix is not None:
             matrix = np.array([*matrix, 0, 0, 0, 1.0]).reshape(4, 4)

@@ -42,6 +42,14 @@ def distances(sample: Sample, points: np.ndarray, normals: np.ndarray) -> np.nda
         side = np.abs(np.linalg.norm(np.cross(points - start, end - start), axis=1) / length - radius)
         assert ((along > -ROUNDED) & (along < length + ROUNDED)).all()
         return side if len(numbers) == 4 else np.minimum(side, np.minimum(np.abs(along), np.abs(along - length)))
+    if sample.shape == "Capsule":
+        start, end, radius = numbers
+        along = np.clip((points - start) @ (end - start) / np.square(end - start).sum(), 0.0, 1.0)
+        return np.abs(np.linalg.norm(points - start - along[:, None] * (end - start), axis=1) - radius)
+    if sample.shape == "Disk":
+        center, normal, radius = numbers
+        assert (np.abs((points - center) @ normal) < ROUNDED).all()
+        return np.abs(np.linalg.norm(points - center, axis=1) - radius)  # of points of the chords of the rim
     return np.nanmin(np.abs(sample.build().roots(points, normals)), axis=1)
 
 
@@ -62,6 +70,10 @@ def test_triangles_keep_within_the_chord_error(sample: Sample, transform: Any, c
     areas = np.linalg.norm(normals, axis=1)
     chosen = rng.choice(len(triangles), 300, p=areas / areas.sum())
     weights = np.concatenate([np.full((1, 3), 1 / 3), rng.dirichlet((1, 1, 1), 10)])
+    if sample.shape == "Disk":  # flat, so that only its rim is off: a chord is across from the centre
+        at_center = np.abs(triangles[0] - np.array(sample.arguments(Move())[0])).sum(axis=1).argmin()
+        weights[:, at_center] = 0.0
+        weights /= weights.sum(axis=1, keepdims=True)
     points = (weights @ triangles[chosen]).reshape(-1, 3)
     found = distances(sample, points, np.repeat(normals[chosen] / areas[chosen, None], len(weights), axis=0))
     # The transform makes a distance at most its norm times longer.

@@ -83,7 +83,14 @@ pub fn reach_of_circle(axis: Point, radius: f64) -> Point {
     let length = length_above(axis);
     let across = [[0.0, y, z], [x, 0.0, z], [x, y, 0.0]].map(length_above);
     std::array::from_fn(|i| {
-        let share = if length.is_normal() { across[i] / length * (1.0 + 32.0 * f64::EPSILON) } else { 1.0 };
+        let share = match across[i] {
+            0.0 => 0.0,
+            // Subnormal quotients have fewer bits.
+            _ if length.is_normal() => {
+                (across[i] / length * (1.0 + 32.0 * f64::EPSILON)).max(f64::MIN_POSITIVE)
+            }
+            _ => 1.0,
+        };
         (radius * share.min(1.0)).next_up()
     })
 }

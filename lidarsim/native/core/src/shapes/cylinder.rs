@@ -10,12 +10,13 @@ use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, p
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root};
 use crate::geometry::axis_plane::AxisPlane;
+use crate::geometry::point;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
-const SIDE: u8 = 0;
-const START: u8 = 1;
-const END: u8 = 2;
+pub(super) const SIDE: u8 = 0;
+pub(super) const START: u8 = 1;
+pub(super) const END: u8 = 2;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cylinder {
@@ -33,17 +34,64 @@ impl Cylinder {
     }
 }
 
-/// The root if the line is between both ends there. The line is `from_start` + t·rise past the start and
-/// `from_end` + t·rise past the end.
-#[inline(always)]
-fn between<N: Number>(
-    root: Root<N>,
-    from_start: &N,
-    from_end: &N,
-    rise: &N,
-) -> Result<Option<Root<N>>, Uncertain> {
-    let above = root.sign_of_linear(from_start, rise)? != Ordering::Less;
-    Ok(if above && root.sign_of_linear(from_end, rise)? != Ordering::Greater { Some(root) } else { None })
+/// A line, and the side extended without end.
+pub(super) struct Side<N> {
+    length2: N,
+    r2: N,
+    f: Vector<N>,
+    n: Vector<N>,
+    m: Vector<N>,
+    a: N,
+    c: N,
+    /// Heights along the axis, times |A|. The line is at `at_origin` + t·`rise`; the ends are at 0 and
+    /// `height`.
+    at_origin: N,
+    pub rise: N,
+    height: N,
+}
+
+impl<N: Number> Side<N> {
+    #[inline(always)]
+    pub fn of(cylinder: &Cylinder, ray: &Ray<N>) -> Self {
+        let axis: Vector<N> = cylinder.axis();
+        let length2 = vector::norm2(&axis);
+        let f = ray.origin_from(vector::exact(cylinder.start));
+        let d = &ray.direction;
+        let n = vector::cross(d, &axis);
+        let m = vector::cross(&f, &axis);
+        let r2 = ray.weighted(N::exact(cylinder.radius)).squared();
+        let a = vector::norm2(&n);
+        let c = vector::norm2(&m).minus(&r2.times(&length2));
+        let height = ray.weighted(length2.clone());
+        let at_origin = vector::dot(&f, &axis);
+        let rise = vector::dot(d, &axis);
+        Side { length2, r2, f, n, m, a, c, at_origin, rise, height }
+    }
+
+    #[inline(always)]
+    pub fn is_parallel(&self) -> Result<bool, Uncertain> {
+        self.a.is_zero()
+    }
+
+    /// The roots of a line that is not parallel to the axis.
+    #[inline(always)]
+    pub fn roots(&self) -> Result<[Option<Root<N>>; 2], Uncertain> {
+        let across = vector::dot(&self.f, &self.n).squared();
+        let disc = self.length2.times(&self.r2.times(&self.a).minus(&across));
+        let order = disc.sign()?;
+        let b = vector::dot(&self.n, &self.m).negated();
+        Ok(Root::quadratic(self.a.clone(), b, self.c.clone(), disc, order, SIDE))
+    }
+
+    /// `START` or `END` if the line is beyond that end at the root, else `SIDE`.
+    #[inline(always)]
+    pub fn beyond(&self, root: &Root<N>) -> Result<u8, Uncertain> {
+        if root.sign_of_linear(&self.at_origin, &self.rise)? == Ordering::Less {
+            return Ok(START);
+        }
+        let past_end = self.at_origin.minus(&self.height);
+        Ok(if root.sign_of_linear(&past_end, &self.rise)? == Ordering::Greater { END } else { SIDE })
+    }
 }
 
 impl Shape for Cylinder {
@@ -66,53 +114,34 @@ impl Shape for Cylinder {
 impl Surface for Cylinder {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        let axis: Vector<N> = self.axis();
-        let length2 = vector::norm2(&axis);
-        let f = ray.origin_from(vector::exact(self.start));
-        let d = &ray.direction;
-        let n = vector::cross(d, &axis);
-        let m = vector::cross(&f, &axis);
-        let r2 = ray.weighted(N::exact(self.radius)).squared();
-        let a = vector::norm2(&n);
-        let c = vector::norm2(&m).minus(&r2.times(&length2));
-
-        // Heights along the axis, times |A|: the side reaches from 0 to `height`.
-        let height = ray.weighted(length2.clone());
-        let at_origin = vector::dot(&f, &axis);
-        let rise = vector::dot(d, &axis);
-
-        let side = if a.is_zero()? {
-            if !self.capped || c.sign()? == Ordering::Greater {
+        let side = Side::of(self, ray);
+        let crossed = if side.is_parallel()? {
+            if !self.capped || side.c.sign()? == Ordering::Greater {
                 return Ok(roots([None, None]));
             }
             None
         } else {
-            let disc = length2.times(&r2.times(&a).minus(&vector::dot(&f, &n).squared()));
-            let order = disc.sign()?;
-            let b = vector::dot(&n, &m).negated();
-            let [Some(first), second] = Root::quadratic(a, b, c, disc, order, SIDE) else {
-                return Ok(roots([None, None]));
-            };
+            let [Some(first), second] = side.roots()? else { return Ok(roots([None, None])) };
             Some((first, second))
         };
 
         if !self.capped {
-            let Some((first, second)) = side else { return Ok(roots([None, None])) };
-            let beyond_end = at_origin.minus(&height);
-            let first = between(first, &at_origin, &beyond_end, &rise)?;
+            let Some((first, second)) = crossed else { return Ok(roots([None, None])) };
+            let first = if side.beyond(&first)? == SIDE { Some(first) } else { None };
             let second = match second {
-                None => None,
-                Some(second) => between(second, &at_origin, &beyond_end, &rise)?,
+                Some(second) if side.beyond(&second)? == SIDE => Some(second),
+                _ => None,
             };
             return Ok(roots(if first.is_none() { [second, None] } else { [first, second] }));
         }
 
         let mut chord = Chord::whole_line();
-        if let Some((first, _)) = side {
+        if let Some((first, _)) = crossed {
             // The same root if the line touches the side.
             let exit = first.clone().other();
             chord.cut(first, exit)?;
         }
+        let Side { at_origin, rise, height, .. } = side;
         let to_end = height.minus(&at_origin);
         let (entry, exit) = match rise.sign()? {
             Ordering::Greater => {
@@ -178,18 +207,10 @@ impl Surface for Cylinder {
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
-        // Circles around the axis A reach r·√(1 − A_i²/|A|²) along axis i.
-        let [x, y, z] = std::array::from_fn(|i| self.end[i] - self.start[i]);
-        let length = vector::length_above([x, y, z]);
-        let across = [[0.0, y, z], [x, 0.0, z], [x, y, 0.0]].map(vector::length_above);
-        Some(std::array::from_fn(|i| {
-            let share =
-                if length.is_normal() { across[i] / length * (1.0 + 32.0 * f64::EPSILON) } else { 1.0 };
-            let reach = (self.radius * share.min(1.0)).next_up();
-            Interval {
-                low: (self.start[i].min(self.end[i]) - reach).next_down(),
-                high: (self.start[i].max(self.end[i]) + reach).next_up(),
-            }
+        let reach = vector::reach_of_circle(point::sub(self.end, self.start), self.radius);
+        Some(std::array::from_fn(|i| Interval {
+            low: (self.start[i].min(self.end[i]) - reach[i]).next_down(),
+            high: (self.start[i].max(self.end[i]) + reach[i]).next_up(),
         }))
     }
 }

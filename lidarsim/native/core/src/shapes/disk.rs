@@ -1,10 +1,15 @@
-//! Disk.
+//! Disk: the points of a plane at most `radius` away from `center`.
+//!
+//! With f = o − center, the line meets the plane at t = b/a, where it is p = f + t·d from the centre:
+//! |a·f + b·d|² ≤ (r·a)² there, without a division.
 
 use std::cmp::Ordering;
 
+use super::plane::Plane;
 use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, positive, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Root;
+use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -15,8 +20,21 @@ pub struct Disk {
     pub radius: f64,
 }
 
-/// With f = o − c and s = n·d, the line meets the plane at t = −n·f/s, and n × (f × d) = s·f − (n·f)·d is s
-/// times the vector from the centre to that point.
+impl Disk {
+    #[inline(always)]
+    fn plane(&self) -> Plane {
+        Plane::PointNormal { point: self.center, normal: self.normal }
+    }
+}
+
+/// Whether a point is outside the circle: it is `from_center`/a from the centre, and `radius` is weighted.
+#[inline(always)]
+fn is_outside<N: Number>(from_center: &Vector<N>, radius: &N, a: &N) -> Result<bool, Uncertain> {
+    let reach = radius.times(a);
+    Ok(vector::norm2(from_center).minus(&reach.squared()).sign()? == Ordering::Greater)
+}
+
+/// The root t = a·b/a² of a line on a disk whose numbers differ from lane to lane: a, unlike a², has any sign.
 #[inline(always)]
 pub fn roots_of<N: Number>(
     center: &Vector<N>,
@@ -24,17 +42,16 @@ pub fn roots_of<N: Number>(
     radius: &N,
     ray: &Ray<N>,
 ) -> Result<Roots<N>, Uncertain> {
-    let slope = vector::dot(normal, &ray.direction);
     let f = ray.origin_from(center.clone());
-    let height = vector::dot(normal, &f);
-    let across = vector::cross(normal, &vector::cross(&f, &ray.direction));
-    let reach = ray.weighted(radius.clone()).times(&slope);
-    if vector::norm2(&across).minus(&reach.squared()).sign()? == Ordering::Greater {
+    let (a, b) = (vector::dot(normal, &ray.direction), vector::dot(normal, &f).negated());
+    let from_center = vector::add(&vector::scaled(&f, &a), &vector::scaled(&ray.direction, &b));
+    if is_outside(&from_center, &ray.weighted(radius.clone()), &a)? || a.squared().is_zero()? {
         return Ok(roots([None, None]));
     }
-    Ok(roots([Root::ratio(height.negated(), slope, 0)?, None]))
+    Ok(roots([Some(Root::linear(a.times(&b), a.squared(), 0)), None]))
 }
 
+/// As `Surface::implicit`, likewise.
 #[inline(always)]
 pub fn implicit_of<N: Number>(center: &Vector<N>, normal: &Vector<N>, ray: &Ray<N>) -> N {
     vector::dot(normal, &ray.origin_from(center.clone())).doubled()
@@ -46,29 +63,47 @@ impl Shape for Disk {
     const FORMS: &'static [Form] = &[&[("center", 3), ("normal", 3), ("radius", 1)]];
 
     fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
-        let [x, y, z, i, j, k, radius] = parameters(numbers)?;
-        if [i, j, k] == [0.0; 3] {
-            return Err(IllegalArgument::new("normal", "non-zero vectors", "normal = (0, 0, 0)"));
+        let [a, b, c, x, y, z, radius] = parameters(numbers)?;
+        let (center, normal) = ([a, b, c], [x, y, z]);
+        if normal == [0.0; 3] {
+            return Err(IllegalArgument::new("normal", "a non-zero vector", format!("{normal:?}")));
         }
         positive("radius", radius)?;
-        Ok(Disk { center: [x, y, z], normal: [i, j, k], radius })
+        Ok(Disk { center, normal, radius })
     }
 }
 
 impl Surface for Disk {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        roots_of(&vector::exact(self.center), &vector::exact(self.normal), &N::exact(self.radius), ray)
+        let [Some(root), _] = self.plane().roots(ray)? else { return Ok(roots([None, None])) };
+        let f = ray.origin_from(vector::exact(self.center));
+        let from_center = vector::add(&vector::scaled(&f, &root.a), &vector::scaled(&ray.direction, &root.b));
+        let is_outside = is_outside(&from_center, &ray.weighted(N::exact(self.radius)), &root.a)?;
+        Ok(roots([if is_outside { None } else { Some(root) }, None]))
+    }
+
+    /// Skips the distance from the centre, as the root is known to exist.
+    #[inline(always)]
+    fn only_root<N: Number>(&self, ray: &Ray<N>) -> Option<Result<Root<N>, Uncertain>> {
+        Some(match self.plane().roots(ray) {
+            Ok([root, _]) => root.ok_or(Uncertain),
+            Err(Uncertain) => Err(Uncertain),
+        })
     }
 
     #[inline(always)]
-    fn implicit<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
-        implicit_of(&vector::exact(self.center), &vector::exact(self.normal), ray)
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+        self.plane().implicit(ray, feature)
     }
 
     #[inline(always)]
-    fn normal<N: Number>(&self, _: &Ray<N>, _: u8) -> Vector<N> {
-        vector::exact(self.normal)
+    fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N> {
+        self.plane().normal(ray, feature)
+    }
+
+    fn axis_plane(&self, feature: u8) -> Option<AxisPlane> {
+        self.plane().axis_plane(feature)
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {

@@ -4,6 +4,7 @@
 //! `surfaces!` below.
 
 mod r#box;
+mod capsule;
 mod cylinder;
 mod disk;
 mod each;
@@ -16,6 +17,7 @@ mod surface;
 pub(crate) mod triangle;
 
 pub use r#box::Box;
+pub use capsule::Capsule;
 pub use cylinder::Cylinder;
 pub use disk::Disk;
 pub(crate) use each::{Each, EachOf, of_each};
@@ -131,7 +133,7 @@ macro_rules! surfaces {
     };
 }
 
-surfaces!(Box, Cylinder, Disk, Ellipsoid, Plane, Sphere, Triangle);
+surfaces!(Box, Capsule, Cylinder, Disk, Ellipsoid, Plane, Sphere, Triangle);
 
 #[cfg(test)]
 mod tests {
