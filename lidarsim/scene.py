@@ -31,7 +31,7 @@ from lidarsim._validation import (
 from lidarsim._views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.materials import Material
-from lidarsim.shapes import Hits, Shape, TriangleMesh
+from lidarsim.shapes import Disks, Hits, Shape, Spheres, TriangleMesh
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -682,11 +682,12 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     given = as_array("label", value, "one integer, or one per face")
     if given.ndim == 0:
         return integer("label", value, at_least=0, at_most=UINT32)
-    if not isinstance(shape, TriangleMesh):
-        raise ArgumentTypeError("label", "one integer, or a TriangleMesh for one per face", _kind(shape))
+    if not isinstance(shape, TriangleMesh | Spheres | Disks):
+        expected = "one integer, or a TriangleMesh, Spheres or Disks for one each"
+        raise ArgumentTypeError("label", expected, _kind(shape))
     if given.dtype.kind not in "iu" or given.shape != (len(shape),):
         raise ArgumentValueError(
-            "label", f"one integer, or {len(shape)}, one per face", f"{given.dtype} of shape {given.shape}"
+            "label", f"one integer, or {len(shape)}, one {_each(shape)}", f"{given.dtype} of shape {given.shape}"
         )
     if given.dtype == np.uint32 and not given.flags.writeable:  # already checked here
         return given
@@ -699,6 +700,10 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     return labels
 
 
+def _each(shape: Shape) -> str:
+    return {Spheres: "per sphere", Disks: "per disk"}.get(type(shape), "per face")
+
+
 def _kind(value: object) -> str:
     return type(value).__name__
 
@@ -706,9 +711,14 @@ def _kind(value: object) -> str:
 def _check_reflectivity(material: Material, shape: Shape) -> None:
     """Raise an error if the reflectivities per face or vertex do not fit the shape."""
     per = material.per
-    if not isinstance(shape, TriangleMesh):
-        raise ArgumentTypeError("material", f"a TriangleMesh for a reflectivity per {per}", type(shape).__name__)
-    wanted = len(shape) if per == "face" else len(shape.vertices)
+    if isinstance(shape, Spheres | Disks) and per == "face":
+        wanted = len(shape)
+    elif isinstance(shape, TriangleMesh):
+        wanted = len(shape) if per == "face" else len(shape.vertices)
+    else:
+        many = "TriangleMesh, Spheres or Disks" if per == "face" else "TriangleMesh"
+        raise ArgumentTypeError("material", f"a {many} for a reflectivity per {per}", _kind(shape))
     given = np.size(material.reflectivity)
     if given != wanted:
-        raise ArgumentValueError("material", f"{wanted} reflectivities, one per {per}", given)
+        each = f"per {per}" if per == "vertex" else _each(shape)
+        raise ArgumentValueError("material", f"{wanted} reflectivities, one {each}", given)

@@ -28,12 +28,15 @@ from lidarsim._validation import pose as rigid
 from lidarsim.io import mesh_scene
 from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
+from lidarsim.pointcloud import PointCloud
 from lidarsim.rig import Rig
 from lidarsim.run import CloudArguments
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from lidarsim._validation import Floats
     from lidarsim.config.document import Place
     from lidarsim.patterns import Pattern
@@ -457,6 +460,36 @@ class Heightfield(Object):
         return construct(shapes.TriangleMesh.from_heightfield, self, ["spacing_m", "origin_m"], place, z=heights)
 
 
+class Surfels(Object):
+    """Disks at the points of a cloud, with the labels that it has unless `label` is given."""
+
+    constructor = shapes.Disks.from_points
+
+    shape: Literal["surfels"]
+    file: str
+    neighbours: int = 16
+    radius_m: float | None = None
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the disks to `scene`."""
+        disks, labels = self._disks(place)
+        more = {} if labels is None else {"label": labels}
+        self._add(disks, scene, place, **more)
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        return self._disks(place)[0]
+
+    def _disks(self, place: Place) -> tuple[shapes.Disks, npt.NDArray[np.uint32] | None]:
+        cloud = (place / "file").load(self.file, PointCloud.load)
+        with place.refusals({"points": ("file", ""), "neighbours": ("neighbours", ""), "radii": ("radius_m", "")}):
+            disks, index = shapes.Disks.from_points(
+                cloud.xyz, radii=self.radius_m, neighbours=self.neighbours, return_index=True
+            )
+        labels = None if "label" in self.model_fields_set else cloud.label
+        return disks, None if labels is None else labels[index]
+
+
 class SceneFile(Object):
     """All instances of meshes in a scene file such as GLB. The file determines which way is up."""
 
@@ -488,6 +521,7 @@ SHAPES: dict[str, type[Object]] = {
     "plane": Plane,
     "mesh": Mesh,
     "heightfield": Heightfield,
+    "surfels": Surfels,
     "scene_file": SceneFile,
     **_models_of(_public(shapes), "shape", Object),
 }

@@ -98,6 +98,7 @@ def test_a_matrix_is_taken_as_it_is() -> None:
     assert np.array_equal(run.scene.objects[1].transform, matrix)
 
 
+FLOOR = np.stack([*np.mgrid[-2:3, -2:3], np.full((5, 5), 2)], axis=-1).reshape(-1, 3)
 SHAPES = {
     "plane": ("{normal: [0, 0, 1], distance_m: 2}", ls.Plane((0, 0, 1), 2)),
     "plane through a point": ("{shape: plane, normal: [0, 1, 1], point_m: [0, 0, 2]}", ls.Plane((0, 1, 1), 2)),
@@ -111,6 +112,15 @@ SHAPES = {
     ),
     "capsule": ("{start_m: [0, 0, 1], end_m: [0, 0, 3], radius_m: 1}", ls.Capsule((0, 0, 1), (0, 0, 3), 1)),
     "disk": ("{center_m: [0, 0, 2], normal: [0, 1, 2], radius_m: 1}", ls.Disk((0, 0, 2), (0, 1, 2), 1)),
+    "spheres": (
+        "{centers_m: [[0, 0, 2], [1, 1, 3]], radii_m: [1, 0.5]}",
+        ls.Spheres([(0, 0, 2), (1, 1, 3)], [1, 0.5]),
+    ),
+    "disks": (
+        "{centers_m: [[0, 0, 2], [1, 1, 3]], normals: [[0, 1, 2], [0, 0, 1]], radii_m: 1}",
+        ls.Disks([(0, 0, 2), (1, 1, 3)], [(0, 1, 2), (0, 0, 1)], 1),
+    ),
+    "surfels": ("{file: floor.npz, radius_m: 0.5, neighbours: 5}", ls.Disks(FLOOR, [(0, 0, 1)] * len(FLOOR), 0.5)),
     "triangle": (
         "{a_m: [-1, -1, 2], b_m: [1, -1, 2], c_m: [0, 1, 3]}",
         ls.Triangle((-1, -1, 2), (1, -1, 2), (0, 1, 3)),
@@ -135,6 +145,7 @@ def test_each_shape_is_the_one_that_python_makes(name: str) -> None:
     solid.export("tetrahedron.ply")
     trimesh.Scene({"thing": solid}).export("scene.glb")
     np.save("heights.npy", np.array([[2, 2, 2], [3, 3, 3], [2, 2, 2.0]]))
+    ls.PointCloud(xyz=FLOOR.astype(float)).save("floor.npz")
     values, expected = SHAPES[name]
     text = values if "shape:" in values else values.replace("{", f"{{shape: {name}, ", 1)
     run = load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{text}]")

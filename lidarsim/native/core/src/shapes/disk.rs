@@ -29,32 +29,9 @@ impl Disk {
 
 /// Whether a point is outside the circle: it is `from_center`/a from the centre, and `radius` is weighted.
 #[inline(always)]
-fn is_outside<N: Number>(from_center: &Vector<N>, radius: &N, a: &N) -> Result<bool, Uncertain> {
+pub fn is_outside<N: Number>(from_center: &Vector<N>, radius: &N, a: &N) -> Result<bool, Uncertain> {
     let reach = radius.times(a);
     Ok(vector::norm2(from_center).minus(&reach.squared()).sign()? == Ordering::Greater)
-}
-
-/// The root t = a·b/a² of a line on a disk whose numbers differ from lane to lane: a, unlike a², has any sign.
-#[inline(always)]
-pub fn roots_of<N: Number>(
-    center: &Vector<N>,
-    normal: &Vector<N>,
-    radius: &N,
-    ray: &Ray<N>,
-) -> Result<Roots<N>, Uncertain> {
-    let f = ray.origin_from(center.clone());
-    let (a, b) = (vector::dot(normal, &ray.direction), vector::dot(normal, &f).negated());
-    let from_center = vector::add(&vector::scaled(&f, &a), &vector::scaled(&ray.direction, &b));
-    if is_outside(&from_center, &ray.weighted(radius.clone()), &a)? || a.squared().is_zero()? {
-        return Ok(roots([None, None]));
-    }
-    Ok(roots([Some(Root::linear(a.times(&b), a.squared(), 0)), None]))
-}
-
-/// As `Surface::implicit`, likewise.
-#[inline(always)]
-pub fn implicit_of<N: Number>(center: &Vector<N>, normal: &Vector<N>, ray: &Ray<N>) -> N {
-    vector::dot(normal, &ray.origin_from(center.clone())).doubled()
 }
 
 impl Shape for Disk {

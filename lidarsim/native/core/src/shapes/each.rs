@@ -5,7 +5,6 @@ use std::marker::PhantomData;
 
 use super::newton::Target;
 use super::surface::{Roots, Surface};
-use super::{Disk, Sphere, disk, sphere};
 use crate::arith::number::{Lanes, Number, OfRays, Uncertain};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Vector;
@@ -26,50 +25,9 @@ pub trait Each<const K: usize>: Surface + Send + Sync {
     fn normal_of<N: Number>(numbers: &[N; K], ray: &Ray<N>) -> Vector<N>;
 }
 
-impl Each<4> for Sphere {
-    fn of([x, y, z, radius]: [f64; 4]) -> Self {
-        Sphere { center: [x, y, z], radius }
-    }
-
-    #[inline(always)]
-    fn roots_of<N: Number>([x, y, z, radius]: &[N; 4], ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        sphere::roots_of(&center([x, y, z]), radius, ray)
-    }
-
-    #[inline(always)]
-    fn implicit_of<N: Number>([x, y, z, radius]: &[N; 4], ray: &Ray<N>) -> N {
-        sphere::implicit_of(&center([x, y, z]), radius, ray)
-    }
-
-    #[inline(always)]
-    fn normal_of<N: Number>([x, y, z, _]: &[N; 4], ray: &Ray<N>) -> Vector<N> {
-        ray.origin_from(center([x, y, z]))
-    }
-}
-
-impl Each<7> for Disk {
-    fn of([x, y, z, radius, i, j, k]: [f64; 7]) -> Self {
-        Disk { center: [x, y, z], normal: [i, j, k], radius }
-    }
-
-    #[inline(always)]
-    fn roots_of<N: Number>([x, y, z, r, i, j, k]: &[N; 7], ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        disk::roots_of(&center([x, y, z]), &center([i, j, k]), r, ray)
-    }
-
-    #[inline(always)]
-    fn implicit_of<N: Number>([x, y, z, _, i, j, k]: &[N; 7], ray: &Ray<N>) -> N {
-        disk::implicit_of(&center([x, y, z]), &center([i, j, k]), ray)
-    }
-
-    #[inline(always)]
-    fn normal_of<N: Number>([_, _, _, _, i, j, k]: &[N; 7], _: &Ray<N>) -> Vector<N> {
-        center([i, j, k])
-    }
-}
-
+/// The vector of three numbers.
 #[inline(always)]
-fn center<N: Number>([x, y, z]: [&N; 3]) -> Vector<N> {
+pub fn vector<N: Number>([x, y, z]: [&N; 3]) -> Vector<N> {
     [x.clone(), y.clone(), z.clone()]
 }
 

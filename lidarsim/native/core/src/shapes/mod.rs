@@ -7,12 +7,14 @@ mod r#box;
 mod capsule;
 mod cylinder;
 mod disk;
+mod disks;
 mod each;
 mod ellipsoid;
 pub(crate) mod newton;
 mod plane;
 mod polygon;
 mod sphere;
+mod spheres;
 mod surface;
 pub(crate) mod triangle;
 
