@@ -118,7 +118,8 @@ class Disks(Shape):
             each point best (least squares), whose sign is arbitrary.
         radii : float or array_like, shape (n,), optional
             Radii, m, > 0; by default, each disk covers the Voronoi cell of its point among its neighbours within the
-            plane of the disk, so that the disks of a flat surface leave no hole.
+            plane of the disk, so that the disks of a flat surface leave no hole between points with neighbours on
+            all sides.
         neighbours : int
             Number of nearest points, the point itself not counted, from which normals and radii follow; at least 3.
         return_index : bool

@@ -10,7 +10,7 @@ use crate::cast::deferred::DeferredCandidates;
 use crate::cast::instance::InstanceRays;
 use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::poses::Poses;
-use crate::cast::primitive_intersector::{Pairs, PrimitiveIntersector};
+use crate::cast::primitive_intersector::PrimitiveIntersector;
 use crate::cast::surface_intersector::{PacketQuery, SurfaceIntersector};
 use crate::geometry::vector::Point;
 use crate::scene::{Disks, Geometry, Object, Primitives, Scene, Spheres, TRange, TriangleMesh, World};
@@ -33,7 +33,6 @@ pub struct TraversalScratch {
     instance_rays: Option<Box<InstanceRays>>,
     poses: Poses<LANES>,
     scratch: LeafScratch,
-    pairs: Pairs,
 }
 
 impl TraversalScratch {
@@ -48,7 +47,6 @@ impl TraversalScratch {
             instance_rays: None,
             poses: Poses::new(),
             scratch: LeafScratch::new(),
-            pairs: Pairs::new(),
         }
     }
 }
@@ -128,7 +126,6 @@ impl<'a, 'b> Traversal<'a, 'b> {
             instance_rays,
             poses,
             scratch,
-            pairs,
         } = scratch;
         let scene = world.scene;
         let closest = ClosestHits::new(scene, range, any);
@@ -145,7 +142,6 @@ impl<'a, 'b> Traversal<'a, 'b> {
                 instance_rays,
                 poses,
                 scratch,
-                pairs,
             },
             world,
             hierarchy: &world.index.bounded,
@@ -355,7 +351,6 @@ pub struct PacketState<'a, 'b> {
     instance_rays: &'b mut Option<Box<InstanceRays>>,
     poses: &'b mut Poses<LANES>,
     scratch: &'b mut LeafScratch,
-    pairs: &'b mut Pairs,
 }
 
 impl<'a> PacketState<'a, '_> {
@@ -472,15 +467,18 @@ impl<'a> PacketState<'a, '_> {
         &mut self,
         visit: InstanceVisit<'a>,
     ) -> PrimitiveIntersector<'_, 'a, S, K> {
-        let in_world = visit.object.is_untransformed() && !self.are_far;
         let rays = match (&self.instance_rays, &self.near_rays) {
             (Some(instance_rays), _) if !visit.object.is_untransformed() => instance_rays.rays(),
             (_, Some(near_rays)) if self.are_far => &**near_rays,
             _ => &*self.rays,
         };
-        let PacketState { closest, pairs, .. } = self;
-        let world = &*self.rays;
-        PrimitiveIntersector { id: visit.id, rays, world, in_world, closest, pairs, kind: PhantomData }
+        PrimitiveIntersector {
+            id: visit.id,
+            rays,
+            world: self.rays,
+            closest: &mut self.closest,
+            kind: PhantomData,
+        }
     }
 
     #[inline(always)]

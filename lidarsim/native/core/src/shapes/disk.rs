@@ -27,13 +27,6 @@ impl Disk {
     }
 }
 
-/// Whether a point is outside the circle: it is `from_center`/a from the centre, and `radius` is weighted.
-#[inline(always)]
-pub fn is_outside<N: Number>(from_center: &Vector<N>, radius: &N, a: &N) -> Result<bool, Uncertain> {
-    let reach = radius.times(a);
-    Ok(vector::norm2(from_center).minus(&reach.squared()).sign()? == Ordering::Greater)
-}
-
 impl Shape for Disk {
     const MOST_ROOTS: usize = 1;
 
@@ -56,7 +49,8 @@ impl Surface for Disk {
         let [Some(root), _] = self.plane().roots(ray)? else { return Ok(roots([None, None])) };
         let f = ray.origin_from(vector::exact(self.center));
         let from_center = vector::add(&vector::scaled(&f, &root.a), &vector::scaled(&ray.direction, &root.b));
-        let is_outside = is_outside(&from_center, &ray.weighted(N::exact(self.radius)), &root.a)?;
+        let reach = ray.weighted(N::exact(self.radius)).times(&root.a);
+        let is_outside = vector::norm2(&from_center).minus(&reach.squared()).sign()? == Ordering::Greater;
         Ok(roots([if is_outside { None } else { Some(root) }, None]))
     }
 
@@ -89,5 +83,30 @@ impl Surface for Disk {
             low: (self.center[i] - reach[i]).next_down(),
             high: (self.center[i] + reach[i]).next_up(),
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::number::Dyadic;
+
+    fn root(disk: &Disk, target: Point) -> Option<Root<Dyadic>> {
+        let direction = [0.5, 1.0, 0.25];
+        let origin = [0, 1, 2].map(|i| target[i] - 2.0 * direction[i]);
+        let [root, _] = disk.roots(&Ray::new(origin, direction)).ok()?;
+        root
+    }
+
+    #[test]
+    fn the_rim_belongs_to_the_disk() {
+        let disk = Disk { center: [1.0, 2.0, 3.0], normal: [0.0, 4.0, -3.0], radius: 5.0 };
+        // (0, 3, 4) is across the normal and as long as the radius.
+        for rim in [[6.0, 2.0, 3.0], [-4.0, 2.0, 3.0], [1.0, 5.0, 7.0], [1.0, -1.0, -1.0]] {
+            assert!(root(&disk, rim).is_some_and(|root| Dyadic::round(&root) == Ok(2.0)), "{rim:?}");
+        }
+        assert!(root(&disk, [6.0_f64.next_down(), 2.0, 3.0]).is_some());
+        assert!(root(&disk, [6.0_f64.next_up(), 2.0, 3.0]).is_none());
+        assert!(root(&disk, [1.0_f64.next_up(), 5.0, 7.0]).is_none());
     }
 }

@@ -22,7 +22,7 @@ pub use r#box::Box;
 pub use capsule::Capsule;
 pub use cylinder::Cylinder;
 pub use disk::Disk;
-pub(crate) use each::{Each, EachOf, of_each};
+pub(crate) use each::{Each, EachCrossings, EachOf, EachRay};
 pub use ellipsoid::Ellipsoid;
 pub use plane::Plane;
 pub use polygon::self_crossing;

@@ -42,19 +42,6 @@ pub fn touching_ball<N: Number>(f: &Vector<N>, d: &Vector<N>) -> Root<N> {
     Root::touching(vector::norm2(d), vector::dot(f, d).negated(), 0)
 }
 
-/// The roots of a line on a sphere.
-#[inline(always)]
-pub fn roots_of<N: Number>(center: &Vector<N>, radius: &N, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-    let f = ray.origin_from(center.clone());
-    roots_of_ball(&f, &ray.direction, &ray.weighted(radius.clone()))
-}
-
-#[inline(always)]
-pub fn implicit_of<N: Number>(center: &Vector<N>, radius: &N, ray: &Ray<N>) -> N {
-    let f = ray.origin_from(center.clone());
-    vector::norm2(&f).minus(&ray.weighted(radius.clone()).squared())
-}
-
 impl Shape for Sphere {
     const MOST_ROOTS: usize = 2;
 
@@ -70,7 +57,8 @@ impl Shape for Sphere {
 impl Surface for Sphere {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        roots_of(&vector::exact(self.center), &N::exact(self.radius), ray)
+        let f = ray.origin_from(vector::exact(self.center));
+        roots_of_ball(&f, &ray.direction, &ray.weighted(N::exact(self.radius)))
     }
 
     #[inline(always)]
@@ -80,7 +68,8 @@ impl Surface for Sphere {
 
     #[inline(always)]
     fn implicit<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
-        implicit_of(&vector::exact(self.center), &N::exact(self.radius), ray)
+        let f = ray.origin_from(vector::exact(self.center));
+        vector::norm2(&f).minus(&ray.weighted(N::exact(self.radius)).squared())
     }
 
     #[inline(always)]
