@@ -486,8 +486,8 @@ class Surfels(Object):
             disks, index = shapes.Disks.from_points(
                 cloud.xyz, radii=self.radius_m, neighbours=self.neighbours, return_index=True
             )
-        labels = None if "label" in self.model_fields_set else cloud.label
-        return disks, None if labels is None else labels[index]
+        has_labels = "label" in cloud.fields and "label" not in self.model_fields_set
+        return disks, cloud.label[index] if has_labels else None
 
 
 class SceneFile(Object):

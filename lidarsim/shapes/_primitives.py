@@ -21,14 +21,20 @@ def rows(centers: npt.ArrayLike, radii: npt.ArrayLike, normals: npt.ArrayLike | 
     count = len(columns)
     result: Floats = np.empty((count, 4 if normals is None else 7))
     result[:, :3] = columns
-    result[:, 3] = one_or_each("radii", radii, count)
-    if not (result[:, 3] > 0.0).all():
-        i = int(np.argmin(result[:, 3] > 0.0))
-        name = f"radii[{i}]" if np.ndim(radii) else "radii"
-        raise ArgumentValueError("radii", "numbers > 0", f"{name} = {result[i, 3]}")
+    result[:, 3] = widths(radii, count)
     if normals is not None:
         result[:, 4:] = nonzero_vectors("normals", array("normals", normals, (count, 3)))
     return result
+
+
+def widths(radii: npt.ArrayLike, count: int) -> Floats:
+    """Return radii, one for all or one each, after checking that they are > 0: shape (count,)."""
+    values = one_or_each("radii", radii, count)
+    if not (values > 0.0).all():
+        i = int(np.argmin(values > 0.0))
+        name = f"radii[{i}]" if values.ndim else "radii"
+        raise ArgumentValueError("radii", "numbers > 0", f"{name} = {values.flat[i]}")
+    return np.broadcast_to(values, count)
 
 
 def repeated(vertices: Floats, faces: npt.NDArray[np.uint32], count: int) -> npt.NDArray[np.uint32]:

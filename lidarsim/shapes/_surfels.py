@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, one_or_each
+from lidarsim._validation import Floats, array
 from lidarsim.errors import ArgumentValueError
-from lidarsim.shapes._primitives import frames
+from lidarsim.shapes._primitives import frames, widths
 
 FLAT = 2
 """How often the standard deviation across the plane of neighbours fits into the second largest one, at least."""
@@ -50,12 +50,12 @@ class Surfels(NamedTuple):
 def surfels(points: Floats, normals: npt.ArrayLike | None, radii: npt.ArrayLike | None, neighbours: int) -> Surfels:
     """Return the surfels of points; see `Disks.from_points`."""
     given = None if normals is None else array("normals", normals, (len(points), 3))
-    widths = None if radii is None else np.broadcast_to(one_or_each("radii", radii, len(points)), len(points))
+    given_radii = None if radii is None else widths(radii, len(points))
     _, first = np.unique(points, axis=0, return_index=True)
     index = np.sort(first).astype(np.int64)
     repeated = len(points) - len(index)
-    if given is not None and widths is not None:
-        return Surfels(index, given[index], widths[index], repeated, 0, 0)
+    if given is not None and given_radii is not None:
+        return Surfels(index, given[index], given_radii[index], repeated, 0, 0)
     if len(index) <= neighbours:
         raise ArgumentValueError("points", f"more than {neighbours} different points", len(index))
     from scipy.spatial import cKDTree
@@ -79,8 +79,8 @@ def surfels(points: Floats, normals: npt.ArrayLike | None, radii: npt.ArrayLike 
             axes = np.stack([*frames(normal[piece]), normal[piece]], axis=1)
         radius[piece] = _cell_radii(offsets[:, 1:] @ axes[:, :2].swapaxes(1, 2))
     is_isolated = np.zeros(count, bool)
-    if widths is not None:
-        radius = widths[index]
+    if given_radii is not None:
+        radius = given_radii[index]
     else:
         is_flat &= radius > 0.0  # the neighbours are on a line across the plane
         for start in range(0, count, _PIECE):

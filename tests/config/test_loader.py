@@ -160,6 +160,23 @@ def test_each_shape_is_the_one_that_python_makes(name: str) -> None:
     assert np.array_equal(got.normal, want.normal)
 
 
+def test_surfels_have_the_labels_of_their_cloud(caplog: pytest.LogCaptureFixture) -> None:
+    labels = np.arange(len(FLOOR) + 1, dtype=np.uint32)
+    ls.PointCloud(xyz=np.concatenate([FLOOR[:1], FLOOR]).astype(float), label=labels).save("floor.pcd")
+    start = "sensor: {preset: velodyne-vlp16}\nscene: [{shape: surfels, file: floor.pcd, neighbours: 5"
+    (floor,) = load(start + "}]").scene.objects
+    assert "points: 1 of 26 have no disk: 1 repeated" in caplog.text
+    np.testing.assert_array_equal(floor.label, [0, *labels[2:]])
+    (floor,) = load(start + ", label: 3}]").scene.objects
+    assert floor.label == 3
+    with pytest.raises(ConfigError, match=r"neighbours: expected an integer >= 3, got 2"):
+        load(start.replace("5", "2") + "}]")
+    with pytest.raises(ConfigError, match=r"radius_m: expected numbers > 0, got radii = 0.0"):
+        load(start + ", radius_m: 0.0}]")
+    with pytest.raises(ConfigError, match=r"file: expected more than 90 different points, got 25"):
+        load(start.replace("5", "90") + "}]")
+
+
 def test_every_shape_and_pattern_has_a_test_or_a_preset() -> None:
     from lidarsim.config.schema import PATTERNS
     from lidarsim.config.schema import SHAPES as MODELS

@@ -83,7 +83,7 @@ BAD = [
     (lambda: ls.Spheres([ORIGIN, X], [1.0, 0.0]), ValueError, "radii: expected numbers > 0, got radii[1] = 0.0"),
     (lambda: ls.Spheres([ORIGIN, X], -1), ValueError, "radii: expected numbers > 0, got radii = -1.0"),
     (lambda: ls.Spheres([ORIGIN, X], [1.0] * 3), ValueError, "radii: expected shape (2,), got (3,)"),
-    (lambda: ls.Spheres(ORIGIN, 1.0), ValueError, "centers: expected shape (n, 3), got (3,)"),
+    (lambda: ls.Spheres(ORIGIN, 1.0), ValueError, "centers: expected shape (n, 3), got (3,); of one, [[x, y, z]]"),
     (
         lambda: ls.Disks([ORIGIN, X], [Z, ORIGIN], 1.0),
         ValueError,

@@ -436,6 +436,7 @@ pub(super) struct Slabs<I: Isa> {
 #[cfg(test)]
 mod tests {
     use super::super::node::Child;
+    use super::super::Bvh;
     use super::*;
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::Portable;
