@@ -568,7 +568,7 @@ class Scene(Pickled, Plotted):
         ----------
         chord_error : float, optional
             Maximum distance of a triangle from the surface that it approximates, m. Default: 1/200 of the radius of
-            each sphere, ellipsoid and cylinder. All other shapes are exact.
+            each sphere, ellipsoid, cylinder, capsule and disk. All other shapes are exact.
         bounds : array_like, shape (2, 3), optional
             Minimum and maximum coordinates of everything else in the view, m. A plane is clipped to a box around these
             and all other objects, enlarged by a tenth of its size and until it contains the plane's point nearest to

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tables
-from exact import accuracy, cases
+from exact import accuracy, adversarial, cases
 
 from lidarsim.bench import report
 
@@ -81,7 +81,7 @@ def test_the_script_fails_if_lidarsim_errs(page: Path, monkeypatch: pytest.Monke
 
 def test_random_rays_are_judged_and_nothing_is_written(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert tables.main(["--random", "80"], page) == 0
-    assert "TriangleMesh: 10 rays" in capsys.readouterr().out
+    assert f"TriangleMesh: {80 // len(adversarial.KINDS)} rays" in capsys.readouterr().out
     assert page.read_text(encoding="utf-8") == SECTIONS
 
 

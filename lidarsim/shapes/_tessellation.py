@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -117,7 +117,7 @@ def _steps(chord_error: float | None) -> int:
     return segments(1.0, (_DEFAULT if chord_error is None else chord_error) / 2)
 
 
-def _globe(count: int, latitudes: Floats) -> Triangles:
+def _globe(count: int, latitudes: npt.NDArray[np.floating[Any]]) -> Triangles:
     """Return rings of vertices of the unit sphere at ascending latitudes, both poles after them, and the faces."""
     longitude = np.arange(count) * (2 * np.pi / count)
     latitude = latitudes[:, None]

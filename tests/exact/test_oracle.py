@@ -231,6 +231,66 @@ def test_cylinder_against_its_definition(capped):
     assert checked > 100
 
 
+def distance_from_segment(point, start, end):
+    """The squared distance, in rationals."""
+    start, end = ([Fraction(x) for x in v.tolist()] for v in (start, end))
+    axis, p = ([x - s for x, s in zip(v, start, strict=True)] for v in (end, point))
+    along = sum(a * x for a, x in zip(axis, p, strict=True)) / sum(a * a for a in axis)
+    along = min(max(along, Fraction(0)), Fraction(1))
+    return sum((x - along * a) ** 2 for x, a in zip(p, axis, strict=True))
+
+
+def test_capsule_against_its_definition():
+    # A root is at the radius from the segment; a line is nearer between two roots and farther away elsewhere.
+    rng = np.random.default_rng(8)
+    counts = [0, 0, 0]
+    for _ in range(20):
+        case = adversarial.random_case(rng, "Capsule", 20)
+        start, end, radius = case.spec.args
+        square, tiny = Fraction(float(radius)) ** 2, Fraction(1, 10**40)
+        for o, d in zip(case.origins.tolist(), case.directions.tolist(), strict=True):
+            ray = Ray.of(o, d)
+            crossings = oracle.Capsule(start, end, radius).crossings(ray)
+            counts[len(crossings)] += 1
+            ts = [crossing.t.fraction() for crossing in crossings]
+            if len(ts) == 2:
+                step = ts[1] - ts[0]
+                inside, outside = [ts[0] + step / 2], [ts[0] - step, ts[1] + step]
+            else:  # where the line is nearest to an end
+                a = [
+                    sum((Fraction(s) - Fraction(x)) * Fraction(y) for s, x, y in zip(e.tolist(), o, d, strict=True))
+                    for e in (start, end)
+                ]
+                inside, outside = [], [x / sum(Fraction(y) ** 2 for y in d) for x in a] if not ts else []
+            shares = [
+                [distance_from_segment(ray.at(Surd(*t.as_integer_ratio())), start, end) / square for t in places]
+                for places in (inside, outside)
+            ]
+            assert all(share <= 1 + tiny for share in shares[0])
+            assert all(share > 1 for share in shares[1])
+            for crossing in crossings:
+                assert abs(distance_from_segment(ray.at(crossing.t), start, end) / square - 1) <= tiny
+    assert min(counts[0], counts[2]) > 50
+
+
+def test_disk_against_its_definition():
+    rng = np.random.default_rng(9)
+    crossed = [0, 0]
+    for _ in range(20):
+        case = adversarial.random_case(rng, "Disk", 30)
+        center, normal, radius = ([Fraction(x) for x in np.ravel(v).tolist()] for v in case.spec.args)
+        for o, d in zip(case.origins.tolist(), case.directions.tolist(), strict=True):
+            crossings = oracle.Disk(*case.spec.args).crossings(Ray.of(o, d))
+            crossed[len(crossings)] += 1
+            f = [Fraction(x) - c for x, c in zip(o, center, strict=True)]
+            slope = sum(n * Fraction(x) for n, x in zip(normal, d, strict=True))
+            height = sum(n * x for n, x in zip(normal, f, strict=True))
+            place = [x - height / slope * Fraction(y) for x, y in zip(f, d, strict=True)] if slope else None
+            is_met = place is not None and sum(x * x for x in place) <= radius[0] ** 2
+            assert [crossing.t.fraction() for crossing in crossings] == ([-height / slope] if is_met else [])
+    assert min(crossed) > 50
+
+
 def test_box_names_every_face_that_holds_the_point():
     box = oracle.Box((2, 2, 2))
     entry, leave = box.crossings(Ray.of((-3.0, -3.0, 0.0), (1.0, 1.0, 0.0)))

@@ -211,7 +211,7 @@ mod tests {
     use crate::geometry::affine::Affine;
     use crate::geometry::vector::Point;
     use crate::scene::{Hit, Object, Rays, Scene, TRange, TriangleMesh};
-    use crate::shapes::{AnySurface, Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle};
+    use crate::shapes::{AnySurface, Box, Capsule, Cylinder, Disk, Ellipsoid, Plane, Sphere, Triangle};
     use crate::testing::with_large_frames;
 
     fn shapes() -> Vec<Object> {
@@ -223,6 +223,8 @@ mod tests {
             Box { size: [2.0; 3], center: [0.0; 3] }.into(),
             cylinder(true).into(),
             cylinder(false).into(),
+            Capsule { start: [0.0, 0.0, -0.5], end: [0.0, 0.0, 0.5], radius: 1.0 }.into(),
+            Disk { center: [0.0, 0.0, 1.0], normal: [0.0, 0.0, 1.0], radius: 1.0 }.into(),
             Triangle([-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [0.0, 1.0, 1.0]).into(),
             Plane::PointNormal { point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, 1.0] }.into(),
         ];

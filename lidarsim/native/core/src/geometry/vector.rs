@@ -145,6 +145,26 @@ mod tests {
         }
     }
 
+    /// r²·(|A|² − A_i²) ≤ reach²·|A|², where squares underflow, overflow or have few bits, too.
+    #[test]
+    fn circles_reach_as_far_as_they_are_said_to() {
+        let mut next = numbers();
+        let sizes = [1.0, 1e-300, 3e-318, 1e150, 1e308];
+        for round in 0..5000 {
+            let mut draw = || next() * sizes[(5.0 * next()) as usize];
+            let (axis, radius) = ([draw(), draw(), draw()], draw());
+            let exact = exact::<Dyadic>(axis);
+            let length2 = norm2(&exact);
+            for (x, reach) in exact.iter().zip(reach_of_circle(axis, radius)) {
+                let across = Dyadic::exact(radius).squared().times(&length2.minus(&x.squared()));
+                let beyond = Dyadic::exact(reach).squared().times(&length2).minus(&across);
+                assert_ne!(beyond.sign(), Ok(Ordering::Less), "{round}: {axis:?}, {radius}: {reach}");
+            }
+        }
+        let along_z = reach_of_circle([0.0, 0.0, 1e-3], 0.5);
+        assert!(along_z[0] < 0.5 * (1.0 + 64.0 * f64::EPSILON) && along_z[2] == f64::from_bits(1));
+    }
+
     /// A formula with an error of 2⁻⁶⁰ of the largest coordinate may return any smaller number in place
     /// of zero.
     #[test]

@@ -81,7 +81,7 @@ mod tests {
     use crate::scene::RootIntervals;
     use crate::scene::predicates::RootOrder;
     use crate::scene::tests::{FLAT, object, tipped};
-    use crate::shapes::{AnySurface, Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle};
+    use crate::shapes::{AnySurface, Box, Capsule, Cylinder, Disk, Ellipsoid, Plane, Sphere, Triangle};
     use crate::testing::numbers;
 
     const TURN: [[f64; 3]; 3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
@@ -107,6 +107,14 @@ mod tests {
 
     fn cylinder(base: f64) -> Object {
         of(Cylinder { start: [1.0, 1.0, base], end: [1.0, 1.0, 3.0], radius: 4.0, capped: true })
+    }
+
+    fn capsule() -> Object {
+        of(Capsule { start: [1.0, 1.0, -2.0], end: [0.5, 1.0, 2.0], radius: 3.0 })
+    }
+
+    fn disk(height: f64) -> Object {
+        of(Disk { center: [1.0, 1.0, height], normal: [0.0, 0.0, -2.0], radius: 4.0 })
     }
 
     /// Compares `order` with exact arithmetic at each pair of roots, on rays into the middle of the objects.
@@ -167,6 +175,8 @@ mod tests {
         let mut pairs = vec![
             (sphere.clone(), sphere),
             (cylinder(-3.0), cylinder(-3.0)),
+            (capsule(), capsule()),
+            (placed(&capsule(), SKEW, [0.5; 3]), placed(&capsule(), SKEW, [0.5; 3])),
             (turned.clone(), turned),
             (tipped(1.5), tipped(1.5)),
             (placed(&tipped(1.5), SKEW, [0.5; 3]), placed(&tipped(1.5), SKEW, [0.5; 3])),
@@ -185,6 +195,8 @@ mod tests {
                 placed(&of(FLAT), [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0]], [1.0, -2.0, 0.0]),
             ),
             (ground(), cylinder(0.0)),
+            (ground(), disk(0.0)),
+            (disk(2.0), placed(&slab(4.0), TURN, [0.0; 3])),
             (placed(&ground(), SKEW, [0.0; 3]), placed(&cylinder(0.0), SKEW, [0.0; 3])),
             (placed(&tipped(1.0), SKEW, [0.0; 3]), placed(&object(FLAT, 7), SKEW, [0.0; 3])),
             // The first is transformed to a place, the other is made there.
@@ -194,7 +206,7 @@ mod tests {
             }),
         ];
         pairs.extend(ellipsoid.map(|ellipsoid| (ellipsoid.clone(), ellipsoid)));
-        assert_eq!(pairs.len(), 19);
+        assert_eq!(pairs.len(), 23);
         for (k, (x, y)) in pairs.iter().enumerate() {
             let [equal, _, ties] = check(x, y);
             assert!(equal > 10, "pair {k}: {equal}");
@@ -205,7 +217,8 @@ mod tests {
 
     #[test]
     fn roots_of_one_surface_come_in_their_order() {
-        let ordered = [cylinder(-3.0), placed(&slab(4.0), SKEW, [1.0, 0.5, 0.0])].map(|x| check(&x, &x)[1]);
+        let ordered =
+            [cylinder(-3.0), capsule(), placed(&slab(4.0), SKEW, [1.0, 0.5, 0.0])].map(|x| check(&x, &x)[1]);
         assert!(ordered.iter().all(|&ordered| ordered > 50), "{ordered:?}");
     }
 
@@ -217,6 +230,7 @@ mod tests {
             (object(FLAT, 2), object(Triangle(FLAT.0, FLAT.1, [0.0, 8.0, 1.0_f64.next_down()]), 0)),
             (ground(), of(Box { size: [20.0, 20.0, near], center: [0.0, 0.0, -0.05] })),
             (ground(), placed(&slab(near), TURN, [0.0, 0.0, -0.05])),
+            (ground(), disk(5e-324)),
             (ground(), placed(&ground(), TURN, [0.0, 0.0, 5e-324])),
             (
                 of(Sphere { center: [0.0; 3], radius: 3.0 }),

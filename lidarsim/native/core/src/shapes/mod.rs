@@ -176,23 +176,30 @@ mod tests {
             let radius = size[0];
             let axis = vector::sub(&vector::exact::<Dyadic>(end), &vector::exact(center));
             let (length2, one) = (vector::norm2(&axis), Dyadic::exact(1.0));
+            let normal = vector::exact::<Dyadic>(rotation[0]);
+            let normal2 = vector::norm2(&normal);
             let ellipsoid = Ellipsoid::new(center, size, rotation).and_then(|ellipsoid| ellipsoid.bounds());
             let bounds = [
                 Sphere { center, radius }.bounds(),
                 Box { size, center }.bounds(),
                 Cylinder { start: center, end, radius, capped: false }.bounds(),
                 ellipsoid,
+                Capsule { start: center, end, radius }.bounds(),
+                Disk { center, normal: rotation[0], radius }.bounds(),
             ];
             for i in 0..3 {
                 let (square, middle) = (Dyadic::exact(radius).squared(), [center[i]; 2]);
                 let across = square.times(&length2.minus(&axis[i].squared()));
+                let beside = square.times(&normal2.minus(&normal[i].squared()));
                 let row = [0, 1, 2].map(|j| Dyadic::exact(rotation[i][j]).times(&Dyadic::exact(size[j])));
                 let ends = [center[i].min(end[i]), center[i].max(end[i])];
                 for (bounds, ends, num, den) in [
-                    (&bounds[0], middle, square, &one),
+                    (&bounds[0], middle, square.clone(), &one),
                     (&bounds[1], middle, Dyadic::exact(size[i]).squared(), &Dyadic::exact(4.0)),
                     (&bounds[2], ends, across, &length2),
                     (&bounds[3], middle, vector::norm2(&row), &one),
+                    (&bounds[4], ends, square.clone(), &one),
+                    (&bounds[5], middle, beside, &normal2),
                 ] {
                     let Some(bounds) = bounds else { continue };
                     assert!(
