@@ -118,7 +118,7 @@ mod tests {
     use crate::arith::number::{self, Dyadic, Number};
     use crate::arith::simd::{Floats, Level, Task, dispatch};
     use crate::shapes::{Disk, Sphere};
-    use crate::testing::numbers;
+    use crate::testing::{assert_slack, numbers, worst};
 
     /// The masks of the shapes met and of those certainly met, and bounds of the roots.
     struct Tested<'a, S, const K: usize>(Point, EachRay, &'a [[f64; 8]; K], std::marker::PhantomData<S>);
@@ -210,5 +210,41 @@ mod tests {
     fn tests_of_eight_disks_hold_what_is_true() {
         let [met, certain, truth] = check::<Disk, 7>();
         assert!(truth > 5_000 && met < truth + truth / 5 && 10 * certain > 7 * truth, "{met} {certain} {truth}");
+    }
+
+    /// The error of the middle of the bounds of the first root, as a share of half their width.
+    fn share<S: Each<K>, const K: usize>(row: [f64; K], origin: Point, direction: Point) -> f64 {
+        let numbers = row.map(|number| [number; 8]);
+        let length = direction[0].abs() + direction[1].abs() + direction[2].abs();
+        let ray = EachRay::new(direction, length, 0.0, 0.0);
+        let tested = Tested::<S, K>(origin, ray, &numbers, std::marker::PhantomData);
+        let (_, certain, [[low, high], _]) = dispatch(Level::Scalar, tested);
+        let Ok([Some(root), ..]) = S::of(row).roots(&Ray::<Dyadic>::new(origin, direction)) else { return 0.0 };
+        let (Ok(t), true) = (Dyadic::value(&root), certain & 1 != 0) else { return 0.0 };
+        let middle = Dyadic::exact(low[0]).plus(&Dyadic::exact(high[0])).times(&Dyadic::exact(0.5));
+        t.minus(&middle).split().0.abs() / (0.5 * (high[0] - low[0]))
+    }
+
+    /// The slack is that of 1-norms, of the worst signs of all terms, and a factor of two.
+    #[test]
+    fn bounds_on_eight_shapes_are_as_wide_as_is_known() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        for (far, of_sphere, of_disk) in [(3.0, 0.1, 0.1), (1e4, 0.1, 0.1)] {
+            let line = |x: &[f64; 9]| {
+                let origin = [-far * (1.0 + x[3]), x[4], x[5]];
+                (origin, [far * (1.0 + 0.5 * x[6]), x[7] - 0.5, x[8] - 0.5])
+            };
+            let sphere = worst(6, 2000, draw, |x: &[f64; 9]| {
+                let (origin, direction) = line(x);
+                share::<Sphere, 4>([x[0], x[1], x[2], 1.0], origin, direction)
+            });
+            let disk = worst(6, 2000, draw, |x: &[f64; 9]| {
+                let (origin, direction) = line(x);
+                share::<Disk, 7>([x[0], 0.5, 0.5, 1e3, 1.0, x[1], x[2]], origin, direction)
+            });
+            println!("{far}: {} {}", sphere.0, disk.0);
+            assert_slack("sphere", sphere.0, of_sphere);
+            assert_slack("disk", disk.0, of_disk);
+        }
     }
 }
