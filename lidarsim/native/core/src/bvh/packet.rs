@@ -114,13 +114,7 @@ impl Packet {
 
     /// Sets up rays of one octant, relative to the centre of a hierarchy, from t_min ≥ 0 to one limit each.
     #[inline(always)]
-    pub fn enter<I: Isa>(
-        &mut self,
-        rays: &RayPacket,
-        frame: Frame,
-        t_min: f64,
-        limits: &[f64; LANES],
-    ) {
+    pub fn enter<I: Isa>(&mut self, rays: &RayPacket, frame: Frame, t_min: f64, limits: &[f64; LANES]) {
         let octant = rays.octant;
         self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
@@ -435,8 +429,8 @@ pub(super) struct Slabs<I: Isa> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::node::Child;
     use super::super::Bvh;
+    use super::super::node::Child;
     use super::*;
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::Portable;

@@ -291,14 +291,10 @@ impl HitBatch {
 
     /// The numbers of the primitives; empty slots repeat the first.
     #[inline(always)]
-    fn numbers<S: Each<K>, const K: usize>(
-        &self,
-        primitives: &Primitives<S, K>,
-    ) -> [[f64; BATCH_SIZE]; K] {
+    fn numbers<S: Each<K>, const K: usize>(&self, primitives: &Primitives<S, K>) -> [[f64; BATCH_SIZE]; K] {
         let (mut numbers, first) = ([[0.0; BATCH_SIZE]; K], self.slots.trailing_zeros() as usize);
         for slot in 0..BATCH_SIZE {
-            let row =
-                primitives.row(self.primitive[if self.slots & 1 << slot != 0 { slot } else { first }]);
+            let row = primitives.row(self.primitive[if self.slots & 1 << slot != 0 { slot } else { first }]);
             for k in 0..K {
                 numbers[k][slot] = row[k];
             }

@@ -366,12 +366,7 @@ impl<'a> PacketState<'a, '_> {
         let (center, reach) = (hierarchy.center(), hierarchy.frame().longest_reach());
         self.are_far = self.rays.are_far(center, reach);
         if self.are_far {
-            I::call(Approach {
-                rays: self.rays,
-                near_rays: self.near_rays,
-                center,
-                reach,
-            });
+            I::call(Approach { rays: self.rays, near_rays: self.near_rays, center, reach });
         }
     }
 

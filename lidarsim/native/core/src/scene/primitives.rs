@@ -57,8 +57,8 @@ impl<const K: usize> PrimitiveLeaf<K> {
     }
 }
 
-/// Shapes of kind S, defined by K numbers each. The leaves of the hierarchy hold the only copy of the numbers,
-/// so the hierarchy is built at once.
+/// Shapes of kind S, defined by K numbers each. The leaves of the hierarchy hold the only copy of the
+/// numbers, so the hierarchy is built at once.
 pub struct Primitives<S, const K: usize> {
     hierarchy: Bvh<PrimitiveLeaf<K>>,
     /// By id, eight times the index of the leaf plus the lane.

@@ -30,12 +30,12 @@ struct Passage<F> {
 }
 
 impl<I: Isa> SeenDisks<I> {
-    /// With s = n·d, the line meets the plane at s·f − (n·f)·d = q relative to the centre, times s, so it meets
-    /// the disk iff |q| ≤ r·|s|.
+    /// With s = n·d, the line meets the plane at s·f − (n·f)·d = q relative to the centre, times s, so it
+    /// meets the disk iff |q| ≤ r·|s|.
     ///
-    /// With g = f × d, the products and differences of q round by less than 3u·ν·|g|₁, and the error of g adds
-    /// ν·E: together less than Q = ν·(4u·|g|₁ + E) + the smallest normal number. The slope rounds by 3u·ν·L and
-    /// is off by ν·ε_d: together less than S = ν·(4u·L + 4ε_d) + that number.
+    /// With g = f × d, the products and differences of q round by less than 3u·ν·|g|₁, and the error of g
+    /// adds ν·E: together less than Q = ν·(4u·|g|₁ + E) + the smallest normal number. The slope rounds by
+    /// 3u·ν·L and is off by ν·ε_d: together less than S = ν·(4u·L + 4ε_d) + that number.
     #[inline(always)]
     fn passage(&self, ray: &EachRay) -> Passage<I::F64x8> {
         let (d, least) = (lanes::splat::<I::F64x8, 8>(ray.direction), I::F64x8::splat(f64::MIN_POSITIVE));
@@ -87,17 +87,18 @@ impl Each<7> for Disk {
 
     /// t = −n·f/s.
     ///
-    /// The disk is certainly met if |q| ≤ r·(|s| − S) − Q: both terms and the difference round by less than 8u
-    /// of r·(|s| + S) + Q. The height n·f rounds by 3u·ν·m, that of f included by 4u·ν·m, and is off by ν·ε,
-    /// so t by at most (ν·(5u·m + ε) + |t|·S)/(|s| − S) and its own roundings; S ≤ |s|/2 is tested, and the
-    /// factor of two covers that and the terms of second order.
+    /// The disk is certainly met if |q| ≤ r·(|s| − S) − Q: both terms and the difference round by less than
+    /// 8u of r·(|s| + S) + Q. The height n·f rounds by 3u·ν·m, that of f included by 4u·ν·m, and is off by
+    /// ν·ε, so t by at most (ν·(5u·m + ε) + |t|·S)/(|s| − S) and its own roundings; S ≤ |s|/2 is tested, and
+    /// the factor of two covers that and the terms of second order.
     #[inline(always)]
     fn crossings<I: Isa>(seen: &SeenDisks<I>, ray: &EachRay) -> EachCrossings<I> {
         let Passage { square, off, slope, slope_error } = seen.passage(ray);
         let (zero, least) = (I::F64x8::splat(0.0), I::F64x8::splat(f64::MIN_POSITIVE));
         let (steep, two) = (slope.abs(), I::F64x8::splat(2.0));
         let most = seen.radius.fused(steep.add(slope_error), off);
-        let sure = seen.radius.mul(steep.sub(slope_error)).sub(off).sub(most.mul(I::F64x8::splat(8.0 * UNIT)));
+        let sure =
+            seen.radius.mul(steep.sub(slope_error)).sub(off).sub(most.mul(I::F64x8::splat(8.0 * UNIT)));
         let inside = square.fused(I::F64x8::splat(1.0 + 16.0 * UNIT), least).lt(sure.mul(sure));
         let inverse = I::F64x8::splat(1.0).div(slope);
         let height = lanes::fused_dot(seen.normal, seen.from).negated();

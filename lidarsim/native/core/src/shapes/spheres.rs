@@ -69,10 +69,10 @@ impl Each<4> for Sphere {
 
     /// t = (b ∓ √disc)/|d|², b = −f·d, disc = r²·|d|² − |f × d|².
     ///
-    /// Of a sphere that may be met, disc is off by at most D = 16u·(r²·|d|² + …) + 3E·(2r·|d| + E), as |f × d| ≤
-    /// r·|d| + E, and by the error of |d|². If disc > D the line meets the sphere twice, and √disc is off by
-    /// D/√disc and its rounding, b by E. The true |d|² is at least ¾ of the computed one, which is tested, so
-    /// a factor of two covers that and the terms of second order.
+    /// Of a sphere that may be met, disc is off by at most D = 16u·(r²·|d|² + …) + 3E·(2r·|d| + E), as |f ×
+    /// d| ≤ r·|d| + E, and by the error of |d|². If disc > D the line meets the sphere twice, and √disc is
+    /// off by D/√disc and its rounding, b by E. The true |d|² is at least ¾ of the computed one, which is
+    /// tested, so a factor of two covers that and the terms of second order.
     #[inline(always)]
     fn crossings<I: Isa>(seen: &SeenSpheres<I>, ray: &EachRay) -> EachCrossings<I> {
         let error = seen.error(ray);
@@ -91,8 +91,7 @@ impl Each<4> for Sphere {
         let share = I::F64x8::splat(2.0 * (ray.square_error * inverse + 8.0 * UNIT));
         let within = ray.square_error <= 0.25 * ray.square;
         let (first, second) = (b.sub(root), b.add(root));
-        let (first, second) =
-            (first.mul(I::F64x8::splat(inverse)), second.mul(I::F64x8::splat(inverse)));
+        let (first, second) = (first.mul(I::F64x8::splat(inverse)), second.mul(I::F64x8::splat(inverse)));
         let offs = [first.abs().fused(share, off), second.abs().fused(share, off)];
         let infinity = I::F64x8::splat(f64::INFINITY);
         let certain = disc_error.lt(disc) & offs[0].lt(infinity) & offs[1].lt(infinity);
