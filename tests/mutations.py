@@ -55,6 +55,8 @@ MUTANTS = [
     Mutant("leaf: t, distance 32u", "off + 32.0 * UNIT * square", "off + 16.0 * UNIT * square"),
     Mutant("leaf: t, volumes 256u", "turned: [256.0 * UNIT", "turned: [128.0 * UNIT"),
     Mutant("leaf: t, direction 4ε", "square, 4.0 * size]", "square, 2.0 * size]"),
+    Mutant("eight disks: t, height 5u", "splat(5.0 * UNIT), I::F64x8", "splat(2.0 * UNIT), I::F64x8"),
+    Mutant("eight spheres: t, twice the numerator", "splat(2.0 * inverse)", "splat(1.0 * inverse)"),
     Mutant("triple products 320u²", "BOUND: f64 = 320.0 *", "BOUND: f64 = 160.0 *"),
     Mutant("corrected quotient 16u", "ROUNDINGS: f64 = 16.0 *", "ROUNDINGS: f64 = 8.0 *"),
     Mutant("runs: each ray after the other", "(*ray == first.wrapping_add(k))", "(*ray > *first)"),

@@ -473,8 +473,10 @@ class Surfels(Object):
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the disks to `scene`."""
         disks, labels = self._disks(place)
-        more = {} if labels is None else {"label": labels}
-        self._add(disks, scene, place, **more)
+        if labels is None:
+            self._add(disks, scene, place)
+        else:
+            self._add(disks, scene, place, label=labels)
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""

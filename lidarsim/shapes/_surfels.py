@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,7 @@ class Surfels(NamedTuple):
 
     Parameters
     ----------
-    index : ndarray of int64, shape (m,)
+    points : ndarray of int64, shape (m,)
         The point of each disk, ascending.
     normals : ndarray, shape (m, 3)
         Normals.
@@ -39,7 +39,7 @@ class Surfels(NamedTuple):
         Points without a disk, each counted once, for the first of these reasons.
     """
 
-    index: npt.NDArray[np.int64]
+    points: npt.NDArray[np.int64]
     normals: Floats
     radii: Floats
     repeated: int
@@ -68,6 +68,8 @@ def surfels(points: Floats, normals: npt.ArrayLike | None, radii: npt.ArrayLike 
     near = np.empty((count, neighbours), np.int32 if count < 1 << 31 else np.int64)
     for start in range(0, count, _PIECE):
         piece = slice(start, start + _PIECE)
+        distances: Any
+        found: Any
         distances, found = tree.query(places[piece], neighbours + 1)
         near[piece], reach[piece] = found[:, 1:], distances[:, -1]
         offsets = places[found] - places[piece, None]
@@ -136,4 +138,5 @@ def _cell_radii(neighbours: Floats) -> Floats:
     bounds = along >= _WIDEST * length
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.where(bounds & (length > 0.0), length * length / (2.0 * along), np.inf).min(axis=1)
-    return np.where(np.isfinite(reach), reach, 0.0).max(axis=1)
+    result: Floats = np.where(np.isfinite(reach), reach, 0.0).max(axis=1)
+    return result

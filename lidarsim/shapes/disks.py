@@ -170,14 +170,14 @@ class Disks(Shape):
         count = integer("neighbours", neighbours, at_least=3)
         wants_index = flag("return_index", return_index)
         made = surfels(places, normals, radii, count)
-        left_out = len(places) - len(made.index)
+        left_out = len(places) - len(made.points)
         if left_out:
             logging.getLogger("lidarsim").warning(
                 "points: %d of %d have no disk: %d repeated, %d with neighbours that form no plane, %d isolated",
                 left_out, len(places), made.repeated, made.not_flat, made.isolated,
             )  # fmt: skip
-        disks = cls(places[made.index], made.normals, made.radii, transform=transform)
-        return (disks, made.index) if wants_index else disks
+        disks = cls(places[made.points], made.normals, made.radii, transform=transform)
+        return (disks, made.points) if wants_index else disks
 
     @property
     def centers(self) -> Floats:
