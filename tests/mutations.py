@@ -476,7 +476,7 @@ MUTANTS = [
         "fastest[axis].mul(latest)",
         "fastest[axis].mul(latest).mul(I::F32x16::splat(0.5))",
     ),
-    Mutant("packet: no hit later than that", "hierarchy.reach[axis]", "0.1 * hierarchy.reach[axis]"),
+    Mutant("packet: no hit later than that", "frame.reach[axis]", "0.1 * frame.reach[axis]"),
     Mutant("far rays: rounding of the start 3u", "splat(3.0 * UNIT)).add(error)", "splat(0.5 * UNIT)).add(error)"),
     Mutant("far rays: error of the direction", "error.add(bent).mul", "error.mul"),
     Mutant("far rays: error of the origin", "error.add(bent).mul", "bent.mul"),
