@@ -34,7 +34,7 @@ from lidarsim._views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.materials import Material
 from lidarsim.rules import Options, Rule
-from lidarsim.shapes import Hits, Shape, TriangleMesh
+from lidarsim.shapes import Disks, Hits, Shape, Spheres, TriangleMesh
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -801,11 +801,12 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     given = as_array("label", value, "one integer, or one per face")
     if given.ndim == 0:
         return integer("label", value, at_least=0, at_most=UINT32)
-    if not isinstance(shape, TriangleMesh):
-        raise ArgumentTypeError("label", "one integer, or a TriangleMesh for one per face", _kind(shape))
+    if not isinstance(shape, TriangleMesh | Spheres | Disks):
+        expected = "one integer, or a TriangleMesh, Spheres or Disks for one each"
+        raise ArgumentTypeError("label", expected, _kind(shape))
     if given.dtype.kind not in "iu" or given.shape != (len(shape),):
         raise ArgumentValueError(
-            "label", f"one integer, or {len(shape)}, one per face", f"{given.dtype} of shape {given.shape}"
+            "label", f"one integer, or {len(shape)}, one {_each(shape)}", f"{given.dtype} of shape {given.shape}"
         )
     if given.dtype == np.uint32 and not given.flags.writeable:  # already checked here
         return given
@@ -818,6 +819,10 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     return labels
 
 
+def _each(shape: Shape) -> str:
+    return {Spheres: "per sphere", Disks: "per disk"}.get(type(shape), "per face")
+
+
 def _kind(value: object) -> str:
     return type(value).__name__
 
@@ -825,15 +830,19 @@ def _kind(value: object) -> str:
 def _check_reflectivity(material: Material, shape: Shape) -> None:
     """Raise an error if the texture, or the reflectivities per face or vertex, do not fit the shape."""
     per = material.per
-    if not isinstance(shape, TriangleMesh):
+    if isinstance(shape, Spheres | Disks) and per == "face":
+        counts = {"face": len(shape)}
+    elif isinstance(shape, TriangleMesh):
+        counts = {"face": len(shape), "vertex": len(shape.vertices)}
+    else:
+        shapes = "TriangleMesh, Spheres or Disks" if per == "face" else "TriangleMesh"
         wanted = "texture" if per == "texture" else f"reflectivity per {per}"
-        raise ArgumentTypeError("material", f"a TriangleMesh for a {wanted}", type(shape).__name__)
-    counts = {"face": len(shape), "vertex": len(shape.vertices)}
+        raise ArgumentTypeError("material", f"a {shapes} for a {wanted}", _kind(shape))
     if material.texture_coordinates is not None:
         given, per = material.texture_coordinates, "vertex" if material.texture_coordinates.ndim == 2 else "face"
         expected = f"texture coordinates of {counts[per]} {'vertices' if per == 'vertex' else 'faces'}"
     else:
         given = np.asarray(material.reflectivity)
-        expected = f"{counts[per]} reflectivities, one per {per}"
+        expected = f"{counts[per]} reflectivities, one {f'per {per}' if per == 'vertex' else _each(shape)}"
     if len(given) != counts[per]:
         raise ArgumentValueError("material", expected, len(given))

@@ -532,7 +532,8 @@ MISTAKES = {
         "--set frames=2: expected at most 4294967296 with first_frame, got 2"
     ),
     "check run.yaml --set scene.0.reflectivity_per=face --set scene.0.reflectivity=[1]": (
-        "run.yaml:5: scene.0: material: expected a TriangleMesh for a reflectivity per face, got Plane"
+        "run.yaml:5: scene.0: material: expected a TriangleMesh, Spheres or Disks for a reflectivity per face, "
+        "got Plane"
     ),
     "check broken.yaml": "broken.yaml:2: scene.0.radius: unknown key; did you mean radius_m?",
     # outputs

@@ -357,7 +357,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "labels by face of a sphere": (
         lambda: SCENE.add(BALL, label=[1, 2]),
         TypeError,
-        "label: expected one integer, or a TriangleMesh for one per face, got Sphere",
+        "label: expected one integer, or a TriangleMesh, Spheres or Disks for one each, got Sphere",
     ),
     "material as number": (
         lambda: SCENE.add(BALL, material=0.5),

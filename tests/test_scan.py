@@ -302,7 +302,7 @@ def test_reflectivities_follow_the_scene_as_it_grows() -> None:
         (
             ls.Sphere((0, 0, 0), 1.0),
             ls.Material(reflectivity=[0.1], per="face"),
-            "material: expected a TriangleMesh for a reflectivity per face, got Sphere",
+            "material: expected a TriangleMesh, Spheres or Disks for a reflectivity per face, got Sphere",
         ),
         (
             square(),

@@ -29,6 +29,7 @@ from lidarsim._validation import pose as rigid
 from lidarsim.io import raster, scenes
 from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
+from lidarsim.pointcloud import PointCloud
 from lidarsim.rig import Rig
 from lidarsim.rules import Options, Rule
 from lidarsim.run import CloudArguments
@@ -37,6 +38,8 @@ from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import numpy.typing as npt
 
     from lidarsim._validation import Floats
     from lidarsim.config.document import Place
@@ -525,6 +528,38 @@ class SceneRule(Part):
         return construct(Rule, self, keys - {"reflectivity"}, place, reflectivity=material)
 
 
+class Surfels(Object):
+    """Disks at the points of a cloud, with the labels that it has unless `label` is given."""
+
+    constructor = shapes.Disks.from_points
+
+    shape: Literal["surfels"]
+    file: str
+    neighbours: int = 16
+    radius_m: float | None = None
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the disks to `scene`."""
+        disks, labels = self._disks(place)
+        if labels is None:
+            self._add(disks, scene, place)
+        else:
+            self._add(disks, scene, place, label=labels)
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        return self._disks(place)[0]
+
+    def _disks(self, place: Place) -> tuple[shapes.Disks, npt.NDArray[np.uint32] | None]:
+        cloud = (place / "file").load(self.file, PointCloud.load)
+        with place.refusals({"points": ("file", ""), "neighbours": ("neighbours", ""), "radii": ("radius_m", "")}):
+            disks, index = shapes.Disks.from_points(
+                cloud.xyz, radii=self.radius_m, neighbours=self.neighbours, return_index=True
+            )
+        has_labels = "label" in cloud.fields and "label" not in self.model_fields_set
+        return disks, cloud.label[index] if has_labels else None
+
+
 class SceneFile(Object):
     """The objects of a scene file such as GLB."""
 
@@ -574,6 +609,7 @@ SHAPES: dict[str, type[Object]] = {
     "mesh": Mesh,
     "heightfield": Heightfield,
     "raster": Raster,
+    "surfels": Surfels,
     "scene_file": SceneFile,
     **_models_of(_public(shapes), "shape", Object),
 }

@@ -29,7 +29,7 @@ class Hits(Pickled):
     object_id : ndarray of int32, shape (n,)
         Object in the scene, -1 for a miss; 0 where a single shape was cast at.
     primitive_id : ndarray of int32, shape (n,)
-        Triangle of a mesh; 0 for other shapes.
+        Triangle of a mesh, or which of many spheres or disks; 0 for other shapes.
     normal : ndarray of float64, shape (n, 3)
         Unit normal at the hit, outward as the shape defines it, whichever side was hit; zero for a miss.
     """
@@ -75,6 +75,9 @@ class Shape(Value):
 
     bounded: ClassVar[bool] = True
     """Whether the surface is bounded."""
+
+    has_primitives: ClassVar[bool] = False
+    """Whether hits tell apart several primitives, which labels and reflectivities can be given for."""
 
     _positive: ClassVar[frozenset[str]] = frozenset()
     """Arguments of the constructor that are numbers > 0."""
@@ -170,7 +173,8 @@ class Shape(Value):
         ndarray of float64, shape (n, k)
             Every t, of either sign, at which the line meets the surface, correctly rounded: ascending, distinct up to
             rounding, padded with NaN. A line that touches the surface at a point has one t there. k is the greatest
-            number of roots that the shape can have; for a mesh, the greatest number that these lines have.
+            number of roots that the shape can have; for a mesh or many spheres or disks, the greatest number that these
+            lines have.
 
         Raises
         ------

@@ -15,6 +15,9 @@ Triangles: TypeAlias = tuple[Floats, npt.NDArray[np.uint32]]
 """Vertices, shape (n, 3), and faces, shape (m, 3), counter-clockwise seen from outside."""
 
 _DEFAULT = 1 / 200  # chord error, of the radius
+COARSE = 0.08
+"""Chord error, of the radius, of shapes that hold many: a circle has eight segments."""
+
 _MOST = 2048  # segments of a circle: a sphere of them has four million triangles
 
 

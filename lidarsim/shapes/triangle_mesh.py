@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -112,6 +112,8 @@ class TriangleMesh(Shape):
 
     __slots__ = ("_crs", "_grid", "_hull")
     __match_args__ = ("vertices", "faces")
+
+    has_primitives: ClassVar = True
 
     _crs: str | None
     _grid: tuple[int, int] | None

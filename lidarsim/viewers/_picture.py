@@ -212,6 +212,6 @@ def colored(surface: Surface, colors: Coloring) -> list[tuple[str, Surface]]:
     """
     item = surface.item
     if colors.field == "label" and isinstance(item.label, np.ndarray):
-        return [(category_color(label), part) for label, part in surface.parts(item.label)]
+        return [(category_color(label), part) for label, part in surface.parts(surface.labels)]
     category = {"label": item.label, "object_id": surface.object_id, "instance": item.instance}.get(colors.field)
     return [(SURFACE if category is None else category_color(int(category)), surface)]

@@ -54,6 +54,12 @@ class Surface:
         """Return the faces counter-clockwise from outside in the world: ndarray of uint32, shape (m, 3)."""
         return self.faces[:, ::-1] if np.linalg.det(self.matrix[:3, :3]) < 0 else self.faces
 
+    @property
+    def labels(self) -> npt.NDArray[np.uint32]:
+        """The label of each face: ndarray of uint32, shape (m,)."""
+        labels = np.atleast_1d(np.asarray(self.item.label, np.uint32))
+        return np.repeat(labels, len(self.faces) // max(len(labels), 1))
+
     def parts(self, categories: npt.NDArray[np.integer[Any]]) -> Iterator[tuple[int, Surface]]:
         """Yield each category and the surface of its faces; `categories` has one per face, shape (m,)."""
         order = np.argsort(categories, kind="stable")

@@ -77,7 +77,7 @@ def scene_to_open3d(scene: Scene, **options: Any) -> list[dict[str, Any]]:
         if not len(surface.faces):
             continue
         mesh = _mesh(o3d, surface)
-        for name, value in (("object_id", surface.object_id), ("label", surface.item.label)):
+        for name, value in (("object_id", surface.object_id), ("label", surface.labels)):
             column = narrowed(name, np.full(len(surface.faces), value, np.int64))
             mesh.triangle[name] = o3d.core.Tensor(column[:, np.newaxis])
         name = f"{surface.object_id} {surface.item.name}".rstrip()

@@ -94,7 +94,7 @@ def scene_to_pyvista(scene: Scene, **options: Any) -> pyvista.MultiBlock:
     for surface in surfaces(scene, **options):
         block = _triangles(surface, shared)
         block.cell_data["object_id"] = np.full(block.n_cells, surface.object_id, np.int32)
-        block.cell_data["label"] = np.full(block.n_cells, surface.item.label, np.uint32)
+        block.cell_data["label"] = surface.labels
         _add_texts(block, "name", [surface.item.name])
         blocks.append(block, _encodable(surface.item.name) or f"object {surface.object_id}")
     return blocks

@@ -98,6 +98,7 @@ def test_a_matrix_is_taken_as_it_is() -> None:
     assert np.array_equal(run.scene.objects[1].transform, matrix)
 
 
+FLOOR = np.stack([*np.mgrid[-2:3, -2:3], np.full((5, 5), 2)], axis=-1).reshape(-1, 3)
 SHAPES = {
     "plane": ("{normal: [0, 0, 1], distance_m: 2}", ls.Plane((0, 0, 1), 2)),
     "plane through a point": ("{shape: plane, normal: [0, 1, 1], point_m: [0, 0, 2]}", ls.Plane((0, 1, 1), 2)),
@@ -111,6 +112,15 @@ SHAPES = {
     ),
     "capsule": ("{start_m: [0, 0, 1], end_m: [0, 0, 3], radius_m: 1}", ls.Capsule((0, 0, 1), (0, 0, 3), 1)),
     "disk": ("{center_m: [0, 0, 2], normal: [0, 1, 2], radius_m: 1}", ls.Disk((0, 0, 2), (0, 1, 2), 1)),
+    "spheres": (
+        "{centers_m: [[0, 0, 2], [1, 1, 3]], radii_m: [1, 0.5]}",
+        ls.Spheres([(0, 0, 2), (1, 1, 3)], [1, 0.5]),
+    ),
+    "disks": (
+        "{centers_m: [[0, 0, 2], [1, 1, 3]], normals: [[0, 1, 2], [0, 0, 1]], radii_m: 1}",
+        ls.Disks([(0, 0, 2), (1, 1, 3)], [(0, 1, 2), (0, 0, 1)], 1),
+    ),
+    "surfels": ("{file: floor.npz, radius_m: 0.5, neighbours: 5}", ls.Disks(FLOOR, [(0, 0, 1)] * len(FLOOR), 0.5)),
     "triangle": (
         "{a_m: [-1, -1, 2], b_m: [1, -1, 2], c_m: [0, 1, 3]}",
         ls.Triangle((-1, -1, 2), (1, -1, 2), (0, 1, 3)),
@@ -141,6 +151,7 @@ def test_each_shape_is_the_one_that_python_makes(name: str) -> None:
     np.save("heights.npy", np.array([[2, 2, 2], [3, 3, 3], [2, 2, 2.0]]))
     rows = "2 2 4 9\n3 3 2 9\n2 2 3 9\n"
     Path("dem.asc").write_text(f"ncols 4\nnrows 3\nxllcorner -3\nyllcorner -3\ncellsize 2\n{rows}", encoding="ascii")
+    ls.PointCloud(xyz=FLOOR.astype(float)).save("floor.npz")
     values, expected = SHAPES[name]
     text = values if "shape:" in values else values.replace("{", f"{{shape: {name}, ", 1)
     run = load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{text}]")
@@ -153,6 +164,23 @@ def test_each_shape_is_the_one_that_python_makes(name: str) -> None:
     assert want.hit.sum() > 50
     assert np.array_equal(got.t, want.t)
     assert np.array_equal(got.normal, want.normal)
+
+
+def test_surfels_have_the_labels_of_their_cloud(caplog: pytest.LogCaptureFixture) -> None:
+    labels = np.arange(len(FLOOR) + 1, dtype=np.uint32)
+    ls.PointCloud(xyz=np.concatenate([FLOOR[:1], FLOOR]).astype(float), label=labels).save("floor.pcd")
+    start = "sensor: {preset: velodyne-vlp16}\nscene: [{shape: surfels, file: floor.pcd, neighbours: 5"
+    (floor,) = load(start + "}]").scene.objects
+    assert "points: 1 of 26 have no disk: 1 repeated" in caplog.text
+    np.testing.assert_array_equal(floor.label, [0, *labels[2:]])
+    (floor,) = load(start + ", label: 3}]").scene.objects
+    assert floor.label == 3
+    with pytest.raises(ConfigError, match=r"neighbours: expected an integer >= 3, got 2"):
+        load(start.replace("5", "2") + "}]")
+    with pytest.raises(ConfigError, match=r"radius_m: expected numbers > 0, got radii = 0.0"):
+        load(start + ", radius_m: 0.0}]")
+    with pytest.raises(ConfigError, match=r"file: expected more than 90 different points, got 25"):
+        load(start.replace("5", "90") + "}]")
 
 
 def test_every_shape_and_pattern_has_a_test_or_a_preset() -> None:

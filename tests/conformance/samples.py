@@ -68,6 +68,11 @@ ARROW = [(-1, -1, -0.75), (1, -1, 0.25), (0.25, 0, 0.125), (1, 1, 0.75), (-1, 1,
 VERTICES = [(1, 0, 0.125), (0, 1, -0.125), (-1, 0, 0.125), (0, -1, -0.125), (0.125, 0.25, 1.25), (-0.25, 0.125, -1)]
 FACES = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)]
 
+# Several leaves of spheres or disks on a lattice, so that many lines touch several; the last repeats the first.
+PLACES = [(x / 2, y / 2, (x + 2 * y) / 8) for x in (-2, -1, 0, 1, 2) for y in (-2, -1, 0, 1, 2)] + [(-1, -1, -0.75)]
+NORMALS = [(1, i % 5 - 2, 3 - i % 4) for i in range(25)] + [(1, -2, 3)]
+WIDTHS = [(2 + i % 3) / 8 for i in range(25)] + [0.25]
+
 SAMPLES = [
     Sample(
         "plane",
@@ -106,6 +111,8 @@ SAMPLES = [
         (0.25, 0.125, 0.25),
     ),
     Sample("disk", "Disk", lambda m: (m.point((0.125, -0.25, 0.25)), m.direction((1, -2, 3)), m.length(1.25))),
+    Sample("spheres", "Spheres", lambda m: (m.point(PLACES), m.length(1.0) * np.array(WIDTHS))),
+    Sample("disks", "Disks", lambda m: (m.point(PLACES), m.direction(NORMALS), m.length(1.0) * np.array(WIDTHS))),
     Sample(
         "triangle",
         "Triangle",

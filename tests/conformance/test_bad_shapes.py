@@ -80,6 +80,31 @@ BAD = [
     ),
     (lambda: ls.Capsule(ORIGIN, Z, -1), ValueError, "radius: expected a finite number > 0, got -1.0"),
     (lambda: ls.Capsule((0, math.inf, 0), Z, 1.0), ValueError, "start: expected finite numbers, got start[1] = inf"),
+    (lambda: ls.Spheres([ORIGIN, X], [1.0, 0.0]), ValueError, "radii: expected numbers > 0, got radii[1] = 0.0"),
+    (lambda: ls.Spheres([ORIGIN, X], -1), ValueError, "radii: expected numbers > 0, got radii = -1.0"),
+    (lambda: ls.Spheres([ORIGIN, X], [1.0] * 3), ValueError, "radii: expected shape (2,), got (3,)"),
+    (lambda: ls.Spheres(ORIGIN, 1.0), ValueError, "centers: expected shape (n, 3), got (3,); of one, [[x, y, z]]"),
+    (
+        lambda: ls.Disks([ORIGIN, X], [Z, ORIGIN], 1.0),
+        ValueError,
+        "normals: expected non-zero vectors, got normals[1] = (0, 0, 0)",
+    ),
+    (lambda: ls.Disks([ORIGIN, X], [Z], 1.0), ValueError, "normals: expected shape (2, 3), got (1, 3)"),
+    (
+        lambda: ls.Disks([ORIGIN, (0, math.nan, 0)], [Z, Z], 1.0),
+        ValueError,
+        "centers: expected finite numbers, got centers[1][1] = nan",
+    ),
+    (
+        lambda: ls.Disks.from_points([ORIGIN, X, Z]),
+        ValueError,
+        "points: expected more than 16 different points, got 3",
+    ),
+    (
+        lambda: ls.Disks.from_points([ORIGIN, X, Z], neighbours=2),
+        ValueError,
+        "neighbours: expected an integer >= 3, got 2",
+    ),
     (lambda: ls.Disk(ORIGIN, ORIGIN, 1.0), ValueError, "normal: expected a non-zero vector, got [0.0, 0.0, 0.0]"),
     (lambda: ls.Disk(ORIGIN, Z, 0.0), ValueError, "radius: expected a finite number > 0, got 0.0"),
     (

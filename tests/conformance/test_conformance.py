@@ -299,7 +299,7 @@ def test_a_ray_does_not_know_its_neighbours(sample):
 @every_sample
 def test_closed_surface_has_an_inside(sample):
     if sample.inside is None:
-        assert sample.shape in {"Plane", "Cylinder", "Disk", "Triangle", "Polygon"}
+        assert sample.shape in {"Plane", "Cylinder", "Disk", "Disks", "Spheres", "Triangle", "Polygon"}
         return
     rng = np.random.default_rng(5)
     directions = rng.normal(size=(400, 3)) * 2.0 ** rng.integers(-60, 60, (400, 1))

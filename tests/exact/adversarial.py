@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -164,6 +164,13 @@ def _random_disk(rng: np.random.Generator, kind: str, n: int, size: float, cente
     return _Aim(spec, center + 5 * size * _near_one(rng, n) * out, d * size, size / 2)
 
 
+def _random_many(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
+    """Aim at one of many as at one alone."""
+    one = kind.removesuffix("s")
+    aim = MAKERS[one](rng, one, n, size, center, lattice=lattice)
+    return replace(aim, spec=cases.among_others(aim.spec))
+
+
 def _random_facets(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
     unit = size / 2
     if kind == "Triangle":
@@ -227,6 +234,8 @@ MAKERS: dict[str, Callable[..., _Aim]] = {
     "Cylinder": _random_solid,
     "Capsule": _random_capsule,
     "Disk": _random_disk,
+    "Spheres": _random_many,
+    "Disks": _random_many,
     "Triangle": _random_facets,
     "Polygon": _random_facets,
     "TriangleMesh": _random_facets,

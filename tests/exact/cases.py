@@ -79,6 +79,7 @@ def hard_cases() -> list[Case]:
         _cylinders,
         _capsules,
         _disks,
+        _many,
         _triangles,
         _meshes,
         _polygons,
@@ -483,6 +484,23 @@ def _triangle_rays(a: Any, b: Any, c: Any, rng: np.random.Generator, distance: f
     size = np.abs(corners - centroid).max()
     origins = centroid + rng.normal(size=goal.shape) * distance * size
     return origins, goal - origins
+
+
+def _many() -> Iterator[Case]:
+    """Yield cases of one sphere or disk, with others beside, inside and on top of it."""
+    chosen = [case for case in _spheres() if "-utm" in case.name or "distance0.001" in case.name]
+    for case in [*chosen[:24], *_disks()]:
+        spec = among_others(case.spec)
+        yield Case(f"many-{case.name}", f"many: {case.group}", spec, case.origins, case.directions, 0)
+
+
+def among_others(spec: Spec) -> Spec:
+    """Return the sphere or disk with others, as one object of many."""
+    center, *normal, radius = spec.args
+    steps = np.array([(0, 0, 0), *np.eye(3), *-np.eye(3), (1, 1, 1), (-1, 1, 0), (0, 0, 0), (0.5, 0, 0)])
+    radii = radius * np.array([1, 0.5, 0.25, 1, 2, 1, 1, 0.125, 1, 1, 0.5])
+    normals = [np.tile(n, (len(steps), 1)) for n in normal]
+    return Spec(f"{spec.kind}s", (np.asarray(center) + radius * steps, *normals, radii), spec.transform)
 
 
 def _triangles() -> Iterator[Case]:

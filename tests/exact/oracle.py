@@ -25,6 +25,7 @@ __all__ = [
     "Crossing",
     "Cylinder",
     "Disk",
+    "Disks",
     "Ellipsoid",
     "Plane",
     "Polygon",
@@ -32,6 +33,7 @@ __all__ = [
     "Scene",
     "Shape",
     "Sphere",
+    "Spheres",
     "Surd",
     "Transformed",
     "Triangle",
@@ -460,6 +462,38 @@ class Disk(Shape):
 
     def _normal(self, point: Point, face: int, /) -> Point:
         return self.plane._normal(point, face)
+
+
+class _Many(Shape):
+    """Several shapes, told apart."""
+
+    primitives = True
+
+    def __init__(self, shapes: Iterable[Shape]) -> None:
+        self.shapes = list(shapes)
+
+    def _crossings(self, ray: Ray) -> list[Crossing]:
+        return _merge([(crossing.t, i) for i, shape in enumerate(self.shapes) for crossing in shape._crossings(ray)])
+
+    def _normal(self, point: Point, face: int, /) -> Point:
+        return self.shapes[face]._normal(point, 0)
+
+
+class Spheres(_Many):
+    """Spheres of these centres and radii."""
+
+    def __init__(self, centers: Any, radii: Any) -> None:
+        rows = np.asarray(centers, dtype=np.float64).reshape(-1, 3).tolist()
+        super().__init__(map(Sphere, rows, np.broadcast_to(radii, len(rows)).tolist()))
+
+
+class Disks(_Many):
+    """Disks of these centres, normals and radii."""
+
+    def __init__(self, centers: Any, normals: Any, radii: Any) -> None:
+        rows = np.asarray(centers, dtype=np.float64).reshape(-1, 3).tolist()
+        across = np.asarray(normals, dtype=np.float64).tolist()
+        super().__init__(map(Disk, rows, across, np.broadcast_to(radii, len(rows)).tolist()))
 
 
 class TriangleMesh(Shape):

@@ -29,6 +29,8 @@ shapes = {
     "Cylinder": st.tuples(vector, vector, length, st.booleans()),
     "Capsule": st.tuples(vector, vector, length),
     "Disk": st.tuples(vector, direction, length),
+    "Spheres": st.tuples(*(st.lists(kind, min_size=3, max_size=3) for kind in (vector, length))),
+    "Disks": st.tuples(*(st.lists(kind, min_size=3, max_size=3) for kind in (vector, direction, length))),
     "Triangle": st.tuples(vector, vector, vector),
     "TriangleMesh": st.tuples(
         st.lists(vector, min_size=5, max_size=5), st.lists(st.tuples(*[st.integers(0, 4)] * 3), min_size=1, max_size=6)

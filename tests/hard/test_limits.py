@@ -28,6 +28,8 @@ WALLS = {
     "capsule": lambda: ls.Capsule((-2, 0, 0), (-1, 0, 0), 1.0),
     "side of a capsule": lambda: ls.Capsule((-1, -1, 0), (-1, 1, 0), 1.0),
     "disk": lambda: ls.Disk((0, 0, 0), (1, 0, 0), 1.0),
+    "spheres": lambda: ls.Spheres([(-1, 0, 0), (-1, 0, 3)], 1.0),
+    "disks": lambda: ls.Disks([(0, 0, 0), (-1, 0, 0)], [(1, 0, 0)] * 2, 1.0),
 }
 
 

@@ -238,7 +238,7 @@ BAD_OBJECTS = [
     (
         {"label": np.arange(12)},
         TypeError,
-        "label: expected one integer, or a TriangleMesh for one per face, got Sphere",
+        "label: expected one integer, or a TriangleMesh, Spheres or Disks for one each, got Sphere",
     ),
     ({"label": 1.5}, TypeError, "label: expected an integer from 0 to 4294967295, got 1.5"),
     ({"material": 0.5}, TypeError, "material: expected a Material, got float"),

@@ -29,8 +29,8 @@ def corners(block: pyvista.PolyData) -> np.ndarray:
 def distances(sample: Sample, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Of points near the surface of a sample, no more than their distances from it."""
     numbers = [np.asarray(number, float) for number in sample.arguments(Move())]
-    if sample.shape == "Sphere":
-        return np.abs(np.linalg.norm(points - numbers[0], axis=1) - numbers[1])
+    if sample.shape in {"Sphere", "Spheres"}:
+        return np.abs(np.linalg.norm(points[:, None] - numbers[0], axis=2) - numbers[1]).min(axis=1)
     if sample.shape == "Ellipsoid":
         center, radii, rotation = numbers
         away = np.linalg.norm((points - center) @ rotation / radii, axis=1)
@@ -46,10 +46,12 @@ def distances(sample: Sample, points: np.ndarray, normals: np.ndarray) -> np.nda
         start, end, radius = numbers
         along = np.clip((points - start) @ (end - start) / np.square(end - start).sum(), 0.0, 1.0)
         return np.abs(np.linalg.norm(points - start - along[:, None] * (end - start), axis=1) - radius)
-    if sample.shape == "Disk":
-        center, normal, radius = numbers
-        assert (np.abs((points - center) @ normal) < ROUNDED).all()
-        return np.abs(np.linalg.norm(points - center, axis=1) - radius)  # of points of the chords of the rim
+    if sample.shape in {"Disk", "Disks"}:
+        centers, across, radii = np.atleast_2d(numbers[0]), np.atleast_2d(numbers[1]), numbers[2]
+        off = np.abs(np.einsum("nij,ij->ni", points[:, None] - centers, across))
+        rim = np.abs(np.linalg.norm(points[:, None] - centers, axis=2) - radii)
+        assert (off.min(axis=1) < ROUNDED).all()
+        return np.where(off < ROUNDED, rim, np.inf).min(axis=1)  # of points of the chords of the rim
     return np.nanmin(np.abs(sample.build().roots(points, normals)), axis=1)
 
 
@@ -63,7 +65,7 @@ def test_triangles_keep_within_the_chord_error(sample: Sample, transform: Any, c
     matrix = np.eye(4) if transform is None else transform
     inverse = np.linalg.inv(matrix)
     triangles = corners(scene.to_pyvista(chord_error=chord_error)[0])
-    assert len(triangles) < 3e4
+    assert len(triangles) < 3e4 * (26 if sample.shape in {"Spheres", "Disks"} else 1)
     exact = len(triangles) == len(corners(scene.to_pyvista(chord_error=chord_error / 4)[0]))  # no finer ones are needed
     triangles = triangles @ inverse[:3, :3].T + inverse[:3, 3]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -73,6 +75,9 @@ def test_triangles_keep_within_the_chord_error(sample: Sample, transform: Any, c
     if sample.shape == "Disk":  # flat, so that only its rim is off: a chord is across from the centre
         at_center = np.abs(triangles[0] - np.array(sample.arguments(Move())[0])).sum(axis=1).argmin()
         weights[:, at_center] = 0.0
+        weights /= weights.sum(axis=1, keepdims=True)
+    if sample.shape == "Disks":  # likewise: a chord is across from the first vertex, which a reflection puts last
+        weights[:, 0 if np.linalg.det(matrix[:3, :3]) > 0 else 2] = 0.0
         weights /= weights.sum(axis=1, keepdims=True)
     points = (weights @ triangles[chosen]).reshape(-1, 3)
     found = distances(sample, points, np.repeat(normals[chosen] / areas[chosen, None], len(weights), axis=0))
@@ -97,7 +102,7 @@ def test_triangles_face_outward_as_the_shape_does(sample: Sample, transform: Any
     assert hits.hit.mean() > 0.9  # a bent mesh may hide one
     # The chord error is a 200th of a radius below 2, lengthened by the transform to less than three times that.
     near = hits.hit & (np.abs(hits.t - 1) < 0.03)
-    assert near.mean() > 0.7
+    assert near.mean() > (0.4 if sample.shape in {"Spheres", "Disks"} else 0.7)  # many hide parts of each other
     assert (np.einsum("ij,ij->i", hits.normal, normals)[near] > 0).all()
 
 

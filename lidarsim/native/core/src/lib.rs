@@ -27,4 +27,6 @@ pub use geometry::pose::{Cubic, LARGEST, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
 pub use kernels::Kernels;
 pub use parallel::{threads, use_threads, with_room};
-pub use scene::{Geometry, Object, Rays, Scene, TRange, TriangleMesh, World, span};
+pub use scene::{
+    Disks, Geometry, Object, Primitives, Rays, Scene, Spheres, TRange, TriangleMesh, World, span,
+};

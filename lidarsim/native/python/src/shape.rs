@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use lidarsim_core::shapes::{self, AnySurface, Form};
-use lidarsim_core::{Geometry, Object, Scene, TriangleMesh, memory};
+use lidarsim_core::{Disks, Geometry, Object, Scene, Spheres, TriangleMesh, memory};
 use numpy::ndarray::aview2;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -42,10 +42,14 @@ impl PyShape {
         Ok(PyShape { object, form: forms[index], numbers, transform: None })
     }
 
+    fn of_primitives(geometry: Geometry) -> Self {
+        PyShape { object: Object::new(geometry, false), form: &[], numbers: Vec::new(), transform: None }
+    }
+
     fn mesh(&self) -> Option<&TriangleMesh> {
         match &self.object.geometry {
             Geometry::Mesh(mesh) => Some(mesh),
-            Geometry::Surface(_) => None,
+            _ => None,
         }
     }
 }
@@ -87,6 +91,32 @@ impl PyShape {
         Ok(PyShape { object, form: &[], numbers: Vec::new(), transform: None })
     }
 
+    /// Many spheres, from rows (n, 4) of centre and radius.
+    #[staticmethod]
+    fn spheres(py: Python<'_>, rows: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
+        let rows = elements("spheres", &rows)?.as_chunks().0;
+        let spheres = detached(py, || Spheres::new(rows))?;
+        Ok(Self::of_primitives(Geometry::Spheres(Arc::new(spheres))))
+    }
+
+    /// Many disks, from rows (n, 7) of centre, radius and normal.
+    #[staticmethod]
+    fn disks(py: Python<'_>, rows: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
+        let rows = elements("disks", &rows)?.as_chunks().0;
+        let disks = detached(py, || Disks::new(rows))?;
+        Ok(Self::of_primitives(Geometry::Disks(Arc::new(disks))))
+    }
+
+    /// The rows that many spheres or disks were made from, flat.
+    fn rows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let rows = match &self.object.geometry {
+            Geometry::Spheres(spheres) => detached(py, || memory::collect(spheres.rows()).into_flattened())?,
+            Geometry::Disks(disks) => detached(py, || memory::collect(disks.rows()).into_flattened())?,
+            _ => Vec::new(),
+        };
+        Ok(PyArray1::from_vec(py, rows))
+    }
+
     /// The image under a transform.
     fn transformed(&self, transform: &PyAffine) -> PyResult<Self> {
         let object = transform.image_of(&self.object)?;
@@ -125,7 +155,12 @@ impl PyShape {
 
     /// The number of primitives that hits distinguish.
     fn primitives(&self) -> usize {
-        self.mesh().map_or(1, TriangleMesh::len)
+        match &self.object.geometry {
+            Geometry::Surface(_) => 1,
+            Geometry::Mesh(mesh) => mesh.len(),
+            Geometry::Spheres(spheres) => spheres.len(),
+            Geometry::Disks(disks) => disks.len(),
+        }
     }
 
     /// The number of triangles of a mesh without area.
@@ -133,9 +168,14 @@ impl PyShape {
         self.mesh().map_or(Ok(0), |mesh| detached(py, || mesh.degenerate()))
     }
 
-    /// Bytes held by a mesh and, after the first cast, its hierarchy.
+    /// Bytes held by primitives and by their hierarchy, which a mesh has after the first cast.
     fn bytes(&self) -> usize {
-        self.mesh().map_or(size_of::<Object>(), TriangleMesh::bytes)
+        match &self.object.geometry {
+            Geometry::Surface(_) => size_of::<Object>(),
+            Geometry::Mesh(mesh) => mesh.bytes(),
+            Geometry::Spheres(spheres) => spheres.bytes(),
+            Geometry::Disks(disks) => disks.bytes(),
+        }
     }
 
     /// Every t of every line, in rows of equal length padded with NaN.
@@ -148,7 +188,7 @@ impl PyShape {
         let (o, d) = rays(&origins, &directions)?;
         let least = match &self.object.geometry {
             Geometry::Surface(surface) => surface.most_roots(),
-            Geometry::Mesh(_) => 1,
+            _ => 1,
         };
         let (flat, width) = detached(py, || {
             let scene = Scene::new(vec![self.object.clone()]);

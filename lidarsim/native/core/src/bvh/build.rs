@@ -466,8 +466,8 @@ mod tests {
                     let sides = boxes[id as usize].unwrap();
                     for i in 0..3 {
                         assert!(
-                            low[i] <= sides[i].low - bvh.center[i]
-                                && sides[i].high - bvh.center[i] <= high[i]
+                            low[i] <= sides[i].low - bvh.center()[i]
+                                && sides[i].high - bvh.center()[i] <= high[i]
                         );
                     }
                 }

@@ -30,11 +30,25 @@ pub const MAX_LEAF_SIZE: usize = 8;
 /// A hierarchy over leaves of any kind.
 #[derive(Clone, Debug)]
 pub struct Bvh<L> {
-    center: Point,
-    /// How far the boxes reach from the centre along each axis; infinity if there are none.
-    reach: [f32; 3],
+    frame: Frame,
     nodes: Vec<Node>,
     leaves: Vec<L>,
+}
+
+/// The coordinates of the boxes of a hierarchy, and how far these reach.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    pub center: Point,
+    /// How far the boxes reach from the centre along each axis; infinity if there are none.
+    reach: [f32; 3],
+}
+
+impl Frame {
+    /// How far the boxes reach from the centre along any axis; infinity if there are none.
+    pub fn longest_reach(&self) -> f64 {
+        let [x, y, z] = self.reach;
+        x.max(y).max(z).into()
+    }
 }
 
 impl<L: Send> Bvh<L> {
@@ -54,7 +68,11 @@ impl<L: Send> Bvh<L> {
 
 impl<L> Bvh<L> {
     pub fn center(&self) -> Point {
-        self.center
+        self.frame.center
+    }
+
+    pub fn frame(&self) -> Frame {
+        self.frame
     }
 
     fn with(center: Point, nodes: Vec<Node>, leaves: Vec<L>) -> Self {
@@ -62,18 +80,16 @@ impl<L> Bvh<L> {
             root.low[axis].map(|x| -x).into_iter().chain(root.high[axis]).fold(0.0, f32::max)
         };
         let reach = [0, 1, 2].map(|axis| nodes.first().map_or(f32::INFINITY, |root| along(root, axis)));
-        Bvh { center, reach, nodes, leaves }
-    }
-
-    /// How far the boxes reach from the centre along any axis; infinity if there are none.
-    pub fn longest_reach(&self) -> f64 {
-        let [x, y, z] = self.reach;
-        x.max(y).max(z).into()
+        Bvh { frame: Frame { center, reach }, nodes, leaves }
     }
 
     /// The leaf, if it is the only one.
     pub fn only_leaf(&self) -> Option<&L> {
         if self.leaves.len() == 1 { self.leaves.first() } else { None }
+    }
+
+    pub fn leaves(&self) -> &[L] {
+        &self.leaves
     }
 
     pub fn bytes(&self) -> usize {

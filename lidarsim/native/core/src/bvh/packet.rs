@@ -6,7 +6,7 @@
 //! for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing Algorithm, 2005; S. Boulos et al.,
 //! Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
 
-use super::Bvh;
+use super::Frame;
 use super::node::{Node, WIDTH};
 use super::ray_packet::{LANES, Mask, RayPacket, SUBPACKETS, WIDE, take};
 use crate::arith::simd::{Floats, Isa};
@@ -114,13 +114,7 @@ impl Packet {
 
     /// Sets up rays of one octant, relative to the centre of a hierarchy, from t_min ≥ 0 to one limit each.
     #[inline(always)]
-    pub fn enter<I: Isa>(
-        &mut self,
-        rays: &RayPacket,
-        hierarchy: &Bvh<impl Sized>,
-        t_min: f64,
-        limits: &[f64; LANES],
-    ) {
+    pub fn enter<I: Isa>(&mut self, rays: &RayPacket, frame: Frame, t_min: f64, limits: &[f64; LANES]) {
         let octant = rays.octant;
         self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
@@ -144,7 +138,7 @@ impl Packet {
         let t_min = if rays.has_offsets { 0.0 } else { t_min };
         self.octant.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
         for g in 0..self.count.div_ceil(WIDE) {
-            self.enter_subpacket::<I>(g, rays, hierarchy, shrink, limits);
+            self.enter_subpacket::<I>(g, rays, frame, shrink, limits);
         }
     }
 
@@ -153,7 +147,7 @@ impl Packet {
         &mut self,
         g: usize,
         rays: &RayPacket,
-        hierarchy: &Bvh<impl Sized>,
+        frame: Frame,
         shrink: I::F64x8,
         limits: &[f64; LANES],
     ) {
@@ -180,7 +174,7 @@ impl Packet {
         for axis in 0..3 {
             let backward = self.octant.backward[axis];
             let sign = I::F32x16::splat(if backward { -1.0 } else { 1.0 });
-            let middle = I::F64x8::splat(hierarchy.center[axis]);
+            let middle = I::F64x8::splat(frame.center[axis]);
             let (low, high) = halves::<I>(&rays.origin[axis], g);
             let o = I::narrow(low.sub(middle), high.sub(middle));
             // Conversion and difference: slightly more than 1u. The error of the origin is rounded up along
@@ -212,7 +206,7 @@ impl Packet {
             // It reaches boxes ahead no sooner than if it went forward.
             let mut latest = I::F32x16::load(&subpacket.limit);
             for axis in 0..3 {
-                let way = distance[axis].add(I::F32x16::splat(hierarchy.reach[axis]));
+                let way = distance[axis].add(I::F32x16::splat(frame.reach[axis]));
                 latest = way.div(slowest[axis]).mul(I::F32x16::splat(STRETCH)).min(latest);
             }
             for (axis, mut left) in unsigned.into_iter().enumerate() {
@@ -435,6 +429,7 @@ pub(super) struct Slabs<I: Isa> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Bvh;
     use super::super::node::Child;
     use super::*;
     use crate::arith::number::{Dyadic, Number};
@@ -463,7 +458,7 @@ mod tests {
             rays.direction_error[lane] = direction_error;
         }
         let mut packet = Packet::empty();
-        packet.enter::<Portable>(&rays, &around_origin(1.0), t, &[t; LANES]);
+        packet.enter::<Portable>(&rays, around_origin(1.0).frame(), t, &[t; LANES]);
         packet
     }
 
@@ -524,7 +519,7 @@ mod tests {
             (0..WIDE).for_each(|lane| rays.set(lane, [0.0; 3], [0.5; 3]));
             rays.origin_error = [x[0]; LANES];
             let mut packet = Packet::empty();
-            packet.enter::<Portable>(&rays, &around_origin(1.0), 0.0, &[1.0; LANES]);
+            packet.enter::<Portable>(&rays, around_origin(1.0).frame(), 0.0, &[1.0; LANES]);
             let subpacket = packet.subpackets[0];
             let beyond = |far: f32| roundings(&n(far), &Dyadic::exact(x[0]));
             beyond(subpacket.near_origin[0][0]).min(beyond(-subpacket.far_origin[0][0]))
@@ -594,7 +589,7 @@ mod tests {
             (0..WIDE).for_each(|lane| rays.set(lane, [o; 3], [0.5; 3]));
             rays.origin_error = [error; LANES];
             let mut packet = Packet::empty();
-            packet.enter::<Portable>(&rays, &around_origin(1.0), t, &[t; LANES]);
+            packet.enter::<Portable>(&rays, around_origin(1.0).frame(), t, &[t; LANES]);
             let Subpacket { near_origin, far_origin, limit, .. } = packet.subpackets[0];
             assert!(o + error <= f64::from(near_origin[0][0]) && f64::from(far_origin[0][0]) <= o - error);
             assert!(t <= f64::from(limit[0]) && t <= f64::from(packet.limit_of(0, t)));

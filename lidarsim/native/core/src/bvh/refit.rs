@@ -19,7 +19,7 @@ impl<L: Clone> Bvh<L> {
             for k in 0..node.children() {
                 let child = node.child[k];
                 let around = if child.is_leaf() {
-                    Aabb::around(bounds(&self.leaves[child.index()])?, self.center)
+                    Aabb::around(bounds(&self.leaves[child.index()])?, self.center())
                 } else {
                     boxes[child.index()]
                 };
@@ -29,7 +29,7 @@ impl<L: Clone> Bvh<L> {
                 boxes[i].include(&around);
             }
         }
-        Some(Bvh::with(hierarchy.center, hierarchy.nodes, hierarchy.leaves))
+        Some(Bvh::with(hierarchy.center(), hierarchy.nodes, hierarchy.leaves))
     }
 }
 

@@ -368,7 +368,7 @@ mod tests {
         fn run<I: Isa>(self) {
             let Traverse { bvh, seen, active, together, notes } = self;
             let (mut traversal, mut stack) = (PacketTraversal::new(), Stack::new());
-            traversal.packet.enter::<I>(seen, bvh, 0.0, &[f64::MAX; LANES]);
+            traversal.packet.enter::<I>(seen, bvh.frame(), 0.0, &[f64::MAX; LANES]);
             if together {
                 bvh.start::<I>(&mut traversal, active, &mut stack);
                 while traversal.next_entry::<I>(&mut stack, notes.limits()) {

@@ -4,8 +4,9 @@ use std::cmp::Ordering;
 
 use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa, lanes};
-use crate::bvh::{Bvh, LANES, Mask, RayPacket, Stack, TraversalRay, take};
-use crate::scene::{Geometry, RootId, RootIntervals, Scene, TRange, TimedRay, TriangleMesh, World};
+use crate::bvh::{LANES, Mask, RayPacket, Stack, take};
+use crate::cast::ray_query::RayQuery;
+use crate::scene::{RootId, RootIntervals, Scene, TRange, TimedRay};
 use crate::shapes::MOST_ROOTS;
 
 /// The closest-hit query of one ray.
@@ -40,42 +41,6 @@ impl<'a> ClosestHit<'a> {
     /// The closest hit, with bounds of t.
     pub fn found(&self) -> Option<(RootId, Interval)> {
         if self.low < f64::INFINITY { Some((self.root, bounds(self.low, self.limit))) } else { None }
-    }
-
-    /// Traverses the whole scene.
-    pub fn run(&mut self, world: &World, stack: &mut Stack) {
-        for &object in &world.index.unbounded {
-            self.intersect(object, 0);
-        }
-        self.traverse(&world.index.bounded, stack);
-        if let Some(movers) = world.movers() {
-            self.traverse(movers, stack);
-        }
-    }
-
-    fn traverse(&mut self, hierarchy: &Bvh<u32>, stack: &mut Stack) {
-        let (o, d) = (self.ray.origin.map(Interval::point), self.ray.direction.map(Interval::point));
-        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.range.min, self.limit);
-        hierarchy.traverse(&mut ray, stack, |stack, leaf| {
-            match &self.scene.objects()[*leaf as usize].geometry {
-                Geometry::Surface(_) => self.intersect(*leaf, 0),
-                Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
-            }
-            self.limit
-        });
-    }
-
-    /// Traverses one mesh.
-    pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
-        let [o, d] = self.scene.at(id, self.ray.time).enclose(self.ray.origin, self.ray.direction);
-        let hierarchy = mesh.hierarchy();
-        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.range.min, self.limit);
-        hierarchy.traverse(&mut ray, stack, |_, leaf| {
-            for &primitive in leaf.ids() {
-                self.intersect(id, primitive);
-            }
-            self.limit
-        });
     }
 
     /// Keeps the primitive's first hit in range if it is the closest so far.
@@ -138,6 +103,28 @@ impl<'a> ClosestHit<'a> {
             Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
             Ordering::Greater => false,
         }
+    }
+}
+
+impl<'a> RayQuery<'a> for ClosestHit<'a> {
+    fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
+    fn ray(&self) -> &TimedRay {
+        &self.ray
+    }
+
+    fn t_min(&self) -> f64 {
+        self.range.min
+    }
+
+    fn limit(&self) -> f64 {
+        self.limit
+    }
+
+    fn visit(&mut self, object: u32, primitive: u32) {
+        self.intersect(object, primitive);
     }
 }
 
@@ -381,10 +368,10 @@ impl<'a> ClosestHits<'a> {
         self.set_lane(lane, &closest);
     }
 
-    /// As `ClosestHit::enter`.
-    pub fn enter(&mut self, rays: &RayPacket, lane: usize, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
+    /// As `RayQuery::enter`.
+    pub fn enter(&mut self, rays: &RayPacket, lane: usize, id: u32, stack: &mut Stack) {
         let mut closest = self.of_lane(rays, lane);
-        closest.enter(id, mesh, stack);
+        closest.enter(id, stack);
         self.set_lane(lane, &closest);
     }
 
@@ -404,7 +391,7 @@ impl<'a> ClosestHits<'a> {
 mod tests {
     use super::*;
     use crate::arith::simd::{Level, Portable, Task, dispatch};
-    use crate::scene::{Object, Scene};
+    use crate::scene::{Geometry, Object, Scene};
     use crate::shapes::{AnySurface, Plane};
     use crate::testing::{numbers, with_large_frames};
 

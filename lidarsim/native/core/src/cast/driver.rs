@@ -10,6 +10,7 @@ use crate::arith::simd::{Isa, Task};
 use crate::bvh::{LANES, RayPacket, all, take};
 use crate::cast::closest_hit::{ClosestHit, timed_ray};
 use crate::cast::hit_batches::{BATCH_SIZE, BoundedHit, HitBatches};
+use crate::cast::ray_query::RayQuery;
 use crate::cast::ray_sort::RaySort;
 use crate::cast::surface_intersector::SurfaceIntersector;
 use crate::cast::traversal::{Advance, PacketState, TRAVERSALS, Traversal, TraversalScratch};

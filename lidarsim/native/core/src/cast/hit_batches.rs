@@ -2,6 +2,7 @@
 //! t and the normal. Lanes that stay uncertain are refined ray by ray.
 
 use std::cell::Cell;
+use std::marker::PhantomData;
 
 use crate::arith::number::{DoubleDoubles, Interval, Lanes, Many, Number, OfRays, Stored};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
@@ -11,10 +12,10 @@ use crate::cast::local_rays::{LocalRays, OfDoubleDoubles, RayParts, WorldRays};
 use crate::cast::poses::Poses;
 use crate::geometry::affine::{PlacementTask, Placements, RayPlacement};
 use crate::geometry::vector::{self, Point, Vector};
-use crate::scene::{EightHits, Geometry, Hit, RootId, Scene, Sink, TimedRay, TriangleMesh};
+use crate::scene::{EightHits, Geometry, Hit, Primitives, RootId, Scene, Sink, TimedRay, TriangleMesh};
 use crate::shapes::newton::{Target, newton_step};
 use crate::shapes::triangle::Triangles;
-use crate::shapes::{Surface, SurfaceTask};
+use crate::shapes::{Each, EachOf, Surface, SurfaceTask};
 
 /// Lanes of the widest register.
 const WIDEST: usize = 8;
@@ -189,6 +190,8 @@ impl HitBatch {
                     shape.dispatch::<I, _>(RefineBatch { rays: world, batch: self, refined })
                 }
                 Geometry::Mesh(_) => None,
+                Geometry::Spheres(spheres) => self.refine_each::<I, _, _, _>(spheres, world, refined),
+                Geometry::Disks(disks) => self.refine_each::<I, _, _, _>(disks, world, refined),
             }
         } else if local.localize::<I, OfDoubleDoubles>(placements, world, slots, self.has_one_origin()) {
             match &object.geometry {
@@ -199,6 +202,8 @@ impl HitBatch {
                     let corners = &self.corners(mesh);
                     I::call_widest(RefineTriangleBatch { rays: &*local, corners, batch: self, refined })
                 }
+                Geometry::Spheres(spheres) => self.refine_each::<I, _, _, _>(spheres, &*local, refined),
+                Geometry::Disks(disks) => self.refine_each::<I, _, _, _>(disks, &*local, refined),
             }
         } else {
             None
@@ -270,6 +275,60 @@ impl HitBatch {
             }
         }
         corners
+    }
+
+    /// Refines hits on primitives of one object.
+    #[inline(always)]
+    fn refine_each<I: Isa, R: RayParts, S: Each<K>, const K: usize>(
+        &self,
+        primitives: &Primitives<S, K>,
+        rays: R,
+        refined: &mut Refined,
+    ) -> Option<()> {
+        let numbers = &self.numbers(primitives);
+        I::call_widest(RefineEach { rays, numbers, batch: self, refined, kind: PhantomData::<S> })
+    }
+
+    /// The numbers of the primitives; empty slots repeat the first.
+    #[inline(always)]
+    fn numbers<S: Each<K>, const K: usize>(&self, primitives: &Primitives<S, K>) -> [[f64; BATCH_SIZE]; K] {
+        let (mut numbers, first) = ([[0.0; BATCH_SIZE]; K], self.slots.trailing_zeros() as usize);
+        for slot in 0..BATCH_SIZE {
+            let row = primitives.row(self.primitive[if self.slots & 1 << slot != 0 { slot } else { first }]);
+            for k in 0..K {
+                numbers[k][slot] = row[k];
+            }
+        }
+        numbers
+    }
+}
+
+/// As `RefineBatch`, for hits on primitives of an object that holds many.
+struct RefineEach<'a, R, S, const K: usize> {
+    rays: R,
+    numbers: &'a [[f64; BATCH_SIZE]; K],
+    batch: &'a HitBatch,
+    refined: &'a mut Refined,
+    kind: PhantomData<S>,
+}
+
+impl<R: RayParts, S: Each<K>, const K: usize> LaneTask for RefineEach<'_, R, S, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, const N: usize>(self) {
+        for i in 0..BATCH_SIZE / N {
+            let active = Cell::new(part_of_mask::<N>(self.batch.slots, i));
+            if active.get() == 0 {
+                continue;
+            }
+            let mut numbers = [F::splat(0.0); K];
+            for k in 0..K {
+                numbers[k] = lanes::load(&self.numbers[k], i);
+            }
+            let target = EachOf::<S, F, K>(numbers, PhantomData);
+            self.refined.refine::<R, F, N>(i, self.rays, &target, self.batch, &active);
+        }
     }
 }
 

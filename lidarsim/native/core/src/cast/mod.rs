@@ -10,6 +10,7 @@ mod instance;
 mod leaf_intersector;
 mod local_rays;
 mod poses;
+mod primitive_intersector;
 mod ray_query;
 mod ray_sort;
 mod schedule;

@@ -2,7 +2,8 @@
 
 use crate::arith::number::Interval;
 use crate::bvh::{Bvh, Stack, TraversalRay};
-use crate::scene::{Geometry, Scene, TimedRay, World};
+use crate::scene::{Geometry, PrimitiveLeaf, Scene, TimedRay, World};
+use crate::shapes::triangle::Leaf;
 
 pub trait RayQuery<'a> {
     fn scene(&self) -> &'a Scene;
@@ -38,16 +39,30 @@ pub trait RayQuery<'a> {
 
     /// Traverses one object.
     fn enter(&mut self, object: u32, stack: &mut Stack) {
-        let scene = self.scene();
-        let Geometry::Mesh(mesh) = &scene.objects()[object as usize].geometry else {
-            return self.visit(object, 0);
-        };
+        match &self.scene().objects()[object as usize].geometry {
+            Geometry::Surface(_) => self.visit(object, 0),
+            Geometry::Mesh(mesh) => self.traverse_within(object, mesh.hierarchy(), Leaf::ids, stack),
+            Geometry::Spheres(spheres) => {
+                self.traverse_within(object, spheres.hierarchy(), PrimitiveLeaf::ids, stack);
+            }
+            Geometry::Disks(disks) => {
+                self.traverse_within(object, disks.hierarchy(), PrimitiveLeaf::ids, stack);
+            }
+        }
+    }
+
+    fn traverse_within<L>(
+        &mut self,
+        object: u32,
+        hierarchy: &Bvh<L>,
+        ids: impl Fn(&L) -> &[u32],
+        stack: &mut Stack,
+    ) {
         let TimedRay { origin, direction, time } = *self.ray();
-        let [o, d] = scene.at(object, time).enclose(origin, direction);
-        let hierarchy = mesh.hierarchy();
+        let [o, d] = self.scene().at(object, time).enclose(origin, direction);
         let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min(), self.limit());
         hierarchy.traverse(&mut ray, stack, |_, leaf| {
-            for &primitive in leaf.ids() {
+            for &primitive in ids(leaf) {
                 self.visit(object, primitive);
             }
             self.limit()

@@ -1,17 +1,21 @@
 //! The two-level traversal of a scene by packets: through the hierarchy of objects, and inside it the
 //! hierarchies of meshes.
 
+use std::marker::PhantomData;
+
 use crate::arith::simd::{Isa, Task};
-use crate::bvh::{Bvh, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take};
+use crate::bvh::{Bvh, Frame, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
 use crate::cast::instance::InstanceRays;
 use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::poses::Poses;
+use crate::cast::primitive_intersector::PrimitiveIntersector;
 use crate::cast::surface_intersector::{PacketQuery, SurfaceIntersector};
 use crate::geometry::vector::Point;
-use crate::scene::{Geometry, Object, Scene, TRange, TriangleMesh, World};
+use crate::scene::{Disks, Geometry, Object, Primitives, Scene, Spheres, TRange, TriangleMesh, World};
 use crate::shapes::triangle::Leaf;
+use crate::shapes::{Disk, Each, Sphere};
 
 /// The number of interleaved packets: one goes on while the other waits for memory.
 pub const TRAVERSALS: usize = 2;
@@ -71,15 +75,43 @@ enum Stage {
     UnderWay,
 }
 
-/// The visit of a mesh, placed in the scene as an instance, by a packet.
+/// The visit of an object that holds primitives, placed in the scene as an instance, by a packet.
 #[derive(Clone, Copy)]
 struct InstanceVisit<'a> {
     id: u32,
     object: &'a Object,
-    mesh: &'a TriangleMesh,
-    hierarchy: &'a Bvh<Leaf>,
+    hierarchy: Hierarchy<'a>,
     /// The rays that may intersect it.
     entered: Mask,
+}
+
+/// The hierarchy of an object over its primitives.
+#[derive(Clone, Copy)]
+enum Hierarchy<'a> {
+    Mesh(&'a TriangleMesh, &'a Bvh<Leaf>),
+    Spheres(&'a Spheres),
+    Disks(&'a Disks),
+}
+
+impl<'a> Hierarchy<'a> {
+    #[inline(always)]
+    fn of(geometry: &'a Geometry) -> Option<Self> {
+        Some(match geometry {
+            Geometry::Surface(_) => return None,
+            Geometry::Mesh(mesh) => Hierarchy::Mesh(mesh, mesh.hierarchy()),
+            Geometry::Spheres(spheres) => Hierarchy::Spheres(spheres),
+            Geometry::Disks(disks) => Hierarchy::Disks(disks),
+        })
+    }
+
+    #[inline(always)]
+    fn frame(self) -> Frame {
+        match self {
+            Hierarchy::Mesh(_, hierarchy) => hierarchy.frame(),
+            Hierarchy::Spheres(spheres) => spheres.hierarchy().frame(),
+            Hierarchy::Disks(disks) => disks.hierarchy().frame(),
+        }
+    }
 }
 
 impl<'a, 'b> Traversal<'a, 'b> {
@@ -147,10 +179,23 @@ impl<'a, 'b> Traversal<'a, 'b> {
             while let Some(visit) = self.visit {
                 if !self.inner.next_entry::<I>(self.stack, self.state.closest.limits()) {
                     self.start_within::<I>(visit);
-                } else if let Some(leaf) = visit.hierarchy.leaf(self.inner) {
-                    let nearer = self.state.leaf_intersector(visit).intersect::<I>(leaf, self.inner.mask());
-                    self.inner.lower_limits(nearer);
-                } else if visit.hierarchy.open::<I>(self.inner, self.stack) {
+                    continue;
+                }
+                let waits = match visit.hierarchy {
+                    Hierarchy::Mesh(mesh, hierarchy) => {
+                        if let Some(leaf) = hierarchy.leaf(self.inner) {
+                            let mut leaves = self.state.leaf_intersector(visit, mesh);
+                            let nearer = leaves.intersect::<I>(leaf, self.inner.mask());
+                            self.inner.lower_limits(nearer);
+                            false
+                        } else {
+                            hierarchy.open::<I>(self.inner, self.stack)
+                        }
+                    }
+                    Hierarchy::Spheres(spheres) => self.step_within::<I, _, _>(visit, spheres),
+                    Hierarchy::Disks(disks) => self.step_within::<I, _, _>(visit, disks),
+                };
+                if waits {
                     return true;
                 }
             }
@@ -163,6 +208,17 @@ impl<'a, 'b> Traversal<'a, 'b> {
                 return true;
             }
         }
+    }
+
+    /// A step in the hierarchy of primitives. Returns whether rays may enter children of a node.
+    #[inline(always)]
+    fn step_within<I: Isa, S: Each<K>, const K: usize>(
+        &mut self,
+        visit: InstanceVisit<'a>,
+        primitives: &'a Primitives<S, K>,
+    ) -> bool {
+        let Traversal { state, stack, inner, .. } = self;
+        I::call(StepWithin { state, visit, primitives, inner, stack })
     }
 
     #[inline(always)]
@@ -238,7 +294,11 @@ impl<'a, 'b> Traversal<'a, 'b> {
             I::call(SingleRays { state, visit, mask, packet: &mut inner.packet, stack });
         } else {
             state.fill_within::<I>(&mut inner.packet, visit);
-            visit.hierarchy.start::<I>(inner, mask, stack);
+            match visit.hierarchy {
+                Hierarchy::Mesh(_, hierarchy) => hierarchy.start::<I>(inner, mask, stack),
+                Hierarchy::Spheres(spheres) => spheres.hierarchy().start::<I>(inner, mask, stack),
+                Hierarchy::Disks(disks) => disks.hierarchy().start::<I>(inner, mask, stack),
+            }
         }
     }
 }
@@ -303,15 +363,10 @@ impl<'a> PacketState<'a, '_> {
     /// Moves the starts of rays from far away close to a hierarchy of objects.
     #[inline(always)]
     fn approach<I: Isa>(&mut self, hierarchy: &Bvh<u32>) {
-        let reach = hierarchy.longest_reach();
-        self.are_far = self.rays.are_far(hierarchy.center(), reach);
+        let (center, reach) = (hierarchy.center(), hierarchy.frame().longest_reach());
+        self.are_far = self.rays.are_far(center, reach);
         if self.are_far {
-            I::call(Approach {
-                rays: self.rays,
-                near_rays: self.near_rays,
-                center: hierarchy.center(),
-                reach,
-            });
+            I::call(Approach { rays: self.rays, near_rays: self.near_rays, center, reach });
         }
     }
 
@@ -327,14 +382,15 @@ impl<'a> PacketState<'a, '_> {
     /// Sets up a packet for the hierarchy of objects.
     #[inline(always)]
     fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
-        packet.enter::<I>(self.near_rays(), hierarchy, self.closest.t_min(), self.closest.limits());
+        packet.enter::<I>(self.near_rays(), hierarchy.frame(), self.closest.t_min(), self.closest.limits());
     }
 
     /// Sets up a packet for a mesh, with the rays that `next` chose last.
     #[inline(always)]
     fn fill_within<I: Isa>(&mut self, packet: &mut Packet, visit: InstanceVisit) {
         self.scratch.directions = None;
-        packet.enter::<I>(self.rays_in(visit), visit.hierarchy, self.closest.t_min(), self.closest.limits());
+        let frame = visit.hierarchy.frame();
+        packet.enter::<I>(self.rays_in(visit), frame, self.closest.t_min(), self.closest.limits());
     }
 
     /// Begins an instance visit, with rays in local coordinates; `None` if the object is not a mesh. Rays
@@ -342,7 +398,7 @@ impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<InstanceVisit<'a>> {
         let object = &self.scene.objects()[id as usize];
-        let Geometry::Mesh(mesh) = &object.geometry else { return None };
+        let hierarchy = Hierarchy::of(&object.geometry)?;
         self.pending = mask;
         if !object.is_untransformed() {
             let instance_rays = self.instance_rays.get_or_insert_with(|| Box::new(InstanceRays::new()));
@@ -350,10 +406,10 @@ impl<'a> PacketState<'a, '_> {
             self.pending = instance_rays.gather::<I>(object, then, self.rays, mask);
             let mut alone = mask & !self.pending;
             while let Some(lane) = take(&mut alone) {
-                self.closest.enter(self.rays, lane, id, mesh, stack);
+                self.closest.enter(self.rays, lane, id, stack);
             }
         }
-        Some(InstanceVisit { id, object, mesh, hierarchy: mesh.hierarchy(), entered: mask })
+        Some(InstanceVisit { id, object, hierarchy, entered: mask })
     }
 
     /// The next rays to traverse the mesh, of one octant.
@@ -365,7 +421,8 @@ impl<'a> PacketState<'a, '_> {
             && let Some(instance_rays) = self.instance_rays.as_mut()
         {
             next = instance_rays.next::<I>(next);
-            let (center, reach) = (visit.hierarchy.center(), visit.hierarchy.longest_reach());
+            let frame = visit.hierarchy.frame();
+            let (center, reach) = (frame.center, frame.longest_reach());
             if instance_rays.rays().are_far(center, reach) {
                 instance_rays.rays_mut().start_near::<I>(center, reach);
             }
@@ -384,16 +441,39 @@ impl<'a> PacketState<'a, '_> {
     }
 
     #[inline(always)]
-    fn leaf_intersector(&mut self, visit: InstanceVisit<'a>) -> LeafIntersector<'_, 'a> {
+    fn leaf_intersector(
+        &mut self,
+        visit: InstanceVisit<'a>,
+        mesh: &'a TriangleMesh,
+    ) -> LeafIntersector<'_, 'a> {
         let PacketState { scene, closest, scratch, .. } = self;
         let world = &*self.rays;
-        let InstanceVisit { id, mesh, .. } = visit;
+        let InstanceVisit { id, .. } = visit;
         let (rays, deferred) = match (&self.instance_rays, &self.near_rays) {
             (Some(instance_rays), _) if !visit.object.is_untransformed() => (instance_rays.rays(), None),
             (_, Some(near_rays)) if self.are_far => (&**near_rays, Some(&mut *self.deferred)),
             _ => (world, Some(&mut *self.deferred)),
         };
         LeafIntersector { scene, mesh, id, rays, world, closest, deferred, scratch }
+    }
+
+    #[inline(always)]
+    fn primitive_intersector<S: Each<K>, const K: usize>(
+        &mut self,
+        visit: InstanceVisit<'a>,
+    ) -> PrimitiveIntersector<'_, 'a, S, K> {
+        let rays = match (&self.instance_rays, &self.near_rays) {
+            (Some(instance_rays), _) if !visit.object.is_untransformed() => instance_rays.rays(),
+            (_, Some(near_rays)) if self.are_far => &**near_rays,
+            _ => &*self.rays,
+        };
+        PrimitiveIntersector {
+            id: visit.id,
+            rays,
+            world: self.rays,
+            closest: &mut self.closest,
+            kind: PhantomData,
+        }
     }
 
     #[inline(always)]
@@ -421,6 +501,29 @@ impl Task for Approach<'_> {
     }
 }
 
+/// A step of a packet in the hierarchy of primitives; see `Traversal::step_within`.
+struct StepWithin<'t, 'a, 'b, S, const K: usize> {
+    state: &'t mut PacketState<'a, 'b>,
+    visit: InstanceVisit<'a>,
+    primitives: &'a Primitives<S, K>,
+    inner: &'t mut PacketTraversal,
+    stack: &'t mut Stack,
+}
+
+impl<S: Each<K>, const K: usize> Task for StepWithin<'_, '_, '_, S, K> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> bool {
+        let StepWithin { state, visit, primitives, inner, stack } = self;
+        let hierarchy = primitives.hierarchy();
+        let Some(leaf) = hierarchy.leaf(inner) else { return hierarchy.open::<I>(inner, stack) };
+        let nearer = state.primitive_intersector::<S, K>(visit).intersect::<I>(leaf, inner.mask());
+        inner.lower_limits(nearer);
+        false
+    }
+}
+
 /// Rays that traverse a mesh one by one.
 struct SingleRays<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
@@ -437,7 +540,20 @@ impl Task for SingleRays<'_, '_, '_> {
     fn run<I: Isa>(self) {
         let SingleRays { state, visit, mask, packet, stack } = self;
         state.fill_within::<I>(packet, visit);
-        visit.hierarchy.traverse_single::<I>(packet, mask, stack, &mut state.leaf_intersector(visit));
+        match visit.hierarchy {
+            Hierarchy::Mesh(mesh, hierarchy) => {
+                let mut leaves = state.leaf_intersector(visit, mesh);
+                hierarchy.traverse_single::<I>(packet, mask, stack, &mut leaves);
+            }
+            Hierarchy::Spheres(spheres) => {
+                let mut leaves = state.primitive_intersector::<Sphere, 4>(visit);
+                spheres.hierarchy().traverse_single::<I>(packet, mask, stack, &mut leaves);
+            }
+            Hierarchy::Disks(disks) => {
+                let mut leaves = state.primitive_intersector::<Disk, 7>(visit);
+                disks.hierarchy().traverse_single::<I>(packet, mask, stack, &mut leaves);
+            }
+        }
     }
 }
 

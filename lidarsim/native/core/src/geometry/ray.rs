@@ -44,7 +44,9 @@ impl<N: Number> Ray<N> {
     #[inline(always)]
     pub fn at(&self, t: &N) -> Self {
         let origin = vector::add(&self.origin, &vector::scaled(&self.direction, t));
-        Ray { origin, direction: self.direction.clone(), weight: self.weight.clone() }
+        // The clone of an array is not inlined.
+        let [x, y, z] = &self.direction;
+        Ray { origin, direction: [x.clone(), y.clone(), z.clone()], weight: self.weight.clone() }
     }
 
     /// `x` times the weight.

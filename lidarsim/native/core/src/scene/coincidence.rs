@@ -38,6 +38,12 @@ fn are_same_surface(x: &Object, a: &RootId, y: &Object, b: &RootId) -> bool {
         {
             true
         }
+        (Geometry::Spheres(spheres), Geometry::Spheres(others)) => {
+            spheres.row(a.primitive) == others.row(b.primitive)
+        }
+        (Geometry::Disks(disks), Geometry::Disks(others)) => {
+            disks.row(a.primitive) == others.row(b.primitive)
+        }
         (Geometry::Surface(surface), Geometry::Surface(other)) if surface == other => true,
         _ => {
             x.is_triangle()
@@ -53,6 +59,8 @@ fn local_plane(object: &Object, at: &RootId) -> Option<AxisPlane> {
     match &object.geometry {
         Geometry::Surface(surface) => surface.axis_plane(at.feature),
         Geometry::Mesh(mesh) => mesh.triangle(at.primitive).axis_plane(at.feature),
+        Geometry::Spheres(spheres) => spheres.shape(at.primitive).axis_plane(at.feature),
+        Geometry::Disks(disks) => disks.shape(at.primitive).axis_plane(at.feature),
     }
 }
 

@@ -4,6 +4,7 @@ mod coincidence;
 mod hit;
 mod object;
 mod predicates;
+mod primitives;
 mod rays;
 mod root_id;
 mod triangle_mesh;
@@ -20,6 +21,7 @@ use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point};
 use crate::once::Once;
 use crate::shapes::newton;
+use crate::shapes::triangle::Leaf;
 use crate::{memory, parallel};
 
 use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot, meets_what_they_share};
@@ -27,6 +29,7 @@ use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot, meets_what_th
 pub use hit::{EightHits, Hit, Run, Sink};
 pub use object::{Geometry, Object, ObjectAt};
 pub use predicates::RootIntervals;
+pub use primitives::{Disks, PrimitiveLeaf, Primitives, Spheres};
 pub use rays::{Rays, TRange, TimedRay};
 pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
@@ -167,18 +170,16 @@ impl Scene {
 
     fn primitives_on_line(&self, object: u32, origin: Point, direction: Point) -> Vec<u32> {
         let object = self.at(object, 0.0);
-        let Geometry::Mesh(mesh) = &object.geometry else { return vec![0] };
-        let mut found = Vec::new();
-        let mut stack = Stack::new();
-        for direction in [direction, direction.map(|x| -x)] {
-            let [o, d] = object.enclose(origin, direction);
-            let hierarchy = mesh.hierarchy();
-            let mut ray = TraversalRay::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
-            hierarchy.traverse(&mut ray, &mut stack, |_, leaf| {
-                found.extend_from_slice(leaf.ids());
-                f64::INFINITY
-            });
-        }
+        let mut found = match &object.geometry {
+            Geometry::Surface(_) => return vec![0],
+            Geometry::Mesh(mesh) => on_line(&object, mesh.hierarchy(), Leaf::ids, origin, direction),
+            Geometry::Spheres(spheres) => {
+                on_line(&object, spheres.hierarchy(), PrimitiveLeaf::ids, origin, direction)
+            }
+            Geometry::Disks(disks) => {
+                on_line(&object, disks.hierarchy(), PrimitiveLeaf::ids, origin, direction)
+            }
+        };
         found.sort_unstable();
         found.dedup();
         found
@@ -231,6 +232,12 @@ impl Scene {
             Geometry::Mesh(mesh) => {
                 newton::newton_step(&ray, &mesh.triangle(at.primitive), at.feature, bounds, One)
             }
+            Geometry::Spheres(spheres) => {
+                newton::newton_step(&ray, &spheres.shape(at.primitive), at.feature, bounds, One)
+            }
+            Geometry::Disks(disks) => {
+                newton::newton_step(&ray, &disks.shape(at.primitive), at.feature, bounds, One)
+            }
         };
         let found = step.and_then(|(t, normal)| Ok((t, Number::proportions(&placement.normal(normal))?)));
         match found {
@@ -253,6 +260,26 @@ fn size(bounds: &[Option<[Interval; 3]>]) -> f64 {
             - all.fold(f64::INFINITY, |m, b| m.min(b.low))
     };
     side(0).max(side(1)).max(side(2))
+}
+
+/// The primitives of a hierarchy whose boxes a line may enter, in any order and some of them twice.
+fn on_line<L>(
+    object: &ObjectAt,
+    hierarchy: &Bvh<L>,
+    ids: impl Fn(&L) -> &[u32],
+    origin: Point,
+    direction: Point,
+) -> Vec<u32> {
+    let (mut found, mut stack) = (Vec::new(), Stack::new());
+    for direction in [direction, direction.map(|x| -x)] {
+        let [o, d] = object.enclose(origin, direction);
+        let mut ray = TraversalRay::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
+        hierarchy.traverse(&mut ray, &mut stack, |_, leaf| {
+            found.extend_from_slice(ids(leaf));
+            f64::INFINITY
+        });
+    }
+    found
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::Deref;
 use std::sync::Arc;
 
-use super::{RootId, TriangleMesh};
+use super::{Disks, RootId, Spheres, TriangleMesh};
 use crate::arith::number::{self, Interval, Number, Predicate, Uncertain};
 use crate::arith::root::Root;
 use crate::arith::simd::Isa;
@@ -20,6 +20,8 @@ use crate::shapes::{AnySurface, Roots, Surface, Triangle};
 pub enum Geometry {
     Surface(AnySurface),
     Mesh(Arc<TriangleMesh>),
+    Spheres(Arc<Spheres>),
+    Disks(Arc<Disks>),
 }
 
 /// A geometry, the maps that take it into the world, in order of application, and its motion after them.
@@ -124,7 +126,7 @@ impl Object {
         match &self.geometry {
             Geometry::Mesh(mesh) => mesh.corners(primitive),
             Geometry::Surface(AnySurface::Triangle(Triangle(a, b, c))) => [a, b, c],
-            Geometry::Surface(_) => [NONE; 3],
+            _ => [NONE; 3],
         }
     }
 
@@ -162,6 +164,8 @@ impl Object {
             (Some((last, others)), _) => Some(unless_nan(self.dop_after(others)?.image(last))),
             (None, Geometry::Surface(shape)) => shape.bounds(),
             (None, Geometry::Mesh(mesh)) => mesh.bounds(),
+            (None, Geometry::Spheres(spheres)) => spheres.bounds(),
+            (None, Geometry::Disks(disks)) => disks.bounds(),
         }
     }
 
@@ -170,19 +174,28 @@ impl Object {
         let local = match &self.geometry {
             Geometry::Surface(shape) => Cow::Owned(Dop::of_box(shape.bounds()?)),
             Geometry::Mesh(mesh) => Cow::Borrowed(mesh.dop()?),
+            Geometry::Spheres(spheres) => Cow::Owned(Dop::of_box(spheres.bounds()?)),
+            Geometry::Disks(disks) => Cow::Owned(Dop::of_box(disks.bounds()?)),
         };
         Some(maps.iter().fold(local, |dop, map| Cow::Owned(Dop::of_box(dop.image(map)))))
     }
 
-    /// Whether it is a mesh without triangles.
+    /// Whether it has no primitives.
     pub fn is_empty(&self) -> bool {
-        matches!(&self.geometry, Geometry::Mesh(mesh) if mesh.is_empty())
+        match &self.geometry {
+            Geometry::Surface(_) => false,
+            Geometry::Mesh(mesh) => mesh.is_empty(),
+            Geometry::Spheres(spheres) => spheres.is_empty(),
+            Geometry::Disks(disks) => disks.is_empty(),
+        }
     }
 
     pub(super) fn roots<N: Number>(&self, primitive: u32, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         match &self.geometry {
             Geometry::Surface(shape) => shape.roots(ray),
             Geometry::Mesh(mesh) => mesh.triangle(primitive).roots(ray),
+            Geometry::Spheres(spheres) => spheres.shape(primitive).roots(ray),
+            Geometry::Disks(disks) => disks.shape(primitive).roots(ray),
         }
     }
 
@@ -190,6 +203,8 @@ impl Object {
         match &self.geometry {
             Geometry::Surface(shape) => shape.root(ray, at.index),
             Geometry::Mesh(mesh) => mesh.triangle(at.primitive).root(ray, at.index),
+            Geometry::Spheres(spheres) => spheres.shape(at.primitive).root(ray, at.index),
+            Geometry::Disks(disks) => disks.shape(at.primitive).root(ray, at.index),
         }
     }
 }

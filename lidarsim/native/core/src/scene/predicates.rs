@@ -127,6 +127,12 @@ impl Predicate for RefinedHit<'_> {
             Geometry::Mesh(mesh) => {
                 refined_hit(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index)
             }
+            Geometry::Spheres(spheres) => {
+                refined_hit(placement, &spheres.shape(self.at.primitive), &ray, self.at.index)
+            }
+            Geometry::Disks(disks) => {
+                refined_hit(placement, &disks.shape(self.at.primitive), &ray, self.at.index)
+            }
         }
     }
 }
