@@ -80,7 +80,7 @@ class Material(Value):
         With `roughness` or `specular`, ρ in the formula below.
     per : {"object", "face", "vertex"}
         What the reflectivity is given for: one number for all of an object, or, of a `TriangleMesh`, one a face or one
-        a vertex, between which it is linear over each face.
+        a vertex, between which it is linear over each face. Of `Spheres` and `Disks`, "face" is one each.
     roughness : float
         m, the standard deviation of the angles by which the facets of a rough diffuser are tilted, rad, 0 to π/2; 0 is
         Lambert's diffuser. One for all of an object.

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -86,8 +86,6 @@ class TriangleMesh(Shape):
 
     __slots__ = ()
     __match_args__ = ("vertices", "faces")
-
-    has_primitives: ClassVar = True
 
     def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike, *, transform: Transform | None = None) -> None:
         points = array("vertices", vertices, ("n", 3))
