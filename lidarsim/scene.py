@@ -65,7 +65,7 @@ class SceneObject(core.SceneObject, Immutable):
     name : str
         Name for people; it need not be unique.
     label : int or ndarray of uint32, shape (m,)
-        Class of the object, 0 to 2³² − 1, or of each face of a `TriangleMesh`.
+        Class of the object, 0 to 2³² − 1, or of each face of a `TriangleMesh`, or each of `Spheres` or `Disks`.
     instance : int
         Number that distinguishes instances of a class, 0 to 2³² − 1; objects that are parts of one instance share it.
     material : Material
@@ -257,7 +257,8 @@ class Scene(Pickled, Plotted):
         name : str
             Name for people and for `find`.
         label : int or array_like of int, shape (m,)
-            Class of the object, 0 to 2³² − 1; for a `TriangleMesh` of m faces, optionally one per face.
+            Class of the object, 0 to 2³² − 1; for a `TriangleMesh` of m faces, `Spheres` or `Disks`, optionally
+            one each.
         instance : int, optional
             Number that distinguishes instances of a class, 0 to 2³² − 1; objects that are parts of one instance share
             it. Default: the object's id + 1.

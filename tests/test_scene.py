@@ -251,7 +251,7 @@ def test_all_hits_are_those_of_exact_arithmetic() -> None:
     targets[::3] = rng.uniform(-1.5, 2.5, targets[::3].shape)
     directions = targets - origins
     directions[~directions.any(axis=1)] = (1, 0, 0)
-    hits = scene.cast_all(origins, directions, most=60)
+    hits = scene.cast_all(origins, directions, most=500)
     first = scene.cast(origins, directions)
     met = 0
     for i in range(count):

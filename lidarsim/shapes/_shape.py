@@ -76,9 +76,6 @@ class Shape(Value):
     bounded: ClassVar[bool] = True
     """Whether the surface is bounded."""
 
-    has_primitives: ClassVar[bool] = False
-    """Whether hits tell apart several primitives, which labels and reflectivities can be given for."""
-
     _positive: ClassVar[frozenset[str]] = frozenset()
     """Arguments of the constructor that are numbers > 0."""
 

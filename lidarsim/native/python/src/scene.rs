@@ -214,7 +214,7 @@ impl PyScene {
         t_min: f64,
         t_max: f64,
         times: Option<PyReadonlyArray1<'py, f64>>,
-    ) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>)> {
+    ) -> PyResult<[Bound<'py, PyArray1<u32>>; 2]> {
         let rays = equal_points(&origins, &directions)?;
         legal_rays(rays.0, rays.1)?;
         let range = TRange { min: t_min, max: t_max };
@@ -222,7 +222,7 @@ impl PyScene {
             self.cast_rays(py, rays, times.as_ref(), range, size_of::<(u32, u32)>(), |cast| {
                 (objects_met(&cast.world, cast.rays, cast.range).into_iter().unzip(), true)
             })?;
-        Ok((PyArray1::from_vec(py, ray), PyArray1::from_vec(py, object)))
+        Ok([ray, object].map(|ids| PyArray1::from_vec(py, ids)))
     }
 
     /// Whether each ray hits anything, (n,). `times` is as for `cast`.
