@@ -176,15 +176,11 @@ class Material(Value):
         With `roughness` or `specular`, ρ in the formula below.
     per : {"object", "face", "vertex", "texture"}, optional
         What the reflectivity is given for: one number for all of an object, or, of a `TriangleMesh`, one a face or one
-<<<<<<< HEAD
-        a vertex, between which it is linear over each face, or a texture. Default: "texture" for a `Texture`, otherwise
-        "object".
+        a vertex, between which it is linear over each face, or a texture. Of `Spheres` and `Disks`, "face" is one each.
+        Default: "texture" for a `Texture`, otherwise "object".
     texture_coordinates : array_like, shape (n, 2) or (m, 3, 2), optional
         Where a texture lies on the mesh: u, v of each of its n vertices, or of the corners of each of its m faces in
         their order; `Texture` has the convention. Over a face they are linear. Kept as a read-only copy.
-=======
-        a vertex, between which it is linear over each face. Of `Spheres` and `Disks`, "face" is one each.
->>>>>>> many
     roughness : float
         m, the standard deviation of the angles by which the facets of a rough diffuser are tilted, rad, 0 to π/2; 0 is
         Lambert's diffuser. One for all of an object.

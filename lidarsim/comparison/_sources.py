@@ -70,10 +70,9 @@ def source(argument: str, given: Given) -> Source:
         count = None if any(_is_bag(file) for file in files) else len(files)
         return Source(str(path), _read(files), count)
     try:
-        frames = iter(given)
+        frames, count = iter(given), len(given) if isinstance(given, Sized) else None
     except TypeError:
         raise ArgumentTypeError(argument, FORMS, shown(given)) from None
-    count = len(given) if isinstance(given, Sized) else None
     return Source("", _each(argument, frames), count)
 
 

@@ -113,8 +113,6 @@ class TriangleMesh(Shape):
     __slots__ = ("_crs", "_grid", "_hull")
     __match_args__ = ("vertices", "faces")
 
-    has_primitives: ClassVar = True
-
     _crs: str | None
     _grid: tuple[int, int] | None
 

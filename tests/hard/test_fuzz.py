@@ -47,7 +47,7 @@ LEFT_OUT = {
 }
 """Beginnings of names, and why they are not called here."""
 
-RESULTS = {"Comparison", "Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
+RESULTS = {"Boxes", "Comparison", "Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
 """Classes that functions return: their methods are called, their constructors not."""
 
 HEAVY = ("to_open3d", "to_pyvista", "from_open3d", "from_pyvista", "from_trimesh", "plot", "show")
@@ -301,6 +301,17 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "io.las.read.path": lambda folder: saved(folder, "cloud.las"),
     "io.semantickitti.read_labels.path": lambda folder: written(folder, "a.label", "abcd"),
     "Scan.point_cloud.frame": lambda _: "world",
+    "Scan.boxes.frame": lambda _: "world",
+    "Scan.boxes.min_points": lambda _: 1,
+    "Scan.point_cloud.deskew": lambda _: "middle",
+    "Scan.point_cloud.deskew_movers": lambda _: True,
+    "Boxes.contain.xyz": lambda _: np.zeros((2, 3)),
+    "TriangleMesh.from_raster.path": lambda folder: written(
+        folder, "dem.asc", "ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 2 3\n2 3 4\n"
+    ),
+    "TriangleMesh.from_raster.band": lambda _: 1,
+    "TriangleMesh.from_raster.window": lambda _: (0.0, 0.0, 3.0, 2.0),
+    "TriangleMesh.from_raster.stride": lambda _: 1,
     "Scan.true_points.frame": lambda _: "world",
     "Material.from_texture.image": lambda _: np.linspace(0.0, 1.0, 12).reshape(2, 2, 3),
     "Material.from_colors.per": lambda _: "face",
@@ -435,6 +446,7 @@ INSTANCES = {
     "Scan": lambda: lidar().scan(ball_and_floor()),
     "Scene": ball_and_floor,
     "Lidar": lidar,
+    "Boxes": lambda: lidar().scan(ball_and_floor()).boxes(),
     "Comparison": lambda: ls.compare(cloud(), cloud()),
 }
 """By class, what is better than what its constructor makes of the example."""
