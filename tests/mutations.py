@@ -445,7 +445,11 @@ MUTANTS = [
         "low: (self.start[i].min(self.end[i]) - reach[i]).next_down(),",
         "low: self.start[i].min(self.end[i]) - reach[i],",
     ),
-    Mutant("boxes of circles around a steep axis", "(1.0 + 32.0 * f64::EPSILON)).max(f64::MIN_POSITIVE)", "(1.0 + 32.0 * f64::EPSILON))"),
+    Mutant(
+        "boxes of circles around a steep axis",
+        "(1.0 + 32.0 * f64::EPSILON)).max(f64::MIN_POSITIVE)",
+        "(1.0 + 32.0 * f64::EPSILON))",
+    ),
     Mutant("boxes of disks", "low: (self.center[i] - reach[i]).next_down(),", "low: self.center[i] - reach[i],"),
     Mutant("boxes of spheres", "low: (c - self.radius).next_down()", "low: c - self.radius"),
     Mutant("boxes of boxes", "low: (self.center[i] - half.next_up()).next_down()", "low: self.center[i] - half"),
