@@ -257,7 +257,8 @@ def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, driv
             start("-m", "dask", "worker", "--nthreads", 1, "--no-nanny", *address) as worker,
         ):
             try:
-                wait_for(file.exists, scheduler)
+                # The scheduler creates the file before it writes it.
+                wait_for(lambda file=file: file.exists() and file.read_text().rstrip().endswith("}"), scheduler)
                 arguments = ["generate", recipe, "-o", out, "--scheduler", json.loads(file.read_text())["address"]]
                 with start("-c", CLI, *arguments, *of(DRIVE), "--pictures", 0) as process:
                     if attempt == 0:
