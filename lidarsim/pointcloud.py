@@ -19,12 +19,15 @@ from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular, check_suffix, parsing
 from lidarsim._pickling import Pickled
 from lidarsim._shown import html_table, text_table
-from lidarsim._validation import Transform, named_labels
+from lidarsim._validation import Transform, named_labels, shown
 from lidarsim._views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     import open3d
+    import pyproj
     import pyvista
 
 __all__ = ["PointCloud", "check_output", "register_format"]
@@ -412,8 +415,10 @@ class PointCloud(Pickled, Plotted):
         path: PathLike,
         *,
         fields: Sequence[str] | None = None,
-        float32: bool = False,
+        float32: bool | None = None,
         pose: Transform | None = None,
+        crs: int | str | pyproj.CRS | None = None,
+        start: float | datetime = 0.0,
     ) -> None:
         """Write the points to a file; its suffix determines the format.
 
@@ -426,33 +431,53 @@ class PointCloud(Pickled, Plotted):
             The file, in a folder that exists.
         fields : sequence of str, optional
             The fields to write besides `xyz`. Default: all.
-        float32 : bool
-            Write `xyz` as float32 in formats that also allow float64. The Point Cloud Library's own point types and
-            viewer accept only float32.
+        float32 : bool, optional
+            Write `xyz` as float32, or as float64 in formats that also allow this. Default: float64, but float32 in PCD
+            if that keeps all coordinates to 0.1 mm, because the Point Cloud Library's own point types hold only
+            float32.
         pose : RigidTransform or array_like, shape (4, 4), optional
             Rigid transform from the coordinates of the points to the world: the sensor's pose if they are in the sensor
             frame. It becomes the VIEWPOINT of a PCD file; other formats cannot hold it and omit it.
+        crs : int, str or pyproj.CRS, optional
+            Projected coordinate reference system of the points, in m, for LAS and LAZ: an EPSG code, "EPSG:25832", WKT
+            or a system of pyproj. The points must be in the world.
+        start : float or datetime
+            Moment from which `time` counts, for the gps_time of LAS and LAZ: seconds on a clock of one's own, or a
+            datetime with a time zone for GPS time.
 
         Raises
         ------
         FileFormatError
             If the suffix is unknown, or the format cannot hold a field's dtype or values.
         MissingExtraError
-            If the format needs a package that is not installed.
+            If the format needs a package that is not installed, or `crs` pyproj.
         OSError
             If the file cannot be written.
         TypeError, ValueError
-            If `fields` is not a sequence of field names, or the pose is not rigid.
+            If `fields` is not a sequence of field names, the pose is not rigid, `crs` is unknown, not projected or not
+            in metres, `start` has no time zone or is before the GPS epoch, or the format cannot hold `crs` or `start`.
+
+        Warns
+        -----
+        UserWarning
+            If `xyz` becomes float64 in a PCD file by default: the Point Cloud Library does not read that.
         """
         arrays = self._arrays()
         if fields is not None:
             arrays = {name: arrays[name] for name in ("xyz", *_chosen(fields, self.fields))}
-        if _validation.flag("float32", float32):
-            arrays["xyz"] = arrays["xyz"].astype(np.float32)
         check_output(path)
         save, where = _format(path).save, None if pose is None else _validation.pose("pose", pose)
-        known = inspect.signature(save).parameters
-        options = {"pose": where, "class_names": self.class_names}
+        known = _options(_format(path))
+        if float32 is not None and _validation.flag("float32", float32):
+            arrays["xyz"] = arrays["xyz"].astype(np.float32)
+        if crs is not None and self._in_sensor_frame:
+            expected = "points in the world, with a coordinate reference system"
+            raise ArgumentValueError("crs", expected, "points in a sensor frame", 'point_cloud(frame="world")')
+        options = {"pose": where, "class_names": self.class_names, "float32": float32, "crs": crs, "start": start}
+        for name, nothing in {"crs": None, "start": 0.0}.items():
+            if name not in known and options[name] != nothing:
+                held = " and ".join(suffix for suffix, other in _FORMATS.items() if name in _options(other))
+                raise ArgumentValueError(name, f"a file that can hold it ({held})", shown(path))
         options = {name: option for name, option in options.items() if name in known}
         with atomic_writer(path) as file:
             save(arrays, file, **options)
@@ -791,6 +816,11 @@ class _Format:
     signature: bytes
 
 
+def _options(written: _Format) -> set[str]:
+    """Return the names of the options of a format's `save`."""
+    return set(inspect.signature(written.save).parameters)
+
+
 _HEAD = 16  # bytes at the start of a file, enough for any signature
 _FORMATS: dict[str, _Format] = {}
 
@@ -811,7 +841,8 @@ def register_format(
     save : callable
         ``save(fields, file)`` writes the fields of a cloud, in order, to an open binary file. A format that can hold
         the pose from `PointCloud.save` takes it as the keyword `pose`: a 4×4 array, or None; a format that can hold
-        class names takes them as the keyword `class_names`.
+        class names takes them as the keyword `class_names`. A format takes the other arguments of `PointCloud.save`,
+        `float32`, `crs` and `start`, under their names; `xyz` is already in the type that `float32` asks for.
     load : callable
         ``load(file)`` returns the fields in an open binary file, by any names, and class names, if there are any, as
         ``"class_names"``; the message of any exception becomes the reason in the error. A format whose files need not

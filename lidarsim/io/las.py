@@ -7,7 +7,9 @@ xyz                X, Y, Z: multiples of 0.1 mm from an offset in whole metres n
                    coordinates keep 0.05 mm; they reach 214 km from the offset. NaN cannot be stored.
 intensity          intensity: 10 000 for a white diffuser at normal incidence; more than 6.5535 times that saturates
                    at 65 535, with a warning
-time               gps_time, in seconds since the start of the scan
+time               gps_time: `start` plus the time since the start of the scan. Adjusted standard GPS time, as the
+                   header states, if `start` is a datetime; else seconds on a clock of one's own, those of the run in
+                   the files of ``lidarsim scan``
 return_number,     return number, number of returns: 0 to 15
 return_count
 label              classification: 0 to 255; the standard defines 2 as ground and 6 as building
@@ -23,6 +25,10 @@ All fields load bit for bit except `xyz`, `intensity` and `scan_angle`, which ar
 0 where the cloud had no such field; LAS's other dimensions are not loaded if they are 0 throughout. A dimension that
 another program added under the name of one of these fields, such as ``label``, becomes ``label_2``.
 
+With `crs`, a coordinate reference system in metres, the file has its WKT (version 1, which the standard requires) and
+the WKT bit of the header; with `geokeys`, also GeoTIFF keys, for older programs. This needs pyproj. Without `crs`,
+there is neither.
+
 COPC files are read as the LAZ files that they are, and cannot be written.
 
 Format: https://github.com/ASPRSorg/LAS, revision R15.
@@ -35,25 +41,32 @@ import re
 import struct
 import sys
 import threading
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from types import ModuleType, TracebackType
-from typing import Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix, parsing
-from lidarsim._validation import short
+from lidarsim._validation import flag, short, shown
 from lidarsim.errors import ArgumentValueError, FileFormatError
+from lidarsim.io._georeference import gps_time, projected
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
 from lidarsim.io._units import fitting, warn_above
 from lidarsim.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, register_format
+
+if TYPE_CHECKING:
+    import pyproj
 
 __all__ = ["Writer", "read"]
 
@@ -84,13 +97,19 @@ class Writer:
     ----------
     path : path-like
         The file, ``.las`` or ``.laz``.
+    crs : int, str or pyproj.CRS, optional
+        Coordinate reference system of the points, as in `lidarsim.PointCloud.save`.
+    geokeys : bool
+        Also write it as GeoTIFF keys, which older programs read. It must have an EPSG code.
 
     Raises
     ------
     FileFormatError
         If the suffix is not one of these.
     MissingExtraError
-        If laspy, or lazrs for LAZ, is not installed.
+        If laspy, or lazrs for LAZ, or pyproj for `crs` is not installed.
+    TypeError, ValueError
+        If `crs` is not a projected system in metres, or GeoTIFF keys cannot hold it.
 
     Examples
     --------
@@ -103,9 +122,10 @@ class Writer:
     [500000. 500001. 500002.]
     """
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: PathLike, *, crs: int | str | pyproj.CRS | None = None, geokeys: bool = False) -> None:
         self._path = path
         self._compress = check_suffix(path, (".las", ".laz")) == ".laz"
+        self._reference = _Reference.of(crs, geokeys=geokeys)
         check_output(path)
         self._stack = ExitStack()
         self._points: _Points | None = None
@@ -114,7 +134,7 @@ class Writer:
     def __enter__(self) -> Self:
         """Open a temporary file."""
         file = self._stack.enter_context(atomic_writer(self._path))
-        self._points = self._stack.enter_context(_Points(file, compress=self._compress))
+        self._points = self._stack.enter_context(_Points(file, self._reference, compress=self._compress))
         return self
 
     def __exit__(
@@ -124,13 +144,16 @@ class Writer:
         self._points = None
         self._stack.__exit__(kind, error, trace)
 
-    def write(self, cloud: PointCloud) -> None:
+    def write(self, cloud: PointCloud, *, start: float | datetime = 0.0) -> None:
         """Append the points of a cloud.
 
         Parameters
         ----------
         cloud : PointCloud
             A cloud with the same fields and dtypes as all clouds before it.
+        start : float or datetime
+            Moment from which the cloud's `time` counts, as in `lidarsim.PointCloud.save`. Either all clouds of a file
+            have a datetime or none.
 
         Raises
         ------
@@ -141,7 +164,7 @@ class Writer:
         """
         if self._points is None:
             raise ValueError(f"{self._path}: expected to be written in a with block")
-        self._points.write({name: getattr(cloud, name) for name in cloud.fields})
+        self._points.write({name: getattr(cloud, name) for name in cloud.fields}, start)
 
 
 def read(path: PathLike) -> Iterator[PointCloud]:
@@ -195,10 +218,17 @@ def _field_names(file: BinaryIO) -> set[str]:
     return names
 
 
-def save(fields: Fields, file: BinaryIO, *, compress: bool) -> None:
+def save(
+    fields: Fields,
+    file: BinaryIO,
+    *,
+    compress: bool,
+    crs: int | str | pyproj.CRS | None = None,
+    start: float | datetime = 0.0,
+) -> None:
     """Write one cloud."""
-    with _Points(file, compress=compress) as points:
-        points.write(fields)
+    with _Points(file, _Reference.of(crs), compress=compress) as points:
+        points.write(fields, start)
 
 
 def load(file: BinaryIO) -> Fields:
@@ -220,12 +250,49 @@ def _lost_writes() -> Iterator[None]:
         raise OSError(str(error)) from error
 
 
-class _Points:
-    """The points of an open file; the first points determine its offset and dimensions."""
+@dataclass(frozen=True)
+class _Reference:
+    """Coordinate reference system of a file.
 
-    def __init__(self, file: BinaryIO, *, compress: bool) -> None:
+    Attributes
+    ----------
+    crs : pyproj.CRS or None
+        The system, if it is known.
+    wkt : str
+        Its WKT.
+    geokeys : bool
+        Whether to write it as GeoTIFF keys, too.
+    """
+
+    crs: pyproj.CRS | None = None
+    wkt: str = ""
+    geokeys: bool = False
+
+    @classmethod
+    def of(cls, crs: int | str | pyproj.CRS | None, *, geokeys: bool = False) -> _Reference:
+        """Return the reference of a file, after checking that it can hold the system."""
+        if flag("geokeys", geokeys) and crs is None:
+            raise ArgumentValueError("crs", "a coordinate reference system for the GeoTIFF keys", "None")
+        if crs is None:
+            return cls()
+        found = projected(crs)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pyproj warns of what WKT 1 cannot say; it returns None then
+            wkt = found.to_wkt("WKT1_GDAL")
+        if not wkt:
+            raise ArgumentValueError("crs", "a system that WKT 1 can describe, which LAS requires", found.name)
+        if geokeys and (found.is_compound or found.to_epsg() is None or not found.name.isascii()):
+            raise ArgumentValueError("crs", "a horizontal system with an EPSG code, for GeoTIFF keys", found.name)
+        return cls(found, wkt, geokeys)
+
+
+class _Points:
+    """The points of an open file; the first points determine its offset, its dimensions and its clock."""
+
+    def __init__(self, file: BinaryIO, reference: _Reference, *, compress: bool) -> None:
         self._laspy = _import(compress)
-        self._file, self._compress = file, compress
+        self._file, self._reference, self._compress = file, reference, compress
+        self._is_gps_time = False
         self._writer: Any = None
         self._dtypes: dict[str, np.dtype[Any]] = {}
         self._targets: dict[str, str] = {}
@@ -237,20 +304,26 @@ class _Points:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             if self._writer is None:
-                self.write({"xyz": np.empty((0, 3))})
+                self.write({"xyz": np.empty((0, 3))}, 0.0)
             self._writer.close()
             self._file.seek(90)
             self._file.write(bytes(4))  # no creation date: the same cloud gives the same bytes on any day
 
     @_lost_writes()
-    def write(self, fields: Fields) -> None:
+    def write(self, fields: Fields, start: float | datetime) -> None:
+        zero, is_gps_time = gps_time(start)
+        if zero != 0.0:
+            fields = fields | {"time": zero + fields.get("time", np.zeros(len(fields["xyz"])))}
         columns = to_columns(fields, NORMAL, CODES)
         dtypes = {name: column.dtype for name, column in columns.items()}
         if self._writer is None:
-            self._dtypes, self._targets = dtypes, _targets(columns)
+            self._dtypes, self._targets, self._is_gps_time = dtypes, _targets(columns), is_gps_time
             self._writer = self._open(fields["xyz"], columns)
         elif dtypes != self._dtypes:
             raise ArgumentValueError("cloud", f"the fields {', '.join(self._dtypes)}", ", ".join(dtypes))
+        elif is_gps_time != self._is_gps_time:
+            expected = "a datetime" if self._is_gps_time else "seconds"
+            raise ArgumentValueError("start", f"{expected}, as for the first cloud of the file", shown(start))
         header = self._writer.header
         for number, block in enumerate(blocks(columns)):
             record = self._laspy.ScaleAwarePointRecord.zeros(len(block["x"]), header=header)
@@ -262,7 +335,7 @@ class _Points:
         laspy = self._laspy
         colours = {"red", "green", "blue"} <= columns.keys()
         header = laspy.LasHeader(version="1.4", point_format=7 if colours else 6)
-        header.global_encoding.wkt = True  # the standard requires it for these point formats
+        self._refer(header)
         header.generating_software = "lidarsim"
         header.scales = np.full(3, SCALE)
         with np.errstate(invalid="ignore"):
@@ -278,6 +351,17 @@ class _Points:
         )
         backend = laspy.LazBackend.Lazrs if self._compress else None
         return laspy.LasWriter(self._file, header, self._compress, backend, closefd=False)
+
+    def _refer(self, header: Any) -> None:
+        """Write the coordinate reference system and the kind of time into a header."""
+        laspy, reference = self._laspy, self._reference
+        if self._is_gps_time:
+            header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
+        if reference.crs is not None:
+            header.global_encoding.wkt = True
+            header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(reference.wkt))
+        if reference.geokeys:
+            header.vlrs.extend(laspy.vlrs.geotiff.create_geotiff_projection_vlrs(reference.crs))
 
 
 def _targets(columns: Fields) -> dict[str, str]:

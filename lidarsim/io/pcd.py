@@ -1,6 +1,8 @@
 """PCD files of the Point Cloud Library (``.pcd``): written binary; read binary, compressed or ASCII.
 
-All fields are kept, vectors other than `xyz` and `normal` as one field per component; bool cannot be stored.
+`xyz` is float32 if that keeps every coordinate to 0.1 mm, as it does up to 2048 m from the origin; else it is float64,
+which lidarsim and Open3D read, but not the Point Cloud Library, and a warning says so. The argument `float32` decides
+otherwise. All fields are kept, vectors other than `xyz` and `normal` as one field per component; bool cannot be stored.
 
 Files of old versions are read as the Point Cloud Library reads them: FIELDS may be called COLUMNS, missing SIZE and
 TYPE mean float32, VERSION, COUNT, VIEWPOINT and HEIGHT are optional, and POINTS can replace WIDTH. Where a number in an
@@ -15,10 +17,12 @@ from __future__ import annotations
 import math
 import os
 import struct
+import warnings
 from collections.abc import Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._validation import Floats, short
@@ -50,14 +54,25 @@ DEFAULTS = {"SIZE": "4", "TYPE": "F", "COUNT": "1"}
 KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 
 
+KEPT = 1e-4
+"""Error of a coordinate that float32 may bring by default, m."""
+
+
 def save(
-    fields: Fields, file: BinaryIO, *, pose: Floats | None = None, class_names: Mapping[int, str] | None = None
+    fields: Fields,
+    file: BinaryIO,
+    *,
+    pose: Floats | None = None,
+    class_names: Mapping[int, str] | None = None,
+    float32: bool | None = None,
 ) -> None:
     """Write the fields as ``DATA binary``; VIEWPOINT, ``tx ty tz qw qx qy qz``, maps the points to the world.
 
     Normals get the type of the positions, since Open3D's reader assumes so and returns garbage otherwise. Comments
     hold the class names.
     """
+    if float32 is None:
+        fields = fields | {"xyz": _as_readers_take(fields["xyz"])}
     if "normal" in fields:
         fields = fields | {"normal": fields["normal"].astype(fields["xyz"].dtype)}
     columns = to_columns(fields, NORMAL, CODES)
@@ -80,6 +95,21 @@ def save(
     ]
     file.write(header_lines(header))
     file.writelines(records.data for records in to_records(columns, record))
+
+
+def _as_readers_take(xyz: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the positions as float32 if that keeps them to 0.1 mm, else unchanged, with a warning."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        single = xyz.astype(np.float32)
+        error = float(np.nanmax(np.where(single == xyz, 0.0, np.abs(single - xyz)), initial=0.0))
+    if error <= KEPT:
+        return single
+    message = (
+        f"xyz: written as float64, since float32 would move points by up to {error:.2g} m; the Point Cloud Library "
+        "reads only float32 (float32=True writes that, float32=False is silent)"
+    )
+    warnings.warn(message, stacklevel=4)  # at the call of PointCloud.save
+    return xyz
 
 
 def _viewpoint(pose: Floats | None) -> str:

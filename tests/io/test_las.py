@@ -4,14 +4,17 @@ import os
 import struct
 import subprocess
 import sys
+from datetime import UTC, datetime
 from io import BytesIO
 from pathlib import Path
 
 import laspy
 import lazrs
 import numpy as np
+import pyproj
 import pytest
 
+import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import FileFormatError, MissingExtraError
 from lidarsim.io import _records, las
@@ -57,7 +60,8 @@ def test_laspy_reads_every_field(cloud: PointCloud, tmp_path: Path, suffix: str)
         6,
         suffix == ".laz",
     )
-    assert las.header.global_encoding.wkt
+    assert not las.header.global_encoding.wkt
+    assert las.header.parse_crs() is None
     np.testing.assert_allclose(las.xyz, cloud.xyz, rtol=0, atol=HALF_A_STEP)
     np.testing.assert_array_equal(las.intensity, np.rint(cloud.intensity * np.float32(10_000)))
     np.testing.assert_array_equal(las.scan_angle, np.rint(np.degrees(cloud.scan_angle) / 0.006))
@@ -469,3 +473,113 @@ def test_without_the_extra(
         assert str(caught.value) == f'{what} needs {package}: pip install "lidarsim[formats]"'
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+UTM_ZONE = "EPSG:25832"
+
+
+@pytest.mark.parametrize("given", [25832, UTM_ZONE, pyproj.CRS(UTM_ZONE), pyproj.CRS(UTM_ZONE).to_wkt()])
+def test_coordinate_reference_system(given: int | str | pyproj.CRS, tmp_path: Path) -> None:
+    PointCloud(xyz=[UTM]).save(tmp_path / "cloud.laz", crs=given)
+    header = laspy.read(tmp_path / "cloud.laz").header
+    assert header.global_encoding.wkt
+    assert header.parse_crs().to_epsg() == 25832
+    wkt = header.vlrs.get("WktCoordinateSystemVlr")[0].string
+    assert wkt.startswith('PROJCS["ETRS89 / UTM zone 32N",GEOGCS[')  # version 1, as the standard requires
+    assert not header.vlrs.get("GeoKeyDirectoryVlr")
+
+
+def test_heights_have_a_system_too(tmp_path: Path) -> None:
+    PointCloud(xyz=[UTM]).save(tmp_path / "cloud.las", crs="EPSG:25832+7837")
+    assert laspy.read(tmp_path / "cloud.las").header.parse_crs().sub_crs_list[1].name == "DHHN2016 height"
+
+
+def test_geotiff_keys_where_asked_for(tmp_path: Path) -> None:
+    with Writer(tmp_path / "cloud.las", crs=UTM_ZONE, geokeys=True) as file:
+        file.write(PointCloud(xyz=[UTM]))
+    header = laspy.read(tmp_path / "cloud.las").header
+    assert header.global_encoding.wkt
+    assert [header.parse_crs(prefer_wkt=wkt).to_epsg() for wkt in (True, False)] == [25832, 25832]
+    keys = {key.id: key.value_offset for key in header.vlrs.get("GeoKeyDirectoryVlr")[0].geo_keys}
+    assert (keys[1024], keys[3072]) == (1, 25832)  # GTModelTypeGeoKey: projected; ProjectedCSTypeGeoKey
+
+
+@pytest.mark.parametrize(
+    ("crs", "geokeys", "message"),
+    [
+        ("EPSG:1", False, "crs: expected an EPSG code, such as EPSG:25832, or WKT, got 'EPSG:1'"),
+        (-1, False, "crs: expected an EPSG code, such as EPSG:25832, or WKT, got -1"),
+        ("EPSG:4326", False, "crs: expected a projected system, since coordinates are in m, got WGS 84, whose coord"),
+        ("EPSG:2225", False, r"in metres, got NAD83 / California zone 1 \(ftUS\), in US survey foot; convert"),
+        ("EPSG:25832+6360", False, "crs: expected a system in metres, got .*, in US survey foot"),
+        ("EPSG:25832+7837", True, "crs: expected a horizontal system with an EPSG code, for GeoTIFF keys, got ETRS89"),
+        (None, True, "crs: expected a coordinate reference system for the GeoTIFF keys, got None"),
+    ],
+)
+def test_systems_that_do_not_fit(crs: int | str | None, geokeys: bool, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        Writer(tmp_path / "cloud.las", crs=crs, geokeys=geokeys)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_system_is_for_points_in_the_world_and_for_las(tmp_path: Path) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), 0.0))
+    scan = ls.Lidar.preset("velodyne-vlp16").scan(scene, np.eye(4) + np.outer([0, 0, 1, 0], [0, 0, 0, 3.0]))
+    with pytest.raises(
+        ValueError, match=r"^crs: expected points in the world.*, got points in a sensor frame; point_cl"
+    ):
+        scan.point_cloud().save(tmp_path / "cloud.las", crs=UTM_ZONE)
+    with pytest.raises(
+        ValueError, match=r"^crs: expected a file that can hold it \(\.las and \.laz\), got .*cloud\.ply"
+    ):
+        scan.point_cloud("world").save(tmp_path / "cloud.ply", crs=UTM_ZONE)
+    with pytest.raises(ValueError, match=r"^start: expected a file that can hold it \(\.las and \.laz\), got "):
+        scan.point_cloud("world").save(tmp_path / "cloud.ply", start=5.0)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("start", "expected"),
+    [
+        # Week 1930 began on 2017-01-01 00:00:00 GPS time, 18 s before that UTC; the leap second is the 18th.
+        ("2017-01-01T00:00:00+00:00", 1930 * 604_800 + 18 - 1_000_000_000),
+        ("2016-12-31T23:59:59+00:00", 1930 * 604_800 - 1 + 17 - 1_000_000_000),
+        ("1980-01-06T00:00:00+00:00", -1_000_000_000),
+        ("1999-08-22T01:00:00.25+02:00", 1024 * 604_800 - 3600 + 13.25 - 1_000_000_000),  # the first roll-over
+    ],
+)
+def test_gps_time(start: str, expected: float, tmp_path: Path) -> None:
+    PointCloud(xyz=[UTM, UTM], time=[0.0, 0.5]).save(tmp_path / "a.las", start=datetime.fromisoformat(start))
+    las = laspy.read(tmp_path / "a.las")
+    assert las.header.global_encoding.gps_time_type == laspy.header.GpsTimeType.STANDARD
+    assert las.gps_time.tolist() == [expected, expected + 0.5]
+
+
+def test_seconds_of_ones_own(tmp_path: Path) -> None:
+    with Writer(tmp_path / "a.las") as file:
+        for k in range(3):
+            file.write(PointCloud(xyz=[UTM], time=[0.05]), start=0.1 * k)
+        with pytest.raises(
+            ValueError, match="start: expected seconds, as for the first cloud of the file, got datetime"
+        ):
+            file.write(PointCloud(xyz=[UTM], time=[0.05]), start=datetime(2026, 5, 1, tzinfo=UTC))
+    las = laspy.read(tmp_path / "a.las")
+    assert las.header.global_encoding.gps_time_type == laspy.header.GpsTimeType.WEEK_TIME
+    assert las.gps_time.tolist() == [0.05, 0.1 + 0.05, 0.1 * 2 + 0.05]
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        (
+            "1980-01-05T23:59:59+00:00",
+            "start: expected a moment since the GPS epoch, 1980-01-06 UTC, got 1980-01-05T23",
+        ),
+        ("2026-05-01T10:00:00", "start: expected a datetime with a time zone, got 2026-05-01T10:00:00; datetime.from"),
+    ],
+)
+def test_moments_that_do_not_fit(start: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        PointCloud(xyz=[UTM]).save(tmp_path / "a.las", start=datetime.fromisoformat(start))
+    assert not list(tmp_path.iterdir())

@@ -1,6 +1,7 @@
 """PCD beside Open3D and pypcd4, and files as the Point Cloud Library writes them."""
 
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +38,11 @@ def cloud() -> PointCloud:
 def test_header(tmp_path: Path) -> None:
     path = tmp_path / "cloud.pcd"
     PointCloud(xyz=np.zeros((2, 3)), ring=[1, 2], normal=np.zeros((2, 3))).save(path)
-    assert path.read_bytes()[: -2 * (24 + 2 + 24)].decode().splitlines() == [
+    assert path.read_bytes()[: -2 * (12 + 2 + 12)].decode().splitlines() == [
         "# .PCD v0.7 - Point Cloud Data file format",
         "VERSION 0.7",
         "FIELDS x y z ring normal_x normal_y normal_z",
-        "SIZE 8 8 8 2 8 8 8",
+        "SIZE 4 4 4 2 4 4 4",
         "TYPE F F F U F F F",
         "COUNT 1 1 1 1 1 1 1",
         "WIDTH 2",
@@ -50,6 +51,19 @@ def test_header(tmp_path: Path) -> None:
         "POINTS 2",
         "DATA binary",
     ]
+
+
+@pytest.mark.parametrize(("coordinate", "size"), [(2047.9, 4), (4096.0, 4), (4096.2, 8), (5e5 + 0.5, 4), (1e300, 8)])
+def test_float32_if_it_keeps_a_tenth_of_a_millimetre(coordinate: float, size: int, tmp_path: Path) -> None:
+    """Up to 2048 m, float32 rounds by at most 2**-14 m; 4096.2 m by 2.0e-4 m; 500,000.5 m is a float32."""
+    path = tmp_path / "cloud.pcd"
+    cloud = PointCloud(xyz=[[coordinate, -1, np.nan], [0.1, 0.2, -coordinate]])
+    with pytest.warns(UserWarning, match="written as float64") if size == 8 else nullcontext():
+        cloud.save(path)
+    assert f"SIZE {size} {size} {size}\n".encode() in path.read_bytes()
+    np.testing.assert_allclose(PointCloud.load(path).xyz, cloud.xyz, rtol=0, atol=2**-14 if size == 4 else 0)
+    cloud.save(path, float32=False)
+    np.testing.assert_array_equal(PointCloud.load(path).xyz, cloud.xyz)
 
 
 def test_the_viewpoint_is_the_pose(tmp_path: Path) -> None:
@@ -71,7 +85,7 @@ def test_the_viewpoint_is_the_pose(tmp_path: Path) -> None:
 
 
 def test_pypcd4_reads_every_field(cloud: PointCloud, tmp_path: Path) -> None:
-    cloud.save(tmp_path / "cloud.pcd")
+    cloud.save(tmp_path / "cloud.pcd", float32=False)
     data = pypcd4.PointCloud.from_path(tmp_path / "cloud.pcd").pc_data
     columns = dict(zip("xyz", cloud.xyz.T, strict=True))
     columns |= {f"normal_{axis}": column for axis, column in zip("xyz", cloud.normal.T.astype(np.float64), strict=True)}
