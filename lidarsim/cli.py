@@ -154,6 +154,15 @@ def scan(
             "Begin messages of a bag as the pattern (default) or the driver begins frames, or at an azimuth.",
         ),
     ] = "pattern",
+    fields: Annotated[
+        str | None, _option("--fields", "NAME,…", "Fields of the points to write besides x, y, z; default: all.")
+    ] = None,
+    float32: Annotated[
+        bool | None,
+        typer.Option(
+            "--float32/--float64", help="Type of x, y, z where a format has both; default: that of the format."
+        ),
+    ] = None,
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
@@ -199,7 +208,8 @@ def scan(
             points += found
             progress.advance(task)
 
-        run.write(output, layout=layout, cut=begins, each=tell)
+        chosen = None if fields is None else list(filter(None, fields.split(",")))
+        run.write(output, layout=layout, cut=begins, fields=chosen, float32=float32, each=tell)
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}

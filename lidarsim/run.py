@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import copy
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
 
 from lidarsim._files import atomic_writer
 from lidarsim._validation import affine
 from lidarsim.errors import ConfigError, FileFormatError
-from lidarsim.io import rosbag
+from lidarsim.io import las, rosbag
 from lidarsim.pointcloud import check_output
 from lidarsim.rig import Rig
 from lidarsim.scan import check_coverage, moment_and_pose
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from lidarsim._files import PathLike
     from lidarsim._validation import Floats
     from lidarsim.io._cuts import Cut
@@ -101,6 +104,10 @@ class Run:
         Arguments of `Scan.point_cloud`, which set the coordinates of the points.
     imports : tuple
         What each scene file brought in, for `lidarsim check`.
+    crs : int or str, optional
+        Coordinate reference system of the world, for LAS and LAZ files in world coordinates; see `PointCloud.save`.
+    start : float or datetime
+        Moment at which the clock of the run is 0, for the gps_time of LAS and LAZ files.
     """
 
     scene: Scene
@@ -110,6 +117,8 @@ class Run:
     frames: range
     cloud: CloudArguments
     imports: tuple[Imported, ...] = ()
+    crs: int | str | None = None
+    start: float | datetime = 0.0
 
     @property
     def lidar(self) -> Lidar:
@@ -283,6 +292,8 @@ class Run:
         *,
         layout: str | None = None,
         cut: Cut = "pattern",
+        fields: Sequence[str] | None = None,
+        float32: bool | None = None,
         each: Callable[[RunFrame], object] | None = None,
     ) -> list[Path]:
         """Scan all frames, and write point clouds or a ROS 2 bag.
@@ -299,6 +310,10 @@ class Run:
             Layout of the points in a bag, as in `bag`.
         cut : {"pattern", "driver"} or float
             Where the messages of a bag begin, as in `bag`.
+        fields : sequence of str, optional
+            Fields of the points to write besides `xyz`, as in `PointCloud.save`.
+        float32 : bool, optional
+            Write `xyz` as float32, as in `PointCloud.save`.
         each : callable, optional
             Called with each `RunFrame` after it has been written.
 
@@ -314,7 +329,8 @@ class Run:
         OSError
             If a file cannot be written.
         ValueError
-            If the trajectory does not cover the frames, or `layout` or `cut` is given without a bag.
+            If the trajectory does not cover the frames, `layout` or `cut` is given without a bag, `fields` or `float32`
+            with one, or the points are in the sensor frame and the run has a coordinate reference system.
         """
         output = Path(output)
         check_output(output)
@@ -323,6 +339,10 @@ class Run:
             if given and not is_bag:
                 suffixes = ", ".join(rosbag.SUFFIXES)
                 raise FileFormatError(f"{argument}: expected a bag ({suffixes}) as output, got {output}")
+        for argument, value in {"fields": fields, "float32": float32}.items():
+            if value is not None and is_bag:
+                raise FileFormatError(f"{argument}: expected a point cloud file as output, got the bag {output}")
+        options: dict[str, Any] = {"fields": fields, "float32": float32}
         frames = self.measured()
         written: list[Path] = []
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
@@ -332,7 +352,7 @@ class Run:
                 if bag:  # raw, as drivers publish scans, whatever `cloud` is
                     bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])
                 else:
-                    written += self._save(frame, output)
+                    written += self._save(frame, output, options)
                     for name, scan in frame.scans.items():
                         track = scan.time, frame.moments[name], frame.poses[name]
                         tracks.setdefault(name, []).append(track)
@@ -384,10 +404,17 @@ class Run:
         numbered = f"{number:04}" if isinstance(number, int) else number
         return _named(output, name if isinstance(self.sensor, Rig) else "", numbered if len(self.frames) > 1 else "")
 
-    def _save(self, frame: RunFrame, output: Path) -> Iterator[Path]:
+    def _save(self, frame: RunFrame, output: Path, options: Mapping[str, Any]) -> Iterator[Path]:
+        in_world = self.cloud["frame"] == "world"
         for name, cloud in frame.clouds.items():
             path = self.path_of(output, name, frame.number)
-            cloud.save(path, pose=None if self.cloud["frame"] == "world" else frame.poses[name])
+            pose = None if in_world else frame.poses[name]
+            if output.suffix.lower() in las.SUFFIXES:
+                of_run = copy.copy(cloud)
+                of_run.time = cloud.time + frame.scans[name].time
+                of_run.save(path, pose=pose, crs=self.crs, start=self.start, **options)
+            else:
+                cloud.save(path, pose=pose, **options)
             yield path
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 
 import lidarsim as ls
 from lidarsim.cli import main
+from lidarsim.errors import FileFormatError
 from lidarsim.run import RunFrame
 
 RUN = """\
@@ -73,3 +77,33 @@ def test_coverage_is_checked_by_name_and_before_work() -> None:
         run.write("a.npz")
     assert not list(Path().glob("a*"))
     ls.config.load("run.yaml").check_coverage()
+
+
+GEOREFERENCE = "georeference={crs: EPSG:25832, start: 2026-05-01T10:00:00+02:00}"
+
+
+def test_las_files_of_a_run_are_on_one_clock_and_in_one_system(tmp_path: Path) -> None:
+    run = ls.config.load("run.yaml", ["cloud.frame=world", GEOREFERENCE])
+    written = [path for path in run.write(tmp_path / "a.laz") if path.suffix == ".laz"]
+    files = [laspy.read(path) for path in written]
+    # GPS time is ahead of UTC by 18 s since 2017.
+    zero = (datetime(2026, 5, 1, 8, tzinfo=UTC) - datetime(1980, 1, 6, tzinfo=UTC)).total_seconds() + 18 - 1e9
+    for k, (file, scan) in enumerate(zip(files, run.scans(), strict=True)):
+        assert file.header.parse_crs().to_epsg() == 25832
+        np.testing.assert_array_equal(file.gps_time, zero + (scan[""].point_cloud().time + k / 10))
+        assert len(file.gps_time) >= 4
+    assert all(a.gps_time.max() < b.gps_time.min() for a, b in pairwise(files))
+    run.write(tmp_path / "a.npz")
+    assert ls.PointCloud.load(tmp_path / "a_0002.npz").time.max() < 1 / 10  # since the start of the scan, as ever
+
+
+def test_options_of_the_files(tmp_path: Path) -> None:
+    run = ls.config.load("run.yaml", ["frames=1"])
+    run.write(tmp_path / "a.ply", fields=["label"], float32=True)
+    assert ls.PointCloud.load(tmp_path / "a.ply").fields == ("xyz", "label")
+    assert b"property float32 x" in (tmp_path / "a.ply").read_bytes()[:2000]
+    with pytest.raises(
+        FileFormatError, match=r"^float32: expected a point cloud file as output, got the bag .*a\.mcap$"
+    ):
+        run.write(tmp_path / "a.mcap", float32=True)
+    assert not (tmp_path / "a.mcap").exists()

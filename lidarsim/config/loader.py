@@ -73,6 +73,9 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
     config, place = checked(Config, root), Place(root, (), {} if loaded is None else loaded)
     if config.first_frame + config.frames > 2**32:
         raise (place / "frames").error(f"expected at most 4294967296 with first_frame, got {config.frames}")
+    crs, start = config.georeference.build(place / "georeference")
+    if crs is not None and config.cloud.frame != "world":
+        raise (place / "georeference" / "crs").error("expected points in the world, with cloud.frame: world")
     scene = _scene(config, place)
     return Run(
         scene=scene,
@@ -82,6 +85,8 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
         frames=range(config.first_frame, config.first_frame + config.frames),
         cloud=config.cloud.build(place / "cloud"),
         imports=place.loaded(Imported),
+        crs=crs,
+        start=start,
     )
 
 

@@ -12,6 +12,7 @@ import difflib
 import inspect
 import re
 from collections.abc import Callable, Iterable
+from datetime import datetime
 from functools import partial, reduce
 from operator import or_
 from types import ModuleType
@@ -27,6 +28,7 @@ from lidarsim._files import check_names, load_array, name_problem
 from lidarsim._shown import plain
 from lidarsim._validation import pose as rigid
 from lidarsim.io import raster, scenes
+from lidarsim.io._georeference import gps_time, projected
 from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
 from lidarsim.pointcloud import PointCloud
@@ -776,6 +778,29 @@ class Cloud(Model):
         return {"frame": self.frame, "deskew": self.deskew_s}
 
 
+class Georeference(Model):
+    """Coordinate reference system and start of the run, for files that hold them."""
+
+    crs: int | str | None = None
+    start: str | None = None
+
+    def build(self, place: Place) -> tuple[int | str | None, float | datetime]:
+        """Return the system and the start, after checking them."""
+        if self.crs is not None:
+            with (place / "crs").refusals():
+                projected(self.crs)
+        if self.start is None:
+            return self.crs, 0.0
+        try:
+            start = datetime.fromisoformat(self.start)
+        except ValueError:
+            got = _validation.shown(self.start)
+            raise (place / "start").error(f"expected a moment such as 2026-05-01T10:00:00+02:00, got {got}") from None
+        with place.refusals({"start": ("start", "")}):
+            gps_time(start)
+        return self.crs, start
+
+
 def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
     """Return class names by integer label."""
     for label in names:
@@ -803,3 +828,4 @@ class Config(Model):
     first_frame: Annotated[int, Field(ge=0, lt=2**32)] = 0
     frames: Annotated[int, Field(ge=1, le=2**32)] = 1
     cloud: Cloud = Cloud()
+    georeference: Georeference = Georeference()

@@ -73,12 +73,12 @@ def projected(crs: object) -> pyproj.CRS:
     ValueError
         If there is no such system, it is not projected, or not in metres.
     """
-    pyproj = import_extra("pyproj", "geo", "coordinate reference systems")
-    if isinstance(crs, bool) or not isinstance(crs, int | str | pyproj.CRS):
+    library = import_extra("pyproj", "geo", "coordinate reference systems")
+    if isinstance(crs, bool) or not isinstance(crs, int | str | library.CRS):
         raise ArgumentTypeError("crs", "an EPSG code, WKT or a pyproj.CRS", shown(crs))
     try:
-        found: pyproj.CRS = pyproj.CRS.from_user_input(crs)
-    except pyproj.exceptions.CRSError:
+        found: pyproj.CRS = library.CRS.from_user_input(crs)
+    except library.exceptions.CRSError:
         raise ArgumentValueError("crs", "an EPSG code, such as EPSG:25832, or WKT", shown(crs)) from None
     if not found.is_projected:
         kind = f"{found.name}, whose coordinates are degrees" if found.is_geographic else found.name

@@ -70,6 +70,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Writer", "read"]
 
+SUFFIXES = (".las", ".laz")
 NORMAL = ("NormalX", "NormalY", "NormalZ")
 CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 NAMES = {"time": "gps_time", "label": "classification", "return_count": "number_of_returns"}
@@ -124,7 +125,7 @@ class Writer:
 
     def __init__(self, path: PathLike, *, crs: int | str | pyproj.CRS | None = None, geokeys: bool = False) -> None:
         self._path = path
-        self._compress = check_suffix(path, (".las", ".laz")) == ".laz"
+        self._compress = check_suffix(path, SUFFIXES) == ".laz"
         self._reference = _Reference.of(crs, geokeys=geokeys)
         check_output(path)
         self._stack = ExitStack()
@@ -576,5 +577,5 @@ def _without_reports() -> Iterator[None]:
                 stderr.write(re.sub(rb"\n?thread '[^\n]*' (\(\d+\) )?panicked at .*", b"", said, flags=re.DOTALL))
 
 
-for suffix in (".las", ".laz"):
+for suffix in SUFFIXES:
     register_format(suffix, save=partial(save, compress=suffix == ".laz"), load=load, signature=b"LASF")

@@ -920,8 +920,27 @@ def test_missing_configuration() -> None:
 
 
 def test_a_document_that_is_no_mapping() -> None:
-    keys = "scene, class_names, sensor, rig, pose, seed, first_frame, frames, cloud"
+    keys = "scene, class_names, sensor, rig, pose, seed, first_frame, frames, cloud, georeference"
     assert refusal("- 1") == f"run.yaml:1: expected a mapping with keys {keys}, got a list of 1"
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        (
+            "crs: EPSG:4326",
+            "crs: expected a projected system, since coordinates are in m, got WGS 84, whose coordinate",
+        ),
+        ("crs: EPSG:25832", "expected points in the world, with cloud.frame: world"),
+        ("start: today", "expected a moment such as 2026-05-01T10:00:00+02:00, got 'today'"),
+        ("start: 2026-05-01T10:00:00", "expected a datetime with a time zone, got 2026-05-01T10:00:00; datetime.from"),
+        ("start: 1970-01-01T00:00:00Z", "expected a moment since the GPS epoch, 1980-01-06 UTC, got 1970-01-01T00:00"),
+    ],
+)
+def test_georeferences_that_do_not_fit(override: str, message: str) -> None:
+    found = refusal("scene: []\nsensor: {preset: velodyne-vlp16}\n", f"georeference={{{override}}}")
+    assert found.startswith(f"--set georeference={{{override}}}: ")
+    assert message in found
 
 
 def test_reading_a_sensor_says_what_is_wrong_with_its_options() -> None:

@@ -144,6 +144,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "z": lambda _: np.arange(12.0).reshape(3, 4),
     "spacing": lambda _: 0.5,
     "origin": lambda _: (0.0, 0.0),
+    "crs": lambda _: None,
     **dict.fromkeys(("transform", "pose", "mount"), lambda _: turned(0.2, 0.1, 0.2, 0.3)),
     "bounds": lambda _: np.array([(-1.0, -1, -1), (1, 1, 1)]),
     # Casts
@@ -252,6 +253,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 """By name of a parameter, what it may be."""
 
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
+    "PointCloud.save.start": lambda _: 0.0,
     "Scan.image.size": lambda _: (4, 6),
     "Comparison.save.path": lambda folder: folder / "report.json",
     **dict.fromkeys(("compare.real", "compare.simulated"), lambda _: cloud()),
