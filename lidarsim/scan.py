@@ -228,6 +228,7 @@ class Scan(Pickled, Plotted):
         *,
         deskew: bool | Literal["start", "middle", "end"] | float = False,
         deskew_movers: bool = False,
+        pose: Transform | Trajectory | None = None,
     ) -> PointCloud:
         """Return the points of all returns, with all fields.
 
@@ -245,6 +246,9 @@ class Scan(Pickled, Plotted):
         deskew_movers : bool
             Also move the points of moving objects, in either frame, to where they are on the objects at the moment of
             `deskew`. Tracking would have to find these motions; here, they are the true ones.
+        pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
+            Sensor to world, as one who does not know the truth believes: the points are placed and deskewed with it,
+            and normals turn with them. ``trajectory.perturbed(…)`` makes one. Default: the true pose.
 
         Returns
         -------
@@ -255,10 +259,17 @@ class Scan(Pickled, Plotted):
         Raises
         ------
         TypeError, ValueError
-            If `frame` or `deskew` is none of these, the trajectory or a motion does not cover that moment,
-            `deskew_movers` is given without `deskew`, or for a scan from a pickle, which does not contain the scene.
+            If `frame` or `deskew` is none of these, the trajectory or a motion does not cover that moment, `pose` is
+            not rigid or does not cover all pulses, or `deskew_movers` is given without `deskew`, with `pose`, or for a
+            scan from a pickle, which does not contain the scene.
         """
         one_of("frame", frame, ("sensor", "world"))
+        if pose is not None:
+            if deskew_movers:
+                raise ArgumentValueError(
+                    "deskew_movers", "none with another pose, as motions are the true ones", "True"
+                )
+            return self._as_believed(pose).point_cloud(frame, deskew=deskew)
         if frame == "world" and not deskew_movers:
             moment_of(deskew, 1.0)  # only checks it
             moment = None
@@ -273,6 +284,16 @@ class Scan(Pickled, Plotted):
                 raise ArgumentValueError("deskew_movers", "a deskewed cloud", "deskew=False")
             self._move_along(cloud, frame, moment)
         return cloud
+
+    def _as_believed(self, pose: Transform | Trajectory) -> Scan:
+        """Return the scan with another pose; the normals, which the sensor sees in its own frame, turn with it."""
+        where = _where(pose)
+        if isinstance(where, Trajectory) and len(self):
+            _check_span(where, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
+        believed = replace(self, pose=where)
+        turned = np.einsum("nij,nkj->nik", believed.poses[:, :3, :3], self.poses[:, :3, :3])
+        normal = np.einsum("nij,nrj->nri", turned, self.normal).astype(np.float32)
+        return replace(believed, normal=normal)
 
     def _deskewed_to(self, deskew: object) -> float | None:
         """Return the moment of `deskew`, s, after checking that the trajectory covers it; None for raw points."""
@@ -622,20 +643,23 @@ def check_coverage(
         pulses, start = pulses_of(lidar.pattern, frame), real("time", frame / lidar.pattern.rate + offset)
         if not len(pulses):
             continue
-        fired = start + pulses.time
         if isinstance(where, Trajectory):
-            (first, last), until = where.span, _carried_on(where.span[1], pulses, start, period)
-            for i in (int(fired.argmin()), int(fired.argmax())):
-                if not first <= fired[i] <= max(last, until):
-                    raise ArgumentValueError(
-                        "pose",
-                        "a trajectory over all pulses",
-                        f"one from {first} to {last} s and pulse {i} at {fired[i]} s",
-                    )
+            _check_span(where, pulses, start, period)
         if world.movers:
+            fired = start + pulses.time
             carried_on = partial(_carried_on, pulses=pulses, start=start, period=period)
             world.check_motions(fired.min(), fired.max(), carried_on)
     return where.copy() if isinstance(where, np.ndarray) else where
+
+
+def _check_span(path: Trajectory, pulses: Pulses, start: float, period: float) -> None:
+    """Check that a trajectory covers all pulses of a frame, of which there is at least one."""
+    fired = start + pulses.time
+    (first, last), until = path.span, _carried_on(path.span[1], pulses, start, period)
+    for i in (int(fired.argmin()), int(fired.argmax())):
+        if not first <= fired[i] <= max(last, until):
+            got = f"one from {first} to {last} s and pulse {i} at {fired[i]} s"
+            raise ArgumentValueError("pose", "a trajectory over all pulses", got)
 
 
 def moment_of(deskew: object, rate: float) -> float | None:

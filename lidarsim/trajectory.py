@@ -413,6 +413,94 @@ class Trajectory(Immutable):
             arguments = times, _in_range("world", moved).reshape(-1, 16), _in_range("world", turned).reshape(-1, 18)
         return self._made(self._times, (kind, arguments, mounts))
 
+    def perturbed(
+        self,
+        *,
+        position_sigma: npt.ArrayLike = 0.0,
+        orientation_sigma: npt.ArrayLike = 0.0,
+        correlation_time: float = math.inf,
+        boresight: npt.ArrayLike = (0.0, 0.0, 0.0),
+        lever_arm: npt.ArrayLike = (0.0, 0.0, 0.0),
+        seed: int = 0,
+    ) -> Trajectory:
+        """Return the trajectory as a navigation system with errors reports it.
+
+        ``scan.point_cloud("world", pose=trajectory.perturbed(…))`` places the points of a scan with it: strips of a
+        flight that do not fit each other, with a known truth.
+
+        Parameters
+        ----------
+        position_sigma : float or array_like, shape (3,)
+            Standard deviation of the position, the same or for each axis of the world, m.
+        orientation_sigma : float or array_like, shape (3,)
+            Standard deviation of the orientation, a rotation vector in the axes of the body: roll, pitch and yaw, rad.
+        correlation_time : float
+            Time after which the correlation of these errors has fallen to 1/e, s. Infinite: they are constant.
+        boresight : array_like, shape (3,)
+            Constant error of the sensor's orientation on the body: roll, pitch and yaw about the fixed axes x, y and z
+            in this order, rad.
+        lever_arm : array_like, shape (3,)
+            Constant error of the sensor's position, in the axes of the body, m.
+        seed : int
+            Seed of the errors, 0 to 2⁶⁴ − 1.
+
+        Returns
+        -------
+        Trajectory
+            ``error @ self @ mount``, with the same span. With a finite correlation time, the errors are those of each
+            pose and of enough poses between, a tenth of the correlation time apart at most, and are interpolated as
+            the trajectory is.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument has the wrong type or shape, is negative or not finite, or the correlation time would need
+            more than ten million poses.
+
+        Notes
+        -----
+        The errors are first-order Gauss-Markov processes, stationary from the start: e(t + Δ) = ρ e(t) + σ √(1 − ρ²) g,
+        with ρ = exp(−Δ/τ) and g standard normal (A. Gelb, Applied Optimal Estimation, 1974, section 3.8).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> flight = ls.Trajectory.from_twist(np.eye(4), linear=(60, 0, 0))
+        >>> flight.perturbed(lever_arm=(0, 0, 0.1)).at(1.0).translation
+        array([60. ,  0. ,  0.1])
+        """
+        from scipy.spatial.transform import Rotation
+
+        position, orientation = (
+            _sigmas(name, given)
+            for name, given in (("position_sigma", position_sigma), ("orientation_sigma", orientation_sigma))
+        )
+        scale = _validation.real("correlation_time", correlation_time, above=0.0, infinite=True)
+        turn, arm = array("boresight", boresight, (3,)), array("lever_arm", lever_arm, (3,))
+        seed = _validation.integer("seed", seed, at_least=0, at_most=2**64 - 1)
+        mount = np.eye(4)
+        mount[:3, :3], mount[:3, 3] = Rotation.from_euler("xyz", turn).as_matrix(), arm
+        sigmas = np.concatenate([position, orientation])
+        if not sigmas.any():
+            return self @ mount
+        if math.isinf(scale):
+            error, before, after = sigmas * _gauss_markov(np.zeros(1), scale, seed)[0], np.eye(4), np.eye(4)
+            before[:3, 3], after[:3, :3] = error[:3], Rotation.from_rotvec(error[3:]).as_matrix()
+            return before @ self @ after @ mount
+        kind, arguments, _ = self._recipe
+        if kind == "twist":
+            hint = "give it poses at times"
+            raise ArgumentValueError("correlation_time", "inf, as the trajectory has no end", scale, hint)
+        is_spline = bool(arguments[2].reshape(-1, 2, 3, 3)[:, :, 1:].any())
+        times = _finely(self._times, 0.1 * scale)
+        errors = sigmas * _gauss_markov(times, scale, seed)
+        poses = self._native.at(times)
+        turns = Rotation.from_rotvec(errors[:, 3:]).as_matrix()
+        poses[:, :3, :3] = np.einsum("nij,njk->nik", poses[:, :3, :3], turns)
+        poses[:, :3, 3] += errors[:, :3]
+        return Trajectory(times, poses, interpolation="spline" if is_spline else "linear") @ mount
+
     @classmethod
     def _made(cls, times: Floats, recipe: _Recipe, native: _native.Path | None = None) -> Self:
         trajectory = cls.__new__(cls)
@@ -466,6 +554,47 @@ def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
     if not np.isfinite(still).all():
         raise ArgumentValueError("mount, pose", "positions within the range of float64", "a sum beyond it")
     return still
+
+
+MOST_POSES = 10_000_000
+"""Most poses of a perturbed trajectory: 1.3 GB."""
+
+
+def _sigmas(name: str, value: npt.ArrayLike) -> Floats:
+    """Return the standard deviations of three axes, given as one or three."""
+    given = np.broadcast_to(_validation.one_or_each(name, value, 3), 3)
+    if (given < 0.0).any():
+        raise ArgumentValueError(name, "numbers >= 0", f"{given.min():g}")
+    return given
+
+
+def _finely(times: Floats, step: float) -> Floats:
+    """Return the times and, equally spaced between each two, enough others for steps of `step` at most."""
+    lengths = np.diff(times)
+    with np.errstate(over="ignore"):
+        counts = np.ceil(lengths / step)
+    if not counts.sum() < MOST_POSES:
+        expected = f"a time that needs at most {MOST_POSES:,} poses"
+        raise ArgumentValueError("correlation_time", expected, f"{10.0 * step:g} s, which needs {counts.sum():.3g}")
+    parts = np.maximum(counts, 1).astype(np.intp)
+    within = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    fine = np.repeat(times[:-1], parts) + np.repeat(lengths / parts, parts) * within
+    return np.append(fine, times[-1])
+
+
+def _gauss_markov(times: Floats, scale: float, seed: int) -> Floats:
+    """Return six stationary Gauss-Markov processes of unit variance at some times, shape (n, 6).
+
+    The bits are drawn by Philox, keyed by the seed, which is the same on every machine and in every version of NumPy.
+    """
+    cells = np.random.Philox(key=seed).random_raw((len(times), 6)) >> np.uint64(12)
+    normal = _native.normal_quantile((cells.ravel().astype(np.float64) + 0.5) * 2.0**-52).reshape(-1, 6)
+    kept = np.exp(-np.diff(times) / scale)
+    fresh = np.sqrt(-np.expm1(-2.0 * np.diff(times) / scale))
+    errors = normal.copy()
+    for k, (old, new) in enumerate(zip(kept.tolist(), fresh.tolist(), strict=True), 1):
+        errors[k] = old * errors[k - 1] + new * normal[k]
+    return errors
 
 
 def _product(left: Floats, right: Floats) -> Floats:

@@ -1083,3 +1083,33 @@ def test_directions_kept_in_float32_will_do() -> None:
     length = math.sqrt(math.fsum(x * x for x in direction[0]))
     assert length != 1.0
     assert scan.true_range[0, 0] == pytest.approx(t[0] * length, rel=1e-15)
+
+
+def test_points_placed_by_another_trajectory() -> None:
+    """Beside the true points, moved from the true pose of their pulse to the other one."""
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -2.0))
+    scene.add(ls.Sphere((15, 3, 0), 4.0))
+    drive = ls.Trajectory.from_twist(np.eye(4), linear=(20, 0, 0), angular=(0.1, 0, 0.8))
+    scan = ls.Lidar.preset("velodyne-vlp16").scan(scene, drive)
+    other = drive.perturbed(position_sigma=0.3, boresight=(0.01, 0.02, -0.03), lever_arm=(0.1, 0, 0), seed=2)
+    true, raw = scan.point_cloud("world"), scan.point_cloud()
+    assert len(raw) > 5000
+    moved = other.at(raw.time) * drive.at(raw.time).inv()
+    placed = scan.point_cloud("world", pose=other)
+    rounding = 32 * 2.0**-46  # some 30 roundings of coordinates below 128
+    assert np.abs(true.xyz).max() < 127
+    np.testing.assert_allclose(placed.xyz, moved.apply(true.xyz), rtol=0, atol=rounding)
+    np.testing.assert_allclose(placed.normal, moved.rotation.apply(true.normal), rtol=0, atol=4 * 2.0**-24)
+    assert np.abs(placed.xyz - true.xyz).max() > 0.1
+    start = scan.point_cloud(deskew="start", pose=other)
+    np.testing.assert_allclose(start.xyz, other.at(0.0).inv().apply(placed.xyz), rtol=0, atol=rounding)
+    np.testing.assert_array_equal(scan.point_cloud(pose=other).xyz, raw.xyz)
+    np.testing.assert_array_equal(scan.point_cloud("world", pose=drive).xyz, true.xyz)
+    still = scan.point_cloud("world", pose=np.eye(4))
+    np.testing.assert_array_equal(still.xyz, raw.xyz)
+    late = ls.Trajectory([0.05, 1.0], [np.eye(4)] * 2)
+    with pytest.raises(ValueError, match=r"^pose: expected a trajectory over all pulses, got one from 0\.05 to 1\.0 s"):
+        scan.point_cloud("world", pose=late)
+    with pytest.raises(ValueError, match=r"^deskew_movers: expected none with another pose, as motions are the true"):
+        scan.point_cloud(deskew=True, deskew_movers=True, pose=other)

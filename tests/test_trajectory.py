@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -545,3 +546,89 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
 def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         make()
+
+
+def turning() -> ls.Trajectory:
+    twist = ls.Trajectory.from_twist(np.eye(4), linear=(10, 0, 0), angular=(0, 0, 0.3))
+    times = np.linspace(0.0, 20.0, 11)
+    return ls.Trajectory(times, twist.at(times), interpolation="spline")
+
+
+def test_a_constant_error_is_a_mount_and_a_shift() -> None:
+    path = turning()
+    assert path.perturbed().at(3.3).as_matrix().tolist() == (path @ np.eye(4)).at(3.3).as_matrix().tolist()
+    off = path.perturbed(boresight=(0.01, -0.02, 0.03), lever_arm=(1, 2, 3)).at(3.3)
+    mount = RigidTransform.from_components((1, 2, 3), Rotation.from_euler("xyz", (0.01, -0.02, 0.03)))
+    # A dozen roundings of positions below 64 and of rotations.
+    np.testing.assert_allclose(off.as_matrix(), (path.at(3.3) * mount).as_matrix(), rtol=0, atol=16 * 2.0**-47)
+    drawn = path.perturbed(position_sigma=(1.0, 0.0, 2.0), orientation_sigma=0.1, seed=4)
+    shifts = (drawn.at([0.0, 7.7, 20.0]).translation - path.at([0.0, 7.7, 20.0]).translation).T
+    assert (np.abs(shifts[[0, 2]]).max(axis=1) > 1e-3).all()
+    assert np.abs(shifts - shifts[:, :1]).max() < 16 * 2.0**-46  # constant, for positions below 128
+    assert np.abs(shifts[1]).max() < 16 * 2.0**-46
+    turns = (path.at([0.0, 7.7]).rotation.inv() * drawn.at([0.0, 7.7]).rotation).as_rotvec()
+    assert np.linalg.norm(turns[0]) > 0.01
+    assert np.abs(turns[1] - turns[0]).max() < 16 * 2.0**-52
+
+
+def test_the_errors_have_the_deviation_and_the_correlation_that_they_should() -> None:
+    """Two thousand flights: means and covariances at three times, beside those of the process, at 5 sigma."""
+    path, seeds, times = ls.Trajectory([0.0, 4.0], [np.eye(4)] * 2), 2000, np.array([0.0, 0.8, 4.0])
+    sigmas, scale = np.array([0.5, 0.5, 0.5, 0.01, 0.02, 0.03]), 2.0
+    errors = np.empty((seeds, 3, 6))
+    for seed in range(seeds):
+        found = path.perturbed(position_sigma=0.5, orientation_sigma=sigmas[3:], correlation_time=scale, seed=seed).at(
+            times
+        )
+        errors[seed] = np.hstack([found.translation, found.rotation.as_rotvec()])
+    errors /= sigmas
+    assert np.abs(errors.mean(axis=0)).max() < 5 / np.sqrt(seeds)
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)):
+        right = np.exp(-abs(times[i] - times[j]) / scale)
+        # The variance of a product of two standard normals with correlation r is 1 + r².
+        off = (errors[:, i] * errors[:, j]).mean(axis=0) - right
+        assert np.abs(off).max() < 5 * np.sqrt((1 + right**2) / seeds)
+    assert np.abs((errors[:, 0, 0] * errors[:, 0, 1]).mean()) < 5 / np.sqrt(seeds)  # independent axes
+
+
+def test_a_perturbed_spline_stays_smooth_and_near() -> None:
+    path, dense = turning(), np.linspace(0.0, 20.0, 1001)
+    found = path.perturbed(position_sigma=1e-6, correlation_time=1.0, seed=1)
+    assert found.span == path.span
+    assert len(found.times) == 201
+    # The spline through points of a cubic spline, its knots among them, is this spline. The errors are below 10 sigma,
+    # and a cubic spline through them stays within twice their range.
+    assert np.abs(found.at(dense).translation - path.at(dense).translation).max() < 2e-5
+    again = path.perturbed(position_sigma=1e-6, correlation_time=1.0, seed=1)
+    assert found.at(dense).as_matrix().tolist() == again.at(dense).as_matrix().tolist()
+    assert (
+        found.at(dense).as_matrix().tolist()
+        != path.perturbed(position_sigma=1e-6, correlation_time=1.0, seed=2).at(dense).as_matrix().tolist()
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"position_sigma": -1.0}, "position_sigma: expected numbers >= 0, got -1"),
+        ({"orientation_sigma": (1, 2)}, r"orientation_sigma: expected shape \(3,\), got \(2,\)"),
+        ({"position_sigma": 1, "correlation_time": 0.0}, "correlation_time: expected a real number > 0, got 0.0"),
+        (
+            {"position_sigma": 1, "correlation_time": 1e-9},
+            "expected a time that needs at most 10,000,000 poses, got 1e-09",
+        ),
+        ({"boresight": 1.0}, r"boresight: expected shape \(3,\), got"),
+        ({"seed": -1}, "seed: expected an integer"),
+    ],
+)
+def test_errors_that_do_not_fit(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        turning().perturbed(**arguments)
+
+
+def test_an_endless_trajectory_has_no_changing_errors() -> None:
+    path = ls.Trajectory.from_twist(np.eye(4), linear=(10, 0, 0))
+    with pytest.raises(
+        ValueError, match=r"^correlation_time: expected inf, as the trajectory has no end, got 2\.0; give"
+    ):
+        path.perturbed(position_sigma=1.0, correlation_time=2.0)

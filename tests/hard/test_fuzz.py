@@ -145,6 +145,9 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "spacing": lambda _: 0.5,
     "origin": lambda _: (0.0, 0.0),
     "crs": lambda _: None,
+    **dict.fromkeys(("position_sigma", "orientation_sigma"), lambda _: 0.01),
+    "correlation_time": lambda _: 1.0,
+    **dict.fromkeys(("boresight", "lever_arm"), lambda _: (0.01, 0.0, 0.02)),
     **dict.fromkeys(("transform", "pose", "mount"), lambda _: turned(0.2, 0.1, 0.2, 0.3)),
     "bounds": lambda _: np.array([(-1.0, -1, -1), (1, 1, 1)]),
     # Casts
@@ -254,6 +257,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "PointCloud.save.start": lambda _: 0.0,
+    "Scan.point_cloud.deskew_movers": lambda _: False,
     "Scan.image.size": lambda _: (4, 6),
     "Comparison.save.path": lambda folder: folder / "report.json",
     **dict.fromkeys(("compare.real", "compare.simulated"), lambda _: cloud()),
