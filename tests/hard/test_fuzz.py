@@ -257,7 +257,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "PointCloud.save.start": lambda _: 0.0,
-    "Scan.point_cloud.deskew_movers": lambda _: False,
+    "Scan.point_cloud.pose": lambda _: None,
     "Scan.image.size": lambda _: (4, 6),
     "Comparison.save.path": lambda folder: folder / "report.json",
     **dict.fromkeys(("compare.real", "compare.simulated"), lambda _: cloud()),
