@@ -6,6 +6,7 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns
 from lidarsim import viewers as viewers  # registers views
 from lidarsim.boxes import Boxes
+from lidarsim.cells import Cells
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
@@ -41,6 +42,7 @@ __all__ = [
     "Box",
     "Boxes",
     "Capsule",
+    "Cells",
     "Comparison",
     "Cylinder",
     "Detection",

@@ -21,6 +21,7 @@ from lidarsim._pickling import Pickled
 from lidarsim._shown import html_table, text_table
 from lidarsim._validation import Transform, named_labels, shown
 from lidarsim._views import Plotted, view
+from lidarsim.cells import Cells, Statistic, cells_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 
 if TYPE_CHECKING:
@@ -481,6 +482,57 @@ class PointCloud(Pickled, Plotted):
         options = {name: option for name, option in options.items() if name in known}
         with atomic_writer(path) as file:
             save(arrays, file, **options)
+
+    def raster(
+        self,
+        field: str = "z",
+        *,
+        cell: float,
+        statistic: Statistic = "mean",
+        bounds: npt.ArrayLike | None = None,
+    ) -> Cells:
+        """Return a statistic of a field over the cells of a horizontal grid.
+
+        ``raster("z", cell=1, statistic="min")`` is a simple terrain model, with "max" a surface model; "density" shows
+        coverage and overlap.
+
+        Parameters
+        ----------
+        field : str
+            "x", "y", "z" or a field with one number per point. "count" and "density" do not depend on it.
+        cell : float
+            Length of a side of a cell, m. Edges are multiples of it, so that the grids of several clouds match.
+        statistic : {"count", "density", "min", "max", "mean", "std"}
+            Number of points, points per m², smallest, largest and mean value, standard deviation from the mean.
+        bounds : array_like, shape (4,), optional
+            x_min, y_min, x_max, y_max, m, extended to whole cells; points outside are ignored. Default: all points.
+
+        Returns
+        -------
+        Cells
+            Its `values`, shape (rows, columns), begin in the north; `Cells.save` writes a GeoTIFF. Points that are not
+            finite are ignored.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there is no such field or statistic, an argument is out of range, or there are too many cells.
+
+        Examples
+        --------
+        >>> cloud = PointCloud(xyz=[[0.2, 0.5, 1.0], [0.8, 0.5, 3.0], [1.5, 1.5, 7.0]])
+        >>> cloud.raster("z", cell=1.0, statistic="max").values
+        array([[nan,  7.],
+               [ 3., nan]])
+        """
+        if field in ("x", "y", "z"):
+            values = self.xyz[:, "xyz".index(field)]
+        elif field in self.fields and getattr(self, field).ndim == 1:
+            values = getattr(self, field).astype(np.float64)
+        else:
+            single = ", ".join(["x", "y", "z", *(name for name in self.fields if getattr(self, name).ndim == 1)])
+            raise ArgumentValueError("field", f"one of {single}", shown(field))
+        return cells_of(self.xyz, values, cell, statistic, bounds)
 
     @classmethod
     def load(cls, path: PathLike, *, columns: Sequence[str] | None = None) -> PointCloud:

@@ -16,19 +16,24 @@ from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim._files import check_regular, unquoted
+from lidarsim._files import atomic_writer, check_regular, check_suffix, unquoted
 from lidarsim._validation import Floats, array, integer, short
 from lidarsim._views import register_view
+from lidarsim.cells import Cells
 from lidarsim.errors import ArgumentError, ArgumentValueError, FileFormatError, MissingExtraError
+from lidarsim.io._georeference import projected
 from lidarsim.scene import Scene, register_scene_reader
 from lidarsim.shapes import TriangleMesh
 from lidarsim.shapes.triangle_mesh import Raster
+
+if TYPE_CHECKING:
+    import pyproj
 
 SUFFIXES = (".asc", ".tif", ".tiff")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -305,5 +310,32 @@ def read_scene(path: Path) -> Scene:
     return scene
 
 
+def write(cells: Cells, path: str | PathLike[str], crs: int | str | pyproj.CRS | None) -> None:
+    """Write a GeoTIFF as documented in `lidarsim.cells.Cells.save`."""
+    check_suffix(path, SUFFIXES[1:])
+    system = None if crs is None else projected(crs)
+    rasterio = import_extra("rasterio", "geo", "writing a GeoTIFF")
+    rows, columns = cells.values.shape
+    left, _, _, top = cells.bounds
+    profile = {
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": 1,
+        "dtype": "float64",
+        "nodata": math.nan,
+        "crs": None if system is None else system.to_wkt(),
+        "transform": rasterio.Affine(cells.cell, 0.0, left, 0.0, -cells.cell, top),
+        "compress": "deflate",
+    }
+    with atomic_writer(path) as file, rasterio.Env(**ALONE), rasterio.MemoryFile() as memory:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that a raster without a reference system has none
+            with memory.open(**profile) as raster:
+                raster.write(cells.values, 1)
+        file.write(memory.read())
+
+
 register_view(TriangleMesh, "from_raster", read)
+register_view(Cells, "geotiff", write)
 register_scene_reader("a raster of heights, by its suffix", recognise, read_scene)

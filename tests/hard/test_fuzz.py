@@ -47,7 +47,7 @@ LEFT_OUT = {
 }
 """Beginnings of names, and why they are not called here."""
 
-RESULTS = {"Boxes", "Comparison", "Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
+RESULTS = {"Boxes", "Cells", "Comparison", "Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
 """Classes that functions return: their methods are called, their constructors not."""
 
 HEAVY = ("to_open3d", "to_pyvista", "from_open3d", "from_pyvista", "from_trimesh", "plot", "show")
@@ -145,6 +145,8 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "spacing": lambda _: 0.5,
     "origin": lambda _: (0.0, 0.0),
     "crs": lambda _: None,
+    "cell": lambda _: 0.5,
+    "statistic": lambda _: "max",
     **dict.fromkeys(("position_sigma", "orientation_sigma"), lambda _: 0.01),
     "correlation_time": lambda _: 1.0,
     **dict.fromkeys(("boresight", "lever_arm"), lambda _: (0.01, 0.0, 0.02)),
@@ -258,6 +260,9 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "PointCloud.save.start": lambda _: 0.0,
     "Scan.point_cloud.pose": lambda _: None,
+    "PointCloud.raster.field": lambda _: "z",
+    "Cells.save.path": lambda folder: folder / "cells.tif",
+    "PointCloud.raster.bounds": lambda _: (-1.0, -1.0, 1.0, 1.0),
     "Scan.image.size": lambda _: (4, 6),
     "Comparison.save.path": lambda folder: folder / "report.json",
     **dict.fromkeys(("compare.real", "compare.simulated"), lambda _: cloud()),
@@ -453,6 +458,7 @@ INSTANCES = {
     "Scene": ball_and_floor,
     "Lidar": lidar,
     "Boxes": lambda: lidar().scan(ball_and_floor()).boxes(),
+    "Cells": lambda: cloud().raster(cell=0.5),
     "Comparison": lambda: ls.compare(cloud(), cloud()),
 }
 """By class, what is better than what its constructor makes of the example."""
