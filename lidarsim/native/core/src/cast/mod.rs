@@ -15,10 +15,12 @@ mod ray_query;
 mod ray_sort;
 mod schedule;
 mod surface_intersector;
+mod things;
 mod traversal;
 mod triangle_hits;
 
-pub use all_hits::{HitRows, cast_all, objects_met};
+pub use all_hits::{HitRows, cast_all};
 pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use driver::Cast;
 pub use schedule::pieces;
+pub use things::{MeetThings, NO_THING};
