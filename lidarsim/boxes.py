@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._pickling import Pickled
+from lidarsim._shown import counted, html_table, plain, text_table
 from lidarsim._validation import Floats, array
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.description import angles_of
@@ -33,7 +34,8 @@ transforms of some ten roundings each."""
 class Boxes(Pickled):
     """Oriented boxes of things, one entry per thing.
 
-    A thing is an instance: all objects of the scene with one `instance` number. ``boxes[mask]`` selects some.
+    A thing is an instance: all objects of the scene with one `instance` number. ``boxes[mask]`` selects some, and
+    ``numpy.asarray(boxes)`` has rows of centre, size and yaw, (m, 7), as detectors take them.
 
     Attributes
     ----------
@@ -84,8 +86,24 @@ class Boxes(Pickled):
         return len(self.center)
 
     def __repr__(self) -> str:
-        """Return the number of boxes and of points on them."""
-        return f"Boxes({len(self)} boxes, {int(self.points.sum()):,} points)"
+        """Return the number of boxes and of points on them, for each class."""
+        return text_table(*self._facts())
+
+    def _repr_html_(self) -> str:
+        """Return a small HTML table for notebooks."""
+        return html_table(*self._facts())
+
+    def _facts(self) -> tuple[str, list[tuple[str, str, str]]]:
+        rows = []
+        for label in np.unique(self.label).tolist():
+            points = self.points[self.label == label]
+            name = plain(self.class_names.get(label, f"label {label}"))
+            rows.append((name, counted(len(points), "thing"), counted(int(points.sum()), "point")))
+        return f"Boxes of {counted(len(self), 'thing')} with {counted(int(self.points.sum()), 'point')}", rows
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[np.float64]:
+        """Return centre, size and yaw, (m, 7)."""
+        return np.array(np.column_stack([self.center, self.size, self.yaw]), dtype, copy=copy)
 
     def __getitem__(self, index: slice | npt.ArrayLike) -> Self:
         """Return the boxes that a slice, a mask or an array of indices selects."""
@@ -186,24 +204,13 @@ def boxes_of(
         Least number of points on a thing.
     """
     things = _things_in(world)
-    objects = world.places_of(scan.object_id)
-    is_point = (objects >= 0) & (np.arange(objects.shape[1]) < scan.return_count[:, None])
-    pulse, _ = np.nonzero(is_point)
-    on_thing = things.of_object[objects[is_point]]
-    points = np.bincount(on_thing, minlength=len(things) + 1)[:-1]
-    wanted = np.flatnonzero(points >= min_points)
-    covered, reached, mean_time = _coverage(scan, world, path, things, wanted)
-    kept = (covered > 0) | (points[wanted] > 0)
-    wanted, covered, reached = wanted[kept], covered[kept], reached[kept]
-    if moment is None:
-        fired = np.bincount(on_thing, scan.pulses.time[pulse], minlength=len(things) + 1)[wanted]
-        own = np.divide(fired, points[wanted], out=mean_time[kept], where=points[wanted] > 0)
-        time = scan.time + own
-    else:
-        time = np.full(len(wanted), moment)
-    center, size, rotation, velocity = things.boxes(wanted, time)
+    covered, reached, points, mean_time = _coverage(scan, world, path, things)
+    listed = np.flatnonzero((points >= min_points) & ((covered > 0) | (points > 0)))
+    time = scan.time + mean_time[listed] if moment is None else np.full(len(listed), moment)
+    center, size, rotation, velocity = things.boxes(listed, time)
     sensor = path.at(time)
-    farthest = np.nanmax(scan.true_range, initial=0.0) + np.abs(sensor[:, :3, 3]).max(initial=0.0)
+    distance = np.fmax.reduce(scan.true_range, axis=None, initial=0.0)
+    farthest = distance + np.abs(sensor[:, :3, 3]).max(initial=0.0)
     size = _rounded_up(size, center, farthest)
     back = sensor[:, :3, :3].transpose(0, 2, 1)
     seen_center, seen_rotation = _turned(back, center - sensor[:, :3, 3]), back @ rotation
@@ -215,10 +222,10 @@ def boxes_of(
         size=size,
         rotation=rotation,
         velocity=velocity,
-        label=things.label[wanted],
-        instance=things.instance[wanted],
-        points=points[wanted],
-        visibility=np.divide(reached, covered, out=np.full(len(wanted), np.nan), where=covered > 0),
+        label=things.label[listed],
+        instance=things.instance[listed],
+        points=points[listed].astype(np.int64),
+        visibility=np.divide(reached, covered, out=np.full(len(things), np.nan), where=covered > 0)[listed],
         truncation=truncation,
         time=time,
         class_names=dict(scan.class_names),
@@ -251,14 +258,18 @@ def _rounded_up(size: Floats, center: Floats, farthest: float) -> Floats:
 # --- Things ----------------------------------------------------------------------------------------------------------
 
 
+NO_THING = 2**32 - 1
+"""Index of the thing of an object that belongs to none."""
+
+
 @dataclass(frozen=True)
 class _Things:
     """The things of a scene that can have a box, in ascending order of instance.
 
     Attributes
     ----------
-    of_object : ndarray of int64, shape (objects + 1,)
-        Index of the thing of each object, and of no object: m if there is none.
+    of_object : ndarray of uint32, shape (objects,)
+        Index of the thing of each object, or `NO_THING`.
     parts : sequence of sequence of SceneObject
         The m things: the objects of each, in ascending order of their ids.
     instance, label : ndarray of uint32, shape (m,)
@@ -267,14 +278,17 @@ class _Things:
         Axes of each box before any motion, in columns.
     extent : ndarray of float64, shape (m, 2, 3)
         Lowest and highest coordinates along the axes, before any motion; nan if parts move apart.
+    moves : ndarray of bool, shape (m,)
+        Whether any part moves.
     """
 
-    of_object: npt.NDArray[np.int64]
+    of_object: npt.NDArray[np.uint32]
     parts: Sequence[Sequence[SceneObject]]
     instance: npt.NDArray[np.uint32]
     label: npt.NDArray[np.uint32]
     axes: Floats
     extent: Floats
+    moves: npt.NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.parts)
@@ -284,13 +298,13 @@ class _Things:
         axes, extent = self.axes[which], self.extent[which]
         body = np.tile(np.eye(4), (len(which), 1, 1))
         linear, angular = np.zeros((2, len(which), 3))
-        for k, (thing, moment) in enumerate(zip(which.tolist(), time, strict=True)):
-            parts = self.parts[thing]
+        for k in np.flatnonzero(self.moves[which]).tolist():
+            parts, moment = self.parts[which[k]], time[k : k + 1]
             motion = parts[0].motion
             if motion is not None:
-                body[k] = motion._native.at(np.array([moment]))[0]
-                linear[k], angular[k] = motion._native.velocity(np.array([moment]))[0]
-            if np.isnan(extent[k, 0, 0]):
+                body[k] = motion._native.at(moment)[0]
+                linear[k], angular[k] = motion._native.velocity(moment)[0]
+            if np.isnan(extent[k]).any():
                 extent[k] = _extent(parts, axes[k].T @ np.linalg.inv(body[k])[:3], moment)
         turn = body[:, :3, :3]
         middle = _turned(axes, extent.mean(axis=1))
@@ -313,7 +327,7 @@ def _things_in(world: Snapshot) -> _Things:
         groups.setdefault(item.instance, []).append(place)
     bounded = [np.isfinite(item.shape.bounds).all() for item in world.items]
     things = [places for _, places in sorted(groups.items()) if all(bounded[place] for place in places)]
-    of_object = np.full(len(world.items) + 1, len(things))
+    of_object = np.full(len(world.items), NO_THING, np.uint32)
     for thing, places in enumerate(things):
         of_object[places] = thing
     parts = [[world.items[place] for place in places] for places in things]
@@ -329,6 +343,7 @@ def _things_in(world: Snapshot) -> _Things:
         label=np.array([_label(own[0]) for own in parts], np.uint32),
         axes=axes,
         extent=extent,
+        moves=np.array([any(item.motion is not None for item in own) for own in parts], bool),
     )
     return made
 
@@ -353,16 +368,16 @@ def _axes(item: SceneObject) -> Floats:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def _extent(parts: Sequence[SceneObject], view: Floats, moment: float | None) -> Floats:
+def _extent(parts: Sequence[SceneObject], view: Floats, moment: Floats | None) -> Floats:
     """Return the lowest and highest coordinates of some objects, (2, 3), under an affine map (3, 4).
 
-    They are where they are at a moment, s; None: before their motion.
+    They are where they are at a moment, s, shape (1,); None: before their motion.
     """
     ends = []
     for item in parts:
         place = view
         if moment is not None and item.motion is not None:
-            place = place @ item.motion._native.at(np.array([moment]))[0]
+            place = place @ item.motion._native.at(moment)[0]
         if item.transform is not None:
             place = place @ item.transform
         ends.append(item.shape._extent(place))
@@ -376,37 +391,37 @@ UNIT_LENGTH = 2.0**-20
 """More than the error of the length of a pulse's direction: its square is checked to be 1 to within 1e-6."""
 
 UNUSED_SOURCE = _native.scan_columns()["source"][3].item()
-NO_THING = 2**32 - 1
 MISS, UNKNOWN = np.int32(-1), np.int32(-2)
 """What the core knows of a pulse in place of the object that it hits first."""
 
 
 def _coverage(
-    scan: Annotated, world: Snapshot, path: _native.Path, things: _Things, wanted: npt.NDArray[np.intp]
-) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64], Floats]:
-    """Return per thing: how many pulses would hit it if it stood alone, how many of these reach it, their mean time."""
-    number = np.full(len(things) + 1, NO_THING, np.uint32)
-    number[wanted] = np.arange(len(wanted))
-    of_object = number[things.of_object[:-1]]
+    scan: Annotated, world: Snapshot, path: _native.Path, things: _Things
+) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.uint64], Floats]:
+    """Return per thing: how many pulses would hit it if it stood alone; how many of these reach it; its points; a time.
+
+    That is the mean firing time of its points, or else of the pulses that would hit it, since the start of the scan.
+    """
+    returns = world.places_of(scan.object_id), scan.return_count
     limit = float(scan.lidar.max_range)
-    hits = _first_hits(scan, world, limit)
-    return _native.coverage(world.native, path, scan.pulses, scan.time, of_object, len(wanted), limit, hits)
+    first, known = _first_hits(scan, returns[0][:, 0], limit), (things.of_object, len(things))
+    return _native.coverage(world.native, path, scan.pulses, scan.time, known, limit, returns, first)
 
 
-def _first_hits(scan: Annotated, world: Snapshot, limit: float) -> npt.NDArray[np.int32] | None:
+def _first_hits(scan: Annotated, hit: npt.NDArray[np.int32], limit: float) -> npt.NDArray[np.int32] | None:
     """Return the place of the object that each nominal pulse hits first within a range, `MISS` or `UNKNOWN`.
 
-    None if the scan does not tell, as its rays were not the nominal pulses.
+    None if the scan does not tell, as its rays were not the nominal pulses. `hit` are the places of the objects that
+    the first entries of the scan are on.
     """
     if scan.true_direction is not None:
         return None
-    object_id, distance = scan.object_id[:, 0], scan.true_range[:, 0]
-    nearly, beyond = limit * (1.0 - UNIT_LENGTH), limit * (1.0 + UNIT_LENGTH)
-    first = np.where(distance > beyond, MISS, world.places_of(object_id))
     # The limit is one of t, the distance in units of the length of the direction.
+    distance, nearly, beyond = scan.true_range[:, 0], limit * (1.0 - UNIT_LENGTH), limit * (1.0 + UNIT_LENGTH)
+    first = np.where(distance > beyond, MISS, hit)
     first[(nearly <= distance) & (distance <= beyond)] = UNKNOWN
     if scan.source is not None:  # a return that is not from a surface may hide one
-        first[(object_id < 0) & (scan.source[:, 0] != UNUSED_SOURCE)] = UNKNOWN
+        first[(hit < 0) & (scan.source[:, 0] != UNUSED_SOURCE)] = UNKNOWN
     return first
 
 

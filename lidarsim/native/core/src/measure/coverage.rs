@@ -1,5 +1,5 @@
-//! Coverage: how many pulses would hit each thing of a scene if it stood alone, and how many of them reach
-//! it.
+//! Coverage: how many pulses would hit each thing of a scene if it stood alone, how many of them reach it, and
+//! how many returns it gives.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -12,7 +12,7 @@ use crate::geometry::vector::Point;
 use crate::scene::{Rays, TRange, World};
 use crate::{memory, parallel};
 
-/// The nominal pulses of a frame, of one ray each, and what is known of their hits.
+/// The nominal pulses of a frame, of one ray each, and what a scan found of them.
 pub struct NominalPulses<'a> {
     pub origins: Origins<'a>,
     /// In the sensor frame.
@@ -23,6 +23,9 @@ pub struct NominalPulses<'a> {
     pub path: &'a Path,
     /// Per pulse, the object that its ray hits first, `MISS` or `UNKNOWN`; `None` if all are unknown.
     pub first: Option<&'a [i32]>,
+    /// Per pulse, the number of its returns, and rows of the objects that they are from, `MISS` for none.
+    pub return_counts: &'a [u8],
+    pub objects: &'a [i32],
 }
 
 /// A pulse whose ray hits nothing in range.
@@ -31,37 +34,57 @@ const MISS: i32 = -1;
 /// A pulse whose ray has yet to be cast.
 const UNKNOWN: i32 = -2;
 
-/// The pulses of a thing.
+/// A count of pulses or returns, and the sum of their times since the start of the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ThingPulses {
-    /// How many would hit it if it stood alone.
-    pub covered: u64,
-    /// How many of these reach it.
-    pub reached: u64,
-    /// The sum of the times of those that would hit it, since the start of the frame, in `TICKS` of a second.
+pub struct Tally {
+    pub count: u64,
+    /// In units of 1/`TICKS`: a sum of whole numbers depends on no order.
     ticks: i128,
 }
 
-/// Ticks of a second, each about a picosecond: a sum of whole numbers depends on no order.
+/// Ticks of a second, each about a picosecond.
 const TICKS: f64 = (1_u64 << 40) as f64;
 
-impl ThingPulses {
-    /// The mean time of the pulses that would hit it, since the start of the frame, s; NaN if there are none.
-    pub fn mean_time(&self) -> f64 {
-        self.ticks as f64 / TICKS / self.covered as f64
+impl Tally {
+    /// The mean time, s; NaN if there are none.
+    fn mean_time(&self) -> f64 {
+        self.ticks as f64 / TICKS / self.count as f64
     }
 
-    fn cover(&mut self, time: f64) {
+    #[inline(always)]
+    fn note(&mut self, time: f64) {
         let ticks = time * TICKS;
-        self.covered += 1;
+        self.count += 1;
         // One instruction, unlike the conversion to 128 bits.
         self.ticks += if ticks.abs() < i64::MAX as f64 { i128::from(ticks as i64) } else { ticks as i128 };
     }
 
-    fn add(&mut self, other: &ThingPulses) {
-        self.covered += other.covered;
-        self.reached += other.reached;
+    fn add(&mut self, other: &Tally) {
+        self.count += other.count;
         self.ticks += other.ticks;
+    }
+}
+
+/// The pulses of a thing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ThingPulses {
+    /// Those that would hit it if it stood alone.
+    pub covering: Tally,
+    /// How many of these reach it.
+    pub reached: u64,
+    pub returns: Tally,
+}
+
+impl ThingPulses {
+    /// The mean time of its returns, or else of the pulses that would hit it, since the start of the frame, s.
+    pub fn mean_time(&self) -> f64 {
+        if self.returns.count > 0 { self.returns.mean_time() } else { self.covering.mean_time() }
+    }
+
+    fn add(&mut self, other: &ThingPulses) {
+        self.covering.add(&other.covering);
+        self.reached += other.reached;
+        self.returns.add(&other.returns);
     }
 }
 
@@ -132,10 +155,20 @@ impl Task for CoverPiece<'_> {
         I::call(MeetThings { world, rays, range, things, count, known, pairs: &mut pairs });
         for (owner, time) in known.iter().zip(&aimed.times).filter(|(owner, _)| **owner != NO_THING) {
             own[*owner as usize].reached += 1;
-            own[*owner as usize].cover(*time);
+            own[*owner as usize].covering.note(*time);
         }
         for (ray, thing) in pairs {
-            own[thing as usize].cover(aimed.times[ray as usize]);
+            own[thing as usize].covering.note(aimed.times[ray as usize]);
+        }
+        let most = pulses.objects.len() / pulses.times.len();
+        for i in piece.clone() {
+            let returns = usize::from(pulses.return_counts[i]).min(most);
+            for object in &pulses.objects[most * i..most * i + returns] {
+                let thing = thing_of(*object, things);
+                if thing != NO_THING {
+                    own[thing as usize].returns.note(pulses.times[i]);
+                }
+            }
         }
         own
     }
