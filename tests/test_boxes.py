@@ -505,6 +505,28 @@ def test_selections_corners_and_copies() -> None:
     assert len(copy.copy(scan).boxes()) == len(copy.deepcopy(scan).boxes()) == len(boxes)
 
 
+def test_boxes_are_those_of_the_scene_as_it_was_scanned() -> None:
+    scene = ls.Scene()
+    ball = scene.add(ls.Sphere((5, 0, 0), 1.0))
+    before = sensor().scan(scene)
+    scene.update(ball, shape=ls.Sphere((0, 7, 0), 2.0))
+    after = sensor().scan(scene)
+    for scan, center, size in ((before, (5, 0, 0), 2.0), (after, (0, 7, 0), 4.0), (before, (5, 0, 0), 2.0)):
+        boxes = scan.boxes()
+        np.testing.assert_allclose(boxes.center, [center], rtol=0, atol=math.ulp(8.0))
+        np.testing.assert_allclose(boxes.size, [[size] * 3], rtol=0, atol=2 * 64 * 2.0**-53 * 32.0)
+
+
+def test_no_pulses_no_boxes() -> None:
+    class Silent:
+        rate, shape = 10.0, (1, 1)
+
+        def pulses(self, _: int = 0) -> Pulses:
+            return Pulses(np.empty((0, 3)), np.empty((0, 3)), [], [], [])
+
+    assert len(ls.Lidar(Silent()).scan(traffic(0.0)).boxes(deskew="end")) == 0
+
+
 def test_mistakes() -> None:
     scan = sensor().scan(traffic(0.0))
     with pytest.raises(ValueError, match="frame: expected 'sensor' or 'world', got 'body'"):
@@ -513,6 +535,8 @@ def test_mistakes() -> None:
         scan.boxes(deskew="begin")
     with pytest.raises(ValueError, match="min_points: expected an integer >= 0, got -1"):
         scan.boxes(min_points=-1)
+    with pytest.raises(TypeError, match=r"min_points: expected an integer >= 0, got 1\.5"):
+        scan.boxes(min_points=1.5)
     with pytest.raises(ValueError, match="deskew_movers: expected a deskewed cloud, got deskew=False"):
         scan.point_cloud(deskew_movers=True)
     pickled = pickle.loads(pickle.dumps(scan))  # noqa: S301

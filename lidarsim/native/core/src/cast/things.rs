@@ -109,15 +109,23 @@ impl<'a> ThingsMet<'a> {
         for thing in self.touched.drain(..) {
             self.settled[thing as usize] = 0;
         }
+        // Neighbours often know the same thing.
+        let (mut last, mut lanes) = (NO_THING, 0);
         for (lane, thing) in known.enumerate() {
-            if thing != NO_THING {
-                self.settle(thing, 1 << lane);
+            if thing != last {
+                self.settle(last, lanes);
+                (last, lanes) = (thing, 0);
             }
+            lanes |= 1 << lane;
         }
+        self.settle(last, lanes);
     }
 
     #[inline(always)]
     fn settle(&mut self, thing: u32, lanes: Mask) {
+        if thing == NO_THING {
+            return;
+        }
         let settled = &mut self.settled[thing as usize];
         if *settled == 0 {
             memory::push(&mut self.touched, thing);

@@ -45,6 +45,12 @@ pub struct Tally {
 /// Ticks of a second, each about a picosecond.
 const TICKS: f64 = (1_u64 << 40) as f64;
 
+/// A time in ticks. It saturates at 97 days from the start of the frame.
+#[inline(always)]
+fn ticks_of(time: f64) -> i64 {
+    (time * TICKS) as i64
+}
+
 impl Tally {
     /// The mean time, s; NaN if there are none.
     fn mean_time(&self) -> f64 {
@@ -52,11 +58,9 @@ impl Tally {
     }
 
     #[inline(always)]
-    fn note(&mut self, time: f64) {
-        let ticks = time * TICKS;
+    fn note(&mut self, ticks: i64) {
         self.count += 1;
-        // One instruction, unlike the conversion to 128 bits.
-        self.ticks += if ticks.abs() < i64::MAX as f64 { i128::from(ticks as i64) } else { ticks as i128 };
+        self.ticks += i128::from(ticks);
     }
 
     fn add(&mut self, other: &Tally) {
@@ -153,12 +157,14 @@ impl Task for CoverPiece<'_> {
         let (rays, known, mut pairs) = (aimed.rays(world), &aimed.owners, Vec::new());
         let (count, mut own) = (*count, self.targets.no_pulses());
         I::call(MeetThings { world, rays, range, things, count, known, pairs: &mut pairs });
-        for (owner, time) in known.iter().zip(&aimed.times).filter(|(owner, _)| **owner != NO_THING) {
-            own[*owner as usize].reached += 1;
-            own[*owner as usize].covering.note(*time);
+        for (owner, ticks) in known.iter().zip(&aimed.ticks) {
+            if *owner != NO_THING {
+                own[*owner as usize].reached += 1;
+                own[*owner as usize].covering.note(*ticks);
+            }
         }
         for (ray, thing) in pairs {
-            own[thing as usize].covering.note(aimed.times[ray as usize]);
+            own[thing as usize].covering.note(aimed.ticks[ray as usize]);
         }
         let most = pulses.objects.len() / pulses.times.len();
         for i in piece.clone() {
@@ -166,7 +172,7 @@ impl Task for CoverPiece<'_> {
             for object in &pulses.objects[most * i..most * i + returns] {
                 let thing = thing_of(*object, things);
                 if thing != NO_THING {
-                    own[thing as usize].returns.note(pulses.times[i]);
+                    own[thing as usize].returns.note(ticks_of(pulses.times[i]));
                 }
             }
         }
@@ -175,6 +181,7 @@ impl Task for CoverPiece<'_> {
 }
 
 /// The thing of an object, or `NO_THING` if there is no object.
+#[inline(always)]
 fn thing_of(object: i32, things: &[u32]) -> u32 {
     usize::try_from(object).map_or(NO_THING, |object| things[object])
 }
@@ -184,9 +191,8 @@ fn thing_of(object: i32, things: &[u32]) -> u32 {
 struct AimedPulses {
     origins: Vec<Point>,
     directions: Vec<Point>,
-    /// Since the start of the frame, s.
-    times: Vec<f64>,
-    /// Of the scene's clock, s.
+    /// When they are fired, since the start of the frame and as the scene's clock shows, s.
+    ticks: Vec<i64>,
     moments: Vec<f64>,
     /// The thing that each hits first, or `NO_THING`.
     owners: Vec<u32>,
@@ -199,7 +205,7 @@ impl AimedPulses {
         AimedPulses {
             origins: memory::with_capacity(count),
             directions: memory::with_capacity(count),
-            times: memory::with_capacity(count),
+            ticks: memory::with_capacity(count),
             moments: memory::with_capacity(count),
             owners: memory::with_capacity(count),
             unknown: Vec::new(),
@@ -215,16 +221,16 @@ impl AimedPulses {
     fn part(&self, pulses: &[u32]) -> Self {
         let mut part = Self::with_capacity(pulses.len());
         for i in pulses.iter().map(|i| *i as usize) {
-            part.push(self.origins[i], self.directions[i], (self.times[i], self.moments[i]), self.owners[i]);
+            part.push(self.origins[i], self.directions[i], (self.ticks[i], self.moments[i]), self.owners[i]);
         }
         part
     }
 
     #[inline(always)]
-    fn push(&mut self, origin: Point, direction: Point, (time, moment): (f64, f64), owner: u32) {
+    fn push(&mut self, origin: Point, direction: Point, (ticks, moment): (i64, f64), owner: u32) {
         self.origins.push(origin);
         self.directions.push(direction);
-        self.times.push(time);
+        self.ticks.push(ticks);
         self.moments.push(moment);
         self.owners.push(owner);
     }
@@ -235,7 +241,7 @@ impl NominalPulses<'_> {
     #[inline(always)]
     fn aim(&self, pulses: Range<usize>, things: &[u32]) -> AimedPulses {
         let mut aimed = AimedPulses::with_capacity(pulses.len());
-        let mut last = (f64::NAN, self.path.at(self.start));
+        let (mut fired, mut ticks, mut pose) = (f64::NAN, 0, self.path.at(self.start));
         for i in pulses {
             let first = self.first.map_or(UNKNOWN, |first| first[i]);
             if first == MISS {
@@ -246,12 +252,11 @@ impl NominalPulses<'_> {
             }
             // Pulses of one time are fired from one pose.
             let moment = self.start + self.times[i];
-            if moment != last.0 {
-                last = (moment, self.path.at(moment));
+            if moment != fired {
+                (fired, ticks, pose) = (moment, ticks_of(self.times[i]), self.path.at(moment));
             }
-            let (origin, direction) = (self.origins.of(i), self.directions[i]);
-            let (origin, direction) = (last.1.place(origin), last.1.turn(direction));
-            aimed.push(origin, direction, (self.times[i], moment), thing_of(first, things));
+            let (origin, direction) = (pose.place(self.origins.of(i)), pose.turn(self.directions[i]));
+            aimed.push(origin, direction, (ticks, moment), thing_of(first, things));
         }
         aimed
     }
