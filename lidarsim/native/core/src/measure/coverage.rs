@@ -1,5 +1,5 @@
-//! Coverage: how many pulses would hit each thing of a scene if it stood alone, how many of them reach it, and
-//! how many returns it gives.
+//! Coverage: how many pulses would hit each thing of a scene if it stood alone, how many of them reach it,
+//! and how many returns it gives.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -80,7 +80,7 @@ pub struct ThingPulses {
 }
 
 impl ThingPulses {
-    /// The mean time of its returns, or else of the pulses that would hit it, since the start of the frame, s.
+    /// The mean time of its returns, or else of the pulses that would hit it, since the start of the frame.
     pub fn mean_time(&self) -> f64 {
         if self.returns.count > 0 { self.returns.mean_time() } else { self.covering.mean_time() }
     }
