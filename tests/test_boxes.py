@@ -322,8 +322,15 @@ def test_a_car_half_out_of_view_is_half_truncated() -> None:
     assert abs(truncation(looker(), (4.4, 1.8, 1.6), car) - 0.5) <= EXACT / 0.2
     assert truncation(looker(), (4.4, 1.8, 1.6), at(20, 0, 1.0)) == 0.0
     assert truncation(looker(), (4.4, 1.8, 1.6), at(20, 0, 1.0), frame="world", deskew="end") == 0.0
-    behind = ls.Lidar.preset("ouster-os1-64", noise="none")
-    assert truncation(behind, (4.4, 1.8, 1.6), at(-20, 0.1, 1.0)) == 0.0  # across the seam of a full turn
+
+
+def test_nothing_around_is_truncated_by_a_full_turn() -> None:
+    scene = ls.Scene()
+    for azimuth in np.linspace(0, 2 * np.pi, 60, endpoint=False):  # a closed ring, as a car spans more than 0.2 rad
+        scene.add(ls.Box((1.8, 4.4, 1.6)), transform=at(20 * math.cos(azimuth), 20 * math.sin(azimuth), azimuth))
+    boxes = sensor().scan(scene).boxes()
+    assert len(boxes) == 60
+    assert (boxes.truncation == 0.0).all()
 
 
 def test_a_pedestrian_nearby_is_cut_by_the_lowest_beam() -> None:
