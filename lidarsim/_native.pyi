@@ -19,6 +19,7 @@ __all__ = [
     "Shape",
     "Texture",
     "TextureMap",
+    "coverage",
     "expect_room",
     "isa",
     "normal_quantile",
@@ -132,14 +133,6 @@ class Scene:
         times: npt.NDArray[np.float64] | None,
         most: int,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]: ...
-    def objects_met(
-        self,
-        origins: npt.NDArray[np.float64],
-        directions: npt.NDArray[np.float64],
-        t_min: float,
-        t_max: float,
-        times: npt.NDArray[np.float64] | None,
-    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
     def occluded(
         self,
         origins: npt.NDArray[np.float64],
@@ -176,6 +169,16 @@ def scan(
 ) -> dict[str, npt.NDArray[Any]]: ...
 def scan_columns() -> dict[str, tuple[np.dtype[Any], tuple[int, ...], bool, npt.NDArray[Any]]]: ...
 def expect_room(pulses: int, lidar: object) -> None: ...
+def coverage(
+    scene: Scene,
+    path: Path,
+    pulses: object,
+    start: float,
+    things: tuple[npt.NDArray[np.uint32], int],
+    max_range: float,
+    returns: tuple[npt.NDArray[np.int32], npt.NDArray[np.uint8]],
+    first: npt.NDArray[np.int32] | None,
+) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.float64]]: ...
 def points_of(scan: object, path: Path, frame: str, moment: float | None) -> dict[str, npt.NDArray[Any]]: ...
 def philox(counters: npt.NDArray[np.uint32], key: Sequence[int]) -> npt.NDArray[np.uint32]: ...
 def normal_quantile(p: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...

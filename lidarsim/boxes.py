@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._pickling import Pickled
+from lidarsim._shown import counted, html_table, plain, text_table
 from lidarsim._validation import Floats, array
+from lidarsim.patterns import Pulses
+from lidarsim.patterns.description import angles_of
+from lidarsim.patterns.raster import FIXED
 from lidarsim.scene import SceneObject, Snapshot
-
-if TYPE_CHECKING:
-    from lidarsim.patterns import Pulses
 
 __all__ = ["Boxes", "boxes_of"]
 
@@ -31,7 +34,8 @@ transforms of some ten roundings each."""
 class Boxes(Pickled):
     """Oriented boxes of things, one entry per thing.
 
-    A thing is an instance: all objects of the scene with one `instance` number. ``boxes[mask]`` selects some.
+    A thing is an instance: all objects of the scene with one `instance` number. ``boxes[mask]`` selects some, and
+    ``numpy.asarray(boxes)`` has rows of centre, size and yaw, (m, 7), as detectors take them.
 
     Attributes
     ----------
@@ -54,6 +58,11 @@ class Boxes(Pickled):
     visibility : ndarray of float64, shape (m,)
         Share, 0 to 1, of the pulses that would hit the thing if it stood alone, within the maximum range, that reach
         it in the scene.
+    truncation : ndarray of float64, shape (m,)
+        Share, 0 to 1, of the box outside the sensor's view at that moment, as KITTI's "truncated" is the share outside
+        the image. Box and view are ranges of azimuth, elevation and distance from the sensor: the box spans those of
+        its corners, the view those of the scan's pulses, up to the maximum range. The share inside is the product
+        of the shares of the three. A pattern with a single elevation, or a single azimuth, does not limit that angle.
     time : ndarray of float64, shape (m,)
         Moment of the box, s.
     class_names : mapping of int to str
@@ -68,6 +77,7 @@ class Boxes(Pickled):
     instance: npt.NDArray[np.uint32]
     points: npt.NDArray[np.int64]
     visibility: Floats
+    truncation: Floats
     time: Floats
     class_names: Mapping[int, str] = field(default_factory=dict)
 
@@ -76,8 +86,24 @@ class Boxes(Pickled):
         return len(self.center)
 
     def __repr__(self) -> str:
-        """Return the number of boxes and of points on them."""
-        return f"Boxes({len(self)} boxes, {int(self.points.sum()):,} points)"
+        """Return the number of boxes and of points on them, for each class."""
+        return text_table(*self._facts())
+
+    def _repr_html_(self) -> str:
+        """Return a small HTML table for notebooks."""
+        return html_table(*self._facts())
+
+    def _facts(self) -> tuple[str, list[tuple[str, str, str]]]:
+        rows = []
+        for label in np.unique(self.label).tolist():
+            points = self.points[self.label == label]
+            name = plain(self.class_names.get(label, f"label {label}"))
+            rows.append((name, counted(len(points), "thing"), counted(int(points.sum()), "point")))
+        return f"Boxes of {counted(len(self), 'thing')} with {counted(int(self.points.sum()), 'point')}", rows
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[np.float64]:
+        """Return centre, size and yaw, (m, 7)."""
+        return np.array(np.column_stack([self.center, self.size, self.yaw]), dtype, copy=copy)
 
     def __getitem__(self, index: slice | npt.ArrayLike) -> Self:
         """Return the boxes that a slice, a mask or an array of indices selects."""
@@ -94,10 +120,7 @@ class Boxes(Pickled):
     @property
     def corners(self) -> Floats:
         """Corners, m: ndarray of float64, shape (m, 8, 3), in the order of ``numpy.ndindex(2, 2, 2)``."""
-        unit = np.array(list(np.ndindex(2, 2, 2))) - 0.5
-        local = unit[None] * self.size[:, None]
-        corners: Floats = self.center[:, None] + np.einsum("mij,mcj->mci", self.rotation, local)
-        return corners
+        return _corners(self.center, self.size, self.rotation)
 
     def contain(self, xyz: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Return which points lie in which boxes.
@@ -135,13 +158,15 @@ class Annotated(Protocol):
     """The attributes of `lidarsim.Scan`, which is in a higher layer, that boxes are made from."""
 
     @property
-    def range(self) -> Floats: ...
+    def true_range(self) -> Floats: ...
     @property
     def object_id(self) -> npt.NDArray[np.int32]: ...
     @property
-    def instance(self) -> npt.NDArray[np.uint32]: ...
-    @property
     def return_count(self) -> npt.NDArray[np.uint8]: ...
+    @property
+    def source(self) -> npt.NDArray[np.uint8] | None: ...
+    @property
+    def true_direction(self) -> Floats | None: ...
     @property
     def pulses(self) -> Pulses: ...
     @property
@@ -152,93 +177,14 @@ class Annotated(Protocol):
     def class_names(self) -> Mapping[int, str]: ...
 
 
-@dataclass(frozen=True)
-class _Thing:
-    """All objects of an instance, which are bounded.
-
-    Attributes
-    ----------
-    objects : sequence of SceneObject
-        The objects, in ascending order of their ids.
-    axes : ndarray of float64, shape (3, 3)
-        Axes of the box before any motion, in columns.
-    """
-
-    objects: Sequence[SceneObject]
-    axes: Floats
-
-    @property
-    def instance(self) -> int:
-        """The instance number."""
-        return self.objects[0].instance
-
-    @property
-    def label(self) -> int:
-        """Label of the first object, or of most of its faces."""
-        label = self.objects[0].label
-        return label if isinstance(label, int) else int(np.bincount(label).argmax())
-
-    def box(self, moment: float) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return centre, size, rotation and velocity of the box in the world at a moment, s."""
-        first = self.objects[0].motion
-        body = np.eye(4) if first is None else first._native.at(np.array([moment]))[0]
-        rotation: Floats = body[:3, :3] @ self.axes
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for item in self.objects:
-            place = np.eye(4) if item.transform is None else item.transform
-            if item.motion is not None:
-                then = body if item.motion is first else item.motion._native.at(np.array([moment]))[0]
-                place = then @ place
-            extent = item.shape._extent(rotation.T @ place[:3])
-            low, high = np.minimum(low, extent[0]), np.maximum(high, extent[1])
-        center: Floats = rotation @ ((low + high) / 2)
-        velocity = np.zeros(3)
-        if first is not None:
-            linear, angular = first._native.velocity(np.array([moment]))[0]
-            velocity = linear + body[:3, :3] @ np.cross(angular, body[:3, :3].T @ (center - body[:3, 3]))
-        return center, high - low, rotation, velocity
-
-
-def _things(objects: Iterator[SceneObject] | Sequence[SceneObject]) -> list[_Thing]:
-    """Return the things that can have a box, in ascending order of instance: those without unbounded or empty parts."""
-    groups: dict[int, list[SceneObject]] = {}
-    for item in objects:
-        groups.setdefault(item.instance, []).append(item)
-    return [
-        _Thing(parts, _axes(parts[0]))
-        for _, parts in sorted(groups.items())
-        if all(np.isfinite(part.shape.bounds).all() for part in parts)
-    ]
-
-
-def _axes(item: SceneObject) -> Floats:
-    """Return the axes of an object as placed, turned in right angles so that z points up, as a rotation.
-
-    x stays the object's x unless this points up or down; then it is its y.
-    """
-    if item.transform is None:
-        return np.eye(3)
-    u, _, vh = np.linalg.svd(item.transform[:3, :3])  # of the polar decomposition, the nearest orthogonal matrix is U·V
-    nearest: Floats = u @ vh
-    up = int(np.abs(nearest[2]).argmax())
-    z = nearest[:, up] * np.copysign(1.0, nearest[2, up])
-    x = nearest[:, 1 if up == 0 else 0]
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def _rounded_up(size: Floats, center: Floats, farthest: float) -> Floats:
-    """Return sizes that hold all points on the shapes, whose coordinates were rounded on their way.
-
-    Every number on the way is at most the sum of the farthest coordinate and the distance of the box, and each of at
-    most `ROUNDINGS` roundings moves a face or a point by at most `UNIT` of that.
-    """
-    reach = np.linalg.norm(center, axis=1) + np.linalg.norm(size, axis=1) + farthest
-    rounded: Floats = size + 2.0 * ROUNDINGS * UNIT * reach[:, None]
-    return rounded
-
-
 def boxes_of(
-    scan: Annotated, world: Snapshot, path: _native.Path, moment: float | None, *, in_world: bool, min_points: int
+    scan: Annotated,
+    world: Snapshot,
+    path: _native.Path,
+    moment: float | None,
+    *,
+    in_world: bool,
+    min_points: int,
 ) -> Boxes:
     """Return the boxes of the things in a scan; see `lidarsim.Scan.boxes`.
 
@@ -257,75 +203,283 @@ def boxes_of(
     min_points : int
         Least number of points on a thing.
     """
-    is_point = (scan.object_id >= 0) & (np.arange(scan.range.shape[1]) < scan.return_count[:, None])
-    instances = scan.instance[is_point]
-    times = np.broadcast_to(scan.time + scan.pulses.time[:, None], is_point.shape)[is_point]
-    things = _things(world.items)
-    numbers = np.array([thing.instance for thing in things], np.int64)
-    place = np.searchsorted(numbers, instances)
-    place[place == len(numbers)] = 0
-    on_thing = numbers[place] == instances if len(numbers) else np.zeros(len(instances), bool)
-    points = np.bincount(place[on_thing], minlength=len(things))
-    fired = np.bincount(place[on_thing], times[on_thing], minlength=len(things))
-    wanted = np.flatnonzero(points >= min_points)
-    covered, reached, mean_time = _coverage(scan, world, path, [things[i] for i in wanted])
-    kept = (covered > 0) | (points[wanted] > 0)
-    wanted, covered, reached, mean_time = wanted[kept], covered[kept], reached[kept], mean_time[kept]
-    shown, count = [things[i] for i in wanted], points[wanted]
-    own = np.divide(fired[wanted], count, out=mean_time, where=count > 0)
-    time = own if moment is None else np.full(len(shown), moment)
-    placed = [thing.box(when) for thing, when in zip(shown, time.tolist(), strict=True)]
-    center, size, velocity = (np.array([row[k] for row in placed]).reshape(-1, 3) for k in (0, 1, 3))
-    rotation = np.array([row[2] for row in placed]).reshape(-1, 3, 3)
+    things = _things_in(world)
+    covered, reached, points, mean_time = _coverage(scan, world, path, things)
+    listed = np.flatnonzero((points >= min_points) & ((covered > 0) | (points > 0)))
+    time = scan.time + mean_time[listed] if moment is None else np.full(len(listed), moment)
+    center, size, rotation, velocity = things.boxes(listed, time)
+    sensor = path.at(time)
+    distance = np.fmax.reduce(scan.true_range, axis=None, initial=0.0)
+    farthest = distance + np.abs(sensor[:, :3, 3]).max(initial=0.0)
+    size = _rounded_up(size, center, farthest)
+    back = sensor[:, :3, :3].transpose(0, 2, 1)
+    seen_center, seen_rotation = _turned(back, center - sensor[:, :3, 3]), back @ rotation
+    truncation = _truncation(_corners(seen_center, size, seen_rotation), scan.pulses, scan.lidar.max_range)
     if not in_world:
-        sensor = path.at(time)
-        back = sensor[:, :3, :3].transpose(0, 2, 1)
-        rotation = back @ rotation
-        center, velocity = ((back @ v[:, :, None])[:, :, 0] for v in (center - sensor[:, :3, 3], velocity))
-    farthest = float(np.nanmax(scan.range, initial=0.0) + np.abs(path.at(np.array([scan.time]))[0, :3, 3]).max())
+        center, rotation, velocity = seen_center, seen_rotation, _turned(back, velocity)
     return Boxes(
         center=center,
-        size=_rounded_up(size, center, farthest),
+        size=size,
         rotation=rotation,
         velocity=velocity,
-        label=np.array([thing.label for thing in shown], np.uint32),
-        instance=numbers[wanted].astype(np.uint32),
-        points=count,
-        visibility=np.divide(reached, covered, out=np.full(len(shown), np.nan), where=covered > 0),
+        label=things.label[listed],
+        instance=things.instance[listed],
+        points=points[listed].astype(np.int64),
+        visibility=np.divide(reached, covered, out=np.full(len(things), np.nan), where=covered > 0)[listed],
+        truncation=truncation,
         time=time,
         class_names=dict(scan.class_names),
     )
 
 
+def _corners(center: Floats, size: Floats, rotation: Floats) -> Floats:
+    unit = np.array(list(np.ndindex(2, 2, 2))) - 0.5
+    corners: Floats = center[:, None] + (unit[None] * size[:, None]) @ rotation.transpose(0, 2, 1)
+    return corners
+
+
+def _turned(rotation: Floats, vectors: Floats) -> Floats:
+    """Return the products of n matrices and n vectors."""
+    turned: Floats = (rotation @ vectors[:, :, None])[:, :, 0]
+    return turned
+
+
+def _rounded_up(size: Floats, center: Floats, farthest: float) -> Floats:
+    """Return sizes that hold all points on the shapes, whose coordinates were rounded on their way.
+
+    Every number on the way is at most the sum of the farthest coordinate and the distance of the box, and each of at
+    most `ROUNDINGS` roundings moves a face or a point by at most `UNIT` of that.
+    """
+    reach = np.linalg.norm(center, axis=1) + np.linalg.norm(size, axis=1) + farthest
+    rounded: Floats = size + 2.0 * ROUNDINGS * UNIT * reach[:, None]
+    return rounded
+
+
+# --- Things ----------------------------------------------------------------------------------------------------------
+
+
+NO_THING = 2**32 - 1
+"""Index of the thing of an object that belongs to none."""
+
+
+@dataclass(frozen=True)
+class _Things:
+    """The things of a scene that can have a box, in ascending order of instance.
+
+    Attributes
+    ----------
+    of_object : ndarray of uint32, shape (objects,)
+        Index of the thing of each object, or `NO_THING`.
+    parts : sequence of sequence of SceneObject
+        The m things: the objects of each, in ascending order of their ids.
+    instance, label : ndarray of uint32, shape (m,)
+        As in `Boxes`.
+    axes : ndarray of float64, shape (m, 3, 3)
+        Axes of each box before any motion, in columns.
+    extent : ndarray of float64, shape (m, 2, 3)
+        Lowest and highest coordinates along the axes, before any motion; nan if parts move apart.
+    moves : ndarray of bool, shape (m,)
+        Whether any part moves.
+    """
+
+    of_object: npt.NDArray[np.uint32]
+    parts: Sequence[Sequence[SceneObject]]
+    instance: npt.NDArray[np.uint32]
+    label: npt.NDArray[np.uint32]
+    axes: Floats
+    extent: Floats
+    moves: npt.NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    def boxes(self, which: npt.NDArray[np.intp], time: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return centre, size, rotation and velocity of some boxes in the world, each at its time, s."""
+        axes, extent = self.axes[which], self.extent[which]
+        body = np.tile(np.eye(4), (len(which), 1, 1))
+        linear, angular = np.zeros((2, len(which), 3))
+        for k in np.flatnonzero(self.moves[which]).tolist():
+            parts, moment = self.parts[which[k]], time[k : k + 1]
+            motion = parts[0].motion
+            if motion is not None:
+                body[k] = motion._native.at(moment)[0]
+                linear[k], angular[k] = motion._native.velocity(moment)[0]
+            if np.isnan(extent[k]).any():
+                extent[k] = _extent(parts, axes[k].T @ np.linalg.inv(body[k])[:3], moment)
+        turn = body[:, :3, :3]
+        middle = _turned(axes, extent.mean(axis=1))
+        center = _turned(turn, middle) + body[:, :3, 3]
+        velocity = linear + _turned(turn, np.cross(angular, middle))
+        return center, extent[:, 1] - extent[:, 0], turn @ axes, velocity
+
+
+_KNOWN: WeakKeyDictionary[Snapshot, _Things] = WeakKeyDictionary()
+"""The things of scenes: successive scans see one snapshot until the scene changes."""
+
+
+def _things_in(world: Snapshot) -> _Things:
+    """Return the things of a scene, without those that have unbounded or empty parts."""
+    known = _KNOWN.get(world)
+    if known is not None:
+        return known
+    groups: dict[int, list[int]] = {}
+    for place, item in enumerate(world.items):
+        groups.setdefault(item.instance, []).append(place)
+    bounded = [np.isfinite(item.shape.bounds).all() for item in world.items]
+    things = [places for _, places in sorted(groups.items()) if all(bounded[place] for place in places)]
+    of_object = np.full(len(world.items), NO_THING, np.uint32)
+    for thing, places in enumerate(things):
+        of_object[places] = thing
+    parts = [[world.items[place] for place in places] for places in things]
+    axes = np.array([_axes(own[0]) for own in parts]).reshape(-1, 3, 3)
+    extent = np.full((len(things), 2, 3), np.nan)
+    for thing, own in enumerate(parts):
+        if all(item.motion is own[0].motion for item in own):
+            extent[thing] = _extent(own, axes[thing].T @ np.eye(3, 4), None)
+    made = _KNOWN[world] = _Things(
+        of_object=of_object,
+        parts=parts,
+        instance=np.array([own[0].instance for own in parts], np.uint32),
+        label=np.array([_label(own[0]) for own in parts], np.uint32),
+        axes=axes,
+        extent=extent,
+        moves=np.array([any(item.motion is not None for item in own) for own in parts], bool),
+    )
+    return made
+
+
+def _label(item: SceneObject) -> int:
+    """Return the label of an object, or of most of its faces."""
+    return item.label if isinstance(item.label, int) else int(np.bincount(item.label).argmax())
+
+
+def _axes(item: SceneObject) -> Floats:
+    """Return the axes of an object as placed, turned in right angles so that z points up, as a rotation.
+
+    x stays the object's x unless this points up or down; then it is its y.
+    """
+    if item.transform is None:
+        return np.eye(3)
+    u, _, vh = np.linalg.svd(item.transform[:3, :3])  # of the polar decomposition, the nearest orthogonal matrix is U·V
+    nearest: Floats = u @ vh
+    up = int(np.abs(nearest[2]).argmax())
+    z = nearest[:, up] * np.copysign(1.0, nearest[2, up])
+    x = nearest[:, 1 if up == 0 else 0]
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _extent(parts: Sequence[SceneObject], view: Floats, moment: Floats | None) -> Floats:
+    """Return the lowest and highest coordinates of some objects, (2, 3), under an affine map (3, 4).
+
+    They are where they are at a moment, s, shape (1,); None: before their motion.
+    """
+    ends = []
+    for item in parts:
+        place = view
+        if moment is not None and item.motion is not None:
+            place = place @ item.motion._native.at(moment)[0]
+        if item.transform is not None:
+            place = place @ item.transform
+        ends.append(item.shape._extent(place))
+    low, high = np.array(ends).transpose(1, 0, 2)
+    return np.stack([low.min(axis=0), high.max(axis=0)])
+
+
+# --- What the sensor sees of them ------------------------------------------------------------------------------------
+
+UNIT_LENGTH = 2.0**-20
+"""More than the error of the length of a pulse's direction: its square is checked to be 1 to within 1e-6."""
+
+UNUSED_SOURCE = _native.scan_columns()["source"][3].item()
+MISS, UNKNOWN = np.int32(-1), np.int32(-2)
+"""What the core knows of a pulse in place of the object that it hits first."""
+
+
 def _coverage(
-    scan: Annotated, world: Snapshot, path: _native.Path, things: Sequence[_Thing]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
-    """Return per thing: how many pulses would hit it if it stood alone, how many of these reach it, their mean time."""
-    count = len(things)
-    none = np.zeros(count, np.int64), np.zeros(count, np.int64), np.full(count, scan.time)
-    items: list[_native.SceneObject] = [item for thing in things for item in thing.objects]
-    thing_of = np.array([i for i, thing in enumerate(things) for _ in thing.objects], np.int64)
-    if not items or not len(scan.pulses):
-        return none
-    alone = _native.Scene(items)
-    pulses = scan.pulses
-    now = scan.time + pulses.time
-    changes = np.append(True, now[1:] != now[:-1])  # pulses that are fired at once share a pose
-    poses = path.at(now[changes])[np.cumsum(changes) - 1]
-    directions = np.einsum("nij,nj->ni", poses[:, :3, :3], pulses.directions)
-    origins = np.einsum("nij,nj->ni", poses[:, :3, :3], pulses.origins) + poses[:, :3, 3]
-    limit = 0.0, float(scan.lidar.max_range)
-    moves = any(item.motion is not None for thing in things for item in thing.objects)
-    hit = np.flatnonzero(alone.occluded(origins, directions, *limit, now if moves else None))
-    o, d, then = origins[hit], directions[hit], now[hit]
-    ray, item = alone.objects_met(o, d, *limit, then if moves else None)
-    met = np.unique(ray * np.int64(count) + thing_of[item])  # a pulse that meets two parts of a thing meets it once
-    ray, thing = met // count, met % count
-    first = world.native.cast(o, d, *limit, then if world.movers else None)[1]
-    owner = np.array([item.instance for item in world.items] + [-1], np.int64)[first]
-    numbers = np.array([part.instance for part in things], np.int64)
-    reaches = owner[ray] == numbers[thing]
-    covered = np.bincount(thing, minlength=count)
-    total = np.bincount(thing, then[ray], minlength=count)
-    mean = np.divide(total, covered, out=np.full(count, scan.time), where=covered > 0)
-    return covered, np.bincount(thing[reaches], minlength=count), mean
+    scan: Annotated, world: Snapshot, path: _native.Path, things: _Things
+) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.uint64], Floats]:
+    """Return per thing: how many pulses would hit it if it stood alone; how many of these reach it; its points; a time.
+
+    That is the mean firing time of its points, or else of the pulses that would hit it, since the start of the scan.
+    """
+    returns = world.places_of(scan.object_id), scan.return_count
+    limit = float(scan.lidar.max_range)
+    first, known = _first_hits(scan, returns[0][:, 0], limit), (things.of_object, len(things))
+    return _native.coverage(world.native, path, scan.pulses, scan.time, known, limit, returns, first)
+
+
+def _first_hits(scan: Annotated, hit: npt.NDArray[np.int32], limit: float) -> npt.NDArray[np.int32] | None:
+    """Return the place of the object that each nominal pulse hits first within a range, `MISS` or `UNKNOWN`.
+
+    None if the scan does not tell, as its rays were not the nominal pulses. `hit` are the places of the objects that
+    the first entries of the scan are on.
+    """
+    if scan.true_direction is not None:
+        return None
+    # The limit is one of t, the distance in units of the length of the direction.
+    distance, nearly, beyond = scan.true_range[:, 0], limit * (1.0 - UNIT_LENGTH), limit * (1.0 + UNIT_LENGTH)
+    first = np.where(distance > beyond, MISS, hit)
+    first[(nearly <= distance) & (distance <= beyond)] = UNKNOWN
+    if scan.source is not None:  # a return that is not from a surface may hide one
+        first[(hit < 0) & (scan.source[:, 0] != UNUSED_SOURCE)] = UNKNOWN
+    return first
+
+
+def _truncation(corners: Floats, pulses: Pulses, max_range: float) -> Floats:
+    """Return the share of each box outside the view, from its corners in the sensor frame, (m, 8, 3)."""
+    x, y, z = np.moveaxis(corners, -1, 0)
+    level = np.hypot(x, y)
+    (start, width), elevations = _view(pulses)
+    inside = _share(np.arctan2(z, level), *elevations) * _share(np.hypot(level, z), 0.0, max_range)
+    middle = np.arctan2(y.mean(axis=1), x.mean(axis=1))[:, None]
+    aside = (np.arctan2(y, x) - middle + math.pi) % math.tau - math.pi
+    # The corners of a box around the sensor's axis span half a turn or more of azimuth, those of any other box less.
+    around = np.ptp(aside, axis=1) >= math.pi
+    aside[around] = np.linspace(-math.pi, math.pi, aside.shape[1])
+    first = (middle[:, 0] + aside.min(axis=1) - start) % math.tau
+    span = np.ptp(aside, axis=1)
+    last = first + span  # less than two turns after the start of the view, which ends at its width and begins anew
+    outside = np.clip(np.minimum(last, math.tau) - np.maximum(first, width), 0.0, None)
+    outside += np.clip(last - (math.tau + width), 0.0, None)
+    truncation: Floats = 1.0 - inside * (1.0 - _divided(outside, span))
+    return truncation
+
+
+def _share(values: Floats, low: float, high: float) -> Floats:
+    """Return the share of the range of each row of values, (m, 8), between two limits."""
+    least, most = values.min(axis=1), values.max(axis=1)
+    span = most - least
+    return 1.0 - _divided(np.clip(low - least, 0.0, span) + np.clip(most - high, 0.0, span), span)
+
+
+def _divided(outside: Floats, span: Floats) -> Floats:
+    """Return the share that is outside; none of a range without extent, which some pulse meets."""
+    share: Floats = np.divide(outside, span, out=np.zeros_like(span), where=span > 0.0)
+    return share
+
+
+_VIEWS: WeakKeyDictionary[Pulses, tuple[tuple[float, float], tuple[float, float]]] = WeakKeyDictionary()
+"""The views of pulses: most patterns have the same pulses in every frame."""
+
+
+def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the view of a sensor: first azimuth and width, lowest and highest elevation, rad.
+
+    An angle that is the same for all pulses is not limited.
+    """
+    known = _VIEWS.get(pulses)
+    if known is not None:
+        return known
+    azimuth, elevation = angles_of(pulses)
+    azimuths, elevations = (-math.pi, math.tau), (-0.5 * math.pi, 0.5 * math.pi)
+    if len(pulses):
+        if np.ptp(elevation) > FIXED:
+            elevations = float(elevation.min()), float(elevation.max())
+        ordered = np.sort(azimuth)
+        gaps = np.diff(ordered, append=ordered[0] + math.tau)
+        *_, next_widest, widest = np.sort(np.append(gaps, 0.0))
+        # Around a full turn, the widest gap is one of many between two columns. Else it is what the view leaves out.
+        if 2.0 * next_widest < widest < math.tau - FIXED:
+            azimuths = float(np.roll(ordered, -1)[gaps.argmax()]), math.tau - float(widest)
+    made = _VIEWS[pulses] = azimuths, elevations
+    return made

@@ -342,10 +342,11 @@ class Scan(Pickled, Plotted):
         deskew: bool | Literal["start", "middle", "end"] | float = False,
         min_points: int = 0,
     ) -> Boxes:
-        """Return oriented boxes of the things that the sensor could see, with their visibility.
+        """Return oriented boxes of the things that the sensor could see, with their visibility and truncation.
 
-        A thing is an instance of the scene: all objects with one `instance` number. It has a box if all of its objects
-        are bounded and at least one pulse would hit it if it stood alone.
+        A thing is an instance of the scene: all objects with one `instance` number. It has a box if at least one pulse
+        would hit it if it stood alone, or it has a point. Things of which a part is unbounded, such as a `Plane`, have
+        none.
 
         Parameters
         ----------
@@ -374,6 +375,9 @@ class Scan(Pickled, Plotted):
         `point_cloud(deskew=…)` undoes the motion of the sensor, not that of the things: a thing that moves at v is
         smeared by v times the time that the sensor takes to pass it, and points near its ends may lie outside its box.
         With ``deskew_movers=True``, they do not.
+
+        Visibility is that of the nominal pulses, without jitter and divergence of the beam, and exact: it is what
+        casting the pulses at each thing alone, and at all of them together, would find.
 
         Examples
         --------

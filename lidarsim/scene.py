@@ -134,7 +134,7 @@ class _Changes(TypedDict, total=False):
     motion: Trajectory | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Snapshot:
     """The objects at one moment, in the core.
 
@@ -148,6 +148,12 @@ class Snapshot:
     ids: npt.NDArray[np.int32] | None
     movers: tuple[tuple[SceneObject, Trajectory], ...]
     span: tuple[float, float]
+
+    def places_of(self, ids: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+        """Return the places of objects in the core by their ids; -1 stays -1."""
+        if self.ids is None:
+            return ids
+        return np.where(ids < 0, -1, np.searchsorted(self.ids[:-1], ids)).astype(np.int32)
 
     def ids_of(self, places: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
         """Return the ids of objects by their places in the core; -1 stays -1."""

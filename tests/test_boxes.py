@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from conformance.samples import SAMPLES, TURN
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
+from lidarsim.patterns import Pulses
+from lidarsim.scan import scan as fire
 
 PARTS = 5
 
@@ -35,15 +38,15 @@ def at(x: float, y: float, yaw: float, z: float = 0.0) -> np.ndarray:
     return RigidTransform.from_components([x, y, z], Rotation.from_euler("z", yaw)).as_matrix()
 
 
-def traffic(speed: float) -> ls.Scene:
-    """A road with cars that stand, drive and turn."""
+def traffic(speed: float | None) -> ls.Scene:
+    """A road with cars that stand, drive and turn; None: they all stand."""
     scene = ls.Scene(class_names={10: "car", 40: "road"})
     scene.add(ls.Plane((0, 0, 1), 0.0), label=40, instance=1)
     rng = np.random.default_rng(3)
     for number in range(24):
         pose = at(*(rng.uniform(8, 40) * np.array([math.cos(number), math.sin(number)])), rng.uniform(-3, 3))
         turn = (0.0, 0.0, rng.uniform(-1, 1))
-        if number % 4:
+        if number % 4 and speed is not None:
             car(scene, 1000 + number, ls.Trajectory.from_twist(pose, (speed, 0, 0), turn))
         else:
             car(scene, 1000 + number, None, pose)
@@ -95,6 +98,36 @@ def test_normals_move_along_with_points() -> None:
     assert np.abs(np.abs(cloud.normal).max(axis=1) - 1.0).max() <= 4 * np.finfo(np.float32).eps
 
 
+@pytest.mark.parametrize("pose", [at(3, 1, 0.5, 1.8), EGO], ids=["still", "moving"])
+def test_boxes_of_things_at_rest_hold_their_points_as_they_are(pose: Any) -> None:
+    scan = sensor().scan(traffic(None), pose, time=0.5)
+    clouds = [("world", False), ("sensor", "end")]
+    for frame, deskew in [*clouds, ("sensor", False)] if isinstance(pose, np.ndarray) else clouds:
+        boxes, cloud = scan.boxes(frame=frame, deskew=deskew), scan.point_cloud(frame, deskew=deskew)
+        own = boxes.instance[:, None] == cloud.instance
+        assert own.sum() > 4000
+        assert boxes.contain(cloud.xyz)[own].all()
+
+
+def test_boxes_of_a_rig_hold_the_points_of_all_its_sensors() -> None:
+    """At the moment of one key frame, in the world: of a sensor above and of one ahead, half a frame later."""
+    lidar = sensor()
+    rig = ls.Rig({"top": (lidar, at(0, 0, 0.3, 0.4)), "front": (lidar, at(2, 0, -1.0, -0.5), 0.05)})
+    scans = next(iter(rig.frames(traffic(30.0), EGO, 1)))
+    key = 0.08
+    seen = {}
+    for scan in scans.values():
+        boxes = scan.boxes(frame="world", deskew=key - scan.time, min_points=1)
+        cloud = scan.point_cloud("world", deskew=key - scan.time, deskew_movers=True)
+        own = boxes.instance[:, None] == cloud.instance
+        assert own.sum() > 2000
+        assert boxes.contain(cloud.xyz)[own].all()
+        for instance, center in zip(boxes.instance.tolist(), boxes.center, strict=True):
+            # One thing has one place, whoever sees it: up to the roundings of numbers below 2⁷ m.
+            assert np.abs(seen.setdefault(instance, center) - center).max() <= 64 * math.ulp(100.0)
+    assert len(seen) > 12
+
+
 def alone(scene: ls.Scene, instance: int) -> ls.Scene:
     only = ls.Scene()
     for item in scene:
@@ -103,32 +136,265 @@ def alone(scene: ls.Scene, instance: int) -> ls.Scene:
     return only
 
 
-def test_visibility_is_that_of_brute_force() -> None:
-    lidar = sensor()
-    scene = traffic(10.0)
-    for number in range(6):  # walls, behind which cars are hidden in part or whole
-        turn = Rotation.from_euler("z", number)
-        wall = RigidTransform.from_components(turn.apply([9.0, 0, 0]), turn).as_matrix()
-        scene.add(ls.Box((0.5, 5.0, 2.0), center=(0, 0, 0.5)), transform=wall, instance=number + 10, label=50)
-    scan = lidar.scan(scene, EGO)
+def crowd(seed: int) -> ls.Scene:
+    """Things of one to three parts of all bounded shapes, at rest and in motion, and planes behind them."""
+    scene, rng = ls.Scene(), np.random.default_rng(seed)
+    scene.add(ls.Plane((0, 0, 1), -1.5), instance=9000)
+    scene.add(ls.Plane((1, 0, 0), 30.0), instance=9001)
+    ico = [(0, 0, 1), (1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, -1)]
+    faces = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (5, 2, 1), (5, 3, 2), (5, 4, 3), (5, 1, 4)]
+    scene.add(ls.Box((0.5, 12, 6), center=(4, 0, 0)), instance=0)  # hides what is behind it
+    for instance in (8001, 8002):  # meshes in the world
+        soup = rng.uniform(-4, 4, 3) + 3 * rng.normal(size=(200, 1, 3)) + 0.3 * rng.normal(size=(200, 3, 3))
+        scene.add(ls.TriangleMesh(soup.reshape(-1, 3), np.arange(600).reshape(-1, 3)), instance=instance)
+    for instance in range(100, 170):
+        place = at(*rng.uniform(-25, 25, 2), rng.uniform(-3, 3), rng.uniform(-1, 2))
+        motion = ls.Trajectory.from_twist(place, rng.uniform(-30, 30, 3), rng.uniform(-2, 2, 3))
+        for _ in range(rng.integers(1, 4)):
+            aside = rng.uniform(-1, 1, 3)
+            shape, label = (
+                (ls.Box(rng.uniform(0.3, 3, 3), center=aside), 1),
+                (ls.Sphere(aside, rng.uniform(0.2, 1.5)), 2),
+                (ls.Cylinder(aside, aside + rng.uniform(0.5, 2, 3), 0.4), 3),
+                (ls.Disk(aside, rng.normal(size=3), 0.9), 4),
+                (ls.Spheres(rng.uniform(-1, 1, (30, 3)), rng.uniform(0.05, 0.3, 30)), np.arange(30) % 3),
+                (ls.Disks(rng.uniform(-1, 1, (30, 3)), rng.normal(size=(30, 3)), rng.uniform(0.1, 0.4, 30)), 6),
+                (ls.TriangleMesh(np.array(ico) + aside, faces), np.array([7, 7, 7, 8, 8, 7, 7, 7])),
+            )[rng.integers(7)]
+            if instance % 2:
+                scene.add(shape, instance=instance, label=label, motion=motion)
+            else:
+                scene.add(shape, instance=instance, label=label, transform=place)
+    for item in list(scene)[5:40:7]:
+        scene.remove(item.id)  # so that ids are not places
+    return scene
+
+
+def plainly(**measurement: Any) -> ls.Lidar:
+    """A lidar whose maximum range cuts through the crowd."""
+    lidar = ls.Lidar.preset("ouster-os1-64", noise="none")
+    return replace(lidar, max_range=22.0, min_range=0.0, measurement=ls.Measurement(**measurement))
+
+
+class Scattered:
+    """Pulses of random origins and directions, each at a time of its own: their rays share no packets."""
+
+    rate, shape = 10.0, (1, 4000)
+
+    def pulses(self, _: int = 0) -> Pulses:
+        rng, count = np.random.default_rng(8), self.shape[1]
+        directions = Rotation.random(count, rng=rng).apply([1, 0, 0])
+        times = np.sort(rng.uniform(0, 0.1, count))
+        return Pulses(directions, rng.uniform(-2, 2, (count, 3)), times, np.zeros(count, int), np.arange(count))
+
+
+SENSORS = {
+    "one ray": plainly(),
+    "jitter": plainly(azimuth_sigma=1e-3, elevation_sigma=1e-3),
+    "beam": plainly(beam=ls.Beam(3e-3, rays=7), returns=2),
+    "false returns": plainly(false_returns=0.3, dropout=0.5, returns="first"),
+    "dropout": plainly(dropout=0.5),
+    "scattered": ls.Lidar(Scattered(), max_range=22.0),
+}
+
+
+@pytest.mark.parametrize("name", SENSORS)
+@pytest.mark.parametrize("seed", range(2))
+def test_visibility_is_that_of_brute_force(name: str, seed: int) -> None:
+    lidar, scene, mount = SENSORS[name], crowd(seed), at(1, 0.5, 0.4, 0.3)
+    scan = next(iter(ls.Rig({"top": (lidar, mount)}).frames(scene, EGO, 1)))["top"]
+    if seed:
+        some = np.random.default_rng(3).permutation(len(scan))[: len(scan) // 2]
+        scan = fire(lidar, scene, EGO @ mount, indices=some)
     boxes = scan.boxes()
-    now = scan.time + scan.pulses.time
-    poses = EGO.at(now).as_matrix()
+    now, poses = scan.time + scan.pulses.time, scan.poses
     origins = np.einsum("nij,nj->ni", poses[:, :3, :3], scan.pulses.origins) + poses[:, :3, 3]
     directions = np.einsum("nij,nj->ni", poses[:, :3, :3], scan.pulses.directions)
     whole = scene.cast(origins, directions, t_max=lidar.max_range, time=now)
-    owner = np.array([item.instance for item in scene])[whole.object_id]
+    owner = np.full(max(item.id for item in scene) + 2, -1)
+    owner[[item.id for item in scene]] = [item.instance for item in scene]
+    owner = owner[whole.object_id]  # -1, a miss, picks the last
     shares = {}
     for instance in {item.instance for item in scene if item.shape.bounded}:
         # A ray that grazes a thing may round to either side, as poses are composed in another order here.
         covered = alone(scene, instance).cast(origins, directions, t_max=lidar.max_range, time=now).hit
         if covered.any():
-            shares[instance] = (whole.hit & (owner == instance))[covered].mean(), covered.sum()
-    assert sorted(shares) == boxes.instance.tolist()
-    expected, pulses = np.array([shares[instance] for instance in boxes.instance]).T
-    assert (np.abs(boxes.visibility - expected) <= 1.0 / pulses).all()
-    assert ((boxes.visibility > 0.02) & (boxes.visibility < 0.98)).sum() >= 5
-    assert (boxes.visibility == 0.0).sum() == (boxes.points == 0).sum()
+            shares[instance] = (owner == instance)[covered].mean(), covered.sum(), now[covered].mean()
+    seen = boxes.visibility == boxes.visibility
+    assert sorted(shares) == boxes.instance[seen].tolist()
+    assert (boxes.points[~seen] > 0).all()  # off the nominal rays
+    assert 0 in shares
+    expected, pulses, mean_time = np.array([shares[instance] for instance in boxes.instance[seen]]).T
+    assert (np.abs(boxes.visibility[seen] - expected) <= 1.0 / pulses).all()
+    assert ((boxes.visibility > 0.02) & (boxes.visibility < 0.98)).sum() >= 12
+    hidden = boxes.points[seen] == 0
+    # Times are rounded to 2⁻⁴⁰ s; one pulse more or less of n moves their mean by at most a period of 0.1 s over n.
+    assert (np.abs(boxes.time[seen] - mean_time)[hidden] <= 2.0**-40 + 0.1 / pulses[hidden]).all()
+    if name == "one ray":
+        assert (boxes.visibility == 0.0).sum() == (boxes.points == 0).sum() > 0
+
+
+def test_things_are_as_visible_from_afar() -> None:
+    """Rays from beyond 10³⁰ m, which fit into no packet; a power of two scales without rounding."""
+    shares = []
+    for scale in (1.0, 2.0**104):
+        scene, pose = ls.Scene(), at(-scale, 0, 0)
+        scene.add(ls.Sphere((3 * scale, 0, 0), scale), instance=1)
+        scene.add(ls.Sphere((6 * scale, 0, 0), 2 * scale), instance=2)
+        scene.add(ls.Sphere((6 * scale, 1.5 * scale, 0), scale), instance=2)
+        lidar = ls.Lidar(looker().pattern, max_range=64 * scale)
+        shares.append(lidar.scan(scene, pose).boxes().visibility)
+    assert np.array_equal(*shares)
+    assert 0.0 < shares[0][1] < shares[0][0] == 1.0
+
+
+@pytest.mark.parametrize("other", ["jitter", "false returns", "dropout", "beam"])
+def test_visibility_is_that_of_nominal_rays_whatever_the_noise(other: str) -> None:
+    scene = crowd(5)
+    plain, noisy = (SENSORS[name].scan(scene, EGO).boxes() for name in ("one ray", other))
+    _, one, two = np.intersect1d(plain.instance, noisy.instance, return_indices=True)
+    assert len(one) == len(plain) > 15
+    assert np.array_equal(plain.visibility[one], noisy.visibility[two])
+    assert not np.array_equal(plain.points[one], noisy.points[two])
+
+
+def test_boxes_depend_neither_on_threads_nor_on_instructions(
+    instruction_sets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scan = SENSORS["jitter"].scan(crowd(2), EGO)
+    expected = scan.boxes()
+    assert (expected.points == 0).any()  # whose times are sums over pulses on all threads
+    for isa in instruction_sets:
+        for threads in ("1", "3"):
+            monkeypatch.setenv("LIDARSIM_ISA", isa)
+            monkeypatch.setenv("LIDARSIM_THREADS", threads)
+            again = scan.boxes()
+            for name in ("visibility", "points", "time", "center", "truncation"):
+                assert np.array_equal(getattr(expected, name), getattr(again, name)), (isa, threads, name)
+
+
+@pytest.mark.parametrize("length", [1.0, 1.0 - 2.0**-22, 1.0 + 2.0**-22])
+@pytest.mark.parametrize("limit", [22.0, math.nextafter(22.0, 0.0), math.nextafter(22.0, 30.0), 22.0 + 2.0**-19])
+def test_what_begins_near_the_maximum_range_is_decided_as_by_a_cast(length: float, limit: float) -> None:
+    """A wall whose face is there, for a direction that is of unit length only to float32: its t is not the range."""
+
+    class Ahead:
+        rate, shape = 10.0, (1, 1)
+
+        def pulses(self, _: int = 0) -> Pulses:
+            return Pulses([[length, 0, 0]], [[0, 0, 0]], time=[0.0], ring=[0], column=[0])
+
+    scene = ls.Scene()
+    scene.add(ls.Box((1, 4, 4), center=(22.5, 0, 0)), instance=5)
+    scene.add(ls.Box((1, 9, 9), center=(24.5, 0, 0)), instance=6)
+    boxes = ls.Lidar(Ahead(), max_range=limit).scan(scene).boxes()
+    met = scene.cast([[0, 0, 0]], [[length, 0, 0]], t_max=limit).hit[0]
+    assert boxes.instance[boxes.visibility > 0].tolist() == ([5] if met else [])
+
+
+# --- Truncation ------------------------------------------------------------------------------------------------------
+
+
+def looker(azimuth: float = 60.0, low: float = -15.0, high: float = 15.0, *, max_range: float = 100.0) -> ls.Lidar:
+    """A lidar with a field of view of twice this azimuth, and between these elevations, degrees."""
+    grid = ls.patterns.Grid(
+        np.radians(np.linspace(azimuth, -azimuth, 241)), np.radians(np.linspace(high, low, 31)), rate=10.0
+    )
+    return ls.Lidar(grid, max_range=max_range)
+
+
+def truncation(lidar: ls.Lidar, size: Any, pose: np.ndarray, **options: Any) -> float:
+    scene = ls.Scene()
+    scene.add(ls.Box(size), transform=pose)
+    boxes = lidar.scan(scene).boxes(**options)
+    assert len(boxes) == 1
+    return boxes.truncation[0].item()
+
+
+EXACT = 64 * math.ulp(math.pi)
+"""More than the roundings of the angles and distances of a corner, which are a dozen numbers below 4."""
+
+
+def test_a_car_half_out_of_view_is_half_truncated() -> None:
+    aside = math.radians(60.0)
+    car = at(20 * math.cos(aside), 20 * math.sin(aside), aside + math.pi / 2)
+    # Half of its azimuths are left of the last column: a car of 4.4 m at 20 m spans more than 0.2 rad.
+    assert abs(truncation(looker(), (4.4, 1.8, 1.6), car) - 0.5) <= EXACT / 0.2
+    assert truncation(looker(), (4.4, 1.8, 1.6), at(20, 0, 1.0)) == 0.0
+    assert truncation(looker(), (4.4, 1.8, 1.6), at(20, 0, 1.0), frame="world", deskew="end") == 0.0
+
+
+def test_nothing_around_is_truncated_by_a_full_turn() -> None:
+    scene = ls.Scene()
+    for azimuth in np.linspace(0, 2 * np.pi, 60, endpoint=False):  # a closed ring, as a car spans more than 0.2 rad
+        scene.add(ls.Box((1.8, 4.4, 1.6)), transform=at(20 * math.cos(azimuth), 20 * math.sin(azimuth), azimuth))
+    boxes = sensor().scan(scene).boxes()
+    assert len(boxes) == 60
+    assert (boxes.truncation == 0.0).all()
+
+
+def test_a_pedestrian_nearby_is_cut_by_the_lowest_beam() -> None:
+    feet, head = -1.5, 0.3
+    near, far = 2.75, math.hypot(3.25, 0.25)
+    lowest, highest = math.atan2(feet, near), math.atan2(head, near)
+    expected = (math.radians(-15) - lowest) / (highest - lowest)
+    found = truncation(looker(), (0.5, 0.5, head - feet), at(3, 0, 0, (feet + head) / 2))
+    assert far > near
+    assert 0.3 < expected < 0.7
+    # The lowest corners are those of the near face, which are 0.25 m aside.
+    corner = math.hypot(near, 0.25)
+    lowest, highest = math.atan2(feet, corner), math.atan2(head, corner)
+    assert abs(found - (math.radians(-15) - lowest) / (highest - lowest)) <= EXACT / 0.4
+
+
+def overlap(low: float, high: float, first: float, last: float) -> float:
+    return max(0.0, min(high, last) - max(low, first)) / (high - low)
+
+
+def test_truncation_is_the_share_of_azimuth_elevation_and_range() -> None:
+    """Against a plain reckoning, corner by corner, for boxes ahead that reach out of view on any side."""
+    lidar, rng = looker(max_range=30.0), np.random.default_rng(1)
+    shares = []
+    for _ in range(60):
+        size = rng.uniform(0.5, 12, 3)
+        where = rng.uniform(8, 30), rng.uniform(-1.2, 1.2), rng.uniform(-0.3, 0.3)
+        pose = at(where[0] * math.cos(where[1]), where[0] * math.sin(where[1]), rng.uniform(-3, 3), where[0] * where[2])
+        corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * size @ pose[:3, :3].T + pose[:3, 3]
+        if corners[:, 0].min() <= 0.0:
+            continue  # this reckoning is of azimuths within a quarter turn of straight ahead
+        scene = ls.Scene()
+        scene.add(ls.Box(size), transform=pose)
+        found = lidar.scan(scene).boxes()
+        if not len(found):
+            continue
+        azimuths = [math.atan2(y, x) for x, y, _ in corners]
+        elevations = [math.atan2(z, math.hypot(x, y)) for x, y, z in corners]
+        ranges = [math.hypot(*corner) for corner in corners]
+        inside = overlap(min(azimuths), max(azimuths), -math.radians(60), math.radians(60))
+        inside *= overlap(min(elevations), max(elevations), -math.radians(15), math.radians(15))
+        inside *= overlap(min(ranges), max(ranges), 0.0, 30.0)
+        # The least box spans 0.5 m at less than 40 m.
+        assert abs(found.truncation[0] - (1.0 - inside)) <= 3 * EXACT / (0.5 / 40)
+        shares.append(1.0 - inside)
+    assert len(shares) > 25
+    assert sum(0.05 < share < 0.95 for share in shares) > 12
+    assert 0.0 in shares
+
+
+def test_truncation_where_the_view_is_odd() -> None:
+    room = at(1, 0, 0)
+    assert abs(truncation(looker(90.0, -89.0, 89.0), (8, 8, 8), room) - 0.5) < 0.02  # around the sensor: half a turn
+    flat = ls.Lidar(ls.patterns.Grid(np.radians(np.linspace(-60, 60, 121)), [0.0], rate=10.0))
+    assert truncation(flat, (2, 2, 2), at(10, 0, 0)) == 0.0  # one elevation does not limit it
+    upright = ls.Lidar(ls.patterns.Grid([0.0], np.radians(np.linspace(-20, 20, 121)), rate=10.0))
+    assert truncation(upright, (2, 2, 2), at(10, 0, 0)) == 0.0
+    single = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0))
+    assert truncation(single, (2, 2, 2), at(10, 0, 0)) == 0.0
+    rear = ls.Lidar(ls.patterns.Grid(np.radians(np.linspace(120, 240, 121)), np.radians([-9, 0, 9]), rate=10.0))
+    assert truncation(rear, (2, 2, 2), at(-20, 0, 0.3)) == 0.0  # a view across ±π
+    aside = math.radians(120.0)
+    pose = at(20 * math.cos(aside), 20 * math.sin(aside), aside)
+    assert abs(truncation(rear, (2, 2, 2), pose) - 0.5) <= EXACT / 0.1
 
 
 def test_velocity_is_the_derivative_of_the_centre() -> None:
@@ -224,7 +490,15 @@ def test_what_has_no_box() -> None:
 def test_selections_corners_and_copies() -> None:
     scan = sensor().scan(traffic(0.0))
     boxes = scan.boxes()
-    assert repr(boxes).startswith(f"Boxes({len(boxes)} boxes, ")
+    assert repr(boxes) == (
+        f"Boxes of 24 things with {boxes.points.sum():,} points\n  car  24 things  {boxes.points.sum():,} points"
+    )
+    assert repr(boxes[:0]) == "Boxes of 0 things with 0 points"
+    assert "<td>car</td>" in boxes._repr_html_()
+    rows = np.asarray(boxes)
+    assert np.array_equal(rows, np.column_stack([boxes.center, boxes.size, boxes.yaw]))
+    assert np.asarray(boxes, np.float32).dtype == np.float32
+    assert [len(box) for box in boxes] == [1] * 24
     seen = boxes[boxes.points >= 200]
     assert len(seen) == len(scan.boxes(min_points=200)) < len(boxes)
     corners = boxes[:1].corners[0]
@@ -238,6 +512,28 @@ def test_selections_corners_and_copies() -> None:
     assert len(copy.copy(scan).boxes()) == len(copy.deepcopy(scan).boxes()) == len(boxes)
 
 
+def test_boxes_are_those_of_the_scene_as_it_was_scanned() -> None:
+    scene = ls.Scene()
+    ball = scene.add(ls.Sphere((5, 0, 0), 1.0))
+    before = sensor().scan(scene)
+    scene.update(ball, shape=ls.Sphere((0, 7, 0), 2.0))
+    after = sensor().scan(scene)
+    for scan, center, size in ((before, (5, 0, 0), 2.0), (after, (0, 7, 0), 4.0), (before, (5, 0, 0), 2.0)):
+        boxes = scan.boxes()
+        np.testing.assert_allclose(boxes.center, [center], rtol=0, atol=math.ulp(8.0))
+        np.testing.assert_allclose(boxes.size, [[size] * 3], rtol=0, atol=2 * 64 * 2.0**-53 * 32.0)
+
+
+def test_no_pulses_no_boxes() -> None:
+    class Silent:
+        rate, shape = 10.0, (1, 1)
+
+        def pulses(self, _: int = 0) -> Pulses:
+            return Pulses(np.empty((0, 3)), np.empty((0, 3)), [], [], [])
+
+    assert len(ls.Lidar(Silent()).scan(traffic(0.0)).boxes(deskew="end")) == 0
+
+
 def test_mistakes() -> None:
     scan = sensor().scan(traffic(0.0))
     with pytest.raises(ValueError, match="frame: expected 'sensor' or 'world', got 'body'"):
@@ -246,6 +542,8 @@ def test_mistakes() -> None:
         scan.boxes(deskew="begin")
     with pytest.raises(ValueError, match="min_points: expected an integer >= 0, got -1"):
         scan.boxes(min_points=-1)
+    with pytest.raises(TypeError, match=r"min_points: expected an integer >= 0, got 1\.5"):
+        scan.boxes(min_points=1.5)
     with pytest.raises(ValueError, match="deskew_movers: expected a deskewed cloud, got deskew=False"):
         scan.point_cloud(deskew_movers=True)
     pickled = pickle.loads(pickle.dumps(scan))  # noqa: S301

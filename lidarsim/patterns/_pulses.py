@@ -17,7 +17,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 class _OfOneOrigin(Immutable):
     """Base of `Pulses`, with what is not an array."""
 
-    __slots__ = ("_origin",)
+    __slots__ = ("__weakref__", "_origin")
 
     _origin: tuple[float, ...] | None
     """Common origin of all pulses, or None. With a common origin, scans do not read `origins`."""

@@ -3,7 +3,7 @@
 
 use crate::arith::simd::Runner;
 use crate::cast::{Cast, Columns, Occlusion};
-use crate::measure::{BadPulse, Batch, WritePoints};
+use crate::measure::{BadPulse, Batch, CoverPiece, ThingPulses, WritePoints};
 use crate::scene::{Rays, TRange, World};
 
 /// The work on a piece of a cast or of a scan, compiled for one instruction set.
@@ -14,6 +14,9 @@ pub trait Kernels: Sync {
 
     /// Whether each ray hits anything with t_min ≤ t ≤ t_max. False if there was an illegal ray.
     fn find_occluded(&self, world: &World, rays: Rays, range: TRange, occlusion: &mut Occlusion) -> bool;
+
+    /// The pulses of each thing, of a piece of the pulses.
+    fn cover(&self, piece: CoverPiece) -> Vec<ThingPulses>;
 
     /// Writes the points and normals of a piece of a cloud.
     fn write_points(&self, points: WritePoints);
@@ -29,6 +32,10 @@ impl<R: Runner> Kernels for R {
 
     fn find_occluded(&self, world: &World, rays: Rays, range: TRange, occlusion: &mut Occlusion) -> bool {
         R::run(Cast { world, rays, range, hits: occlusion })
+    }
+
+    fn cover(&self, piece: CoverPiece) -> Vec<ThingPulses> {
+        R::run(piece)
     }
 
     fn write_points(&self, points: WritePoints) {

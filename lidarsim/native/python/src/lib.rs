@@ -2,6 +2,7 @@
 
 mod affine;
 mod cloud;
+mod coverage;
 mod object;
 mod path;
 mod plain;
@@ -46,6 +47,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
     m.add_function(wrap_pyfunction!(scan::scan_columns, m)?)?;
     m.add_function(wrap_pyfunction!(cloud::points_of, m)?)?;
+    m.add_function(wrap_pyfunction!(coverage::coverage, m)?)?;
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;

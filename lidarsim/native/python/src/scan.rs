@@ -66,15 +66,15 @@ pub struct PulseArrays<'py> {
 }
 
 /// The same arrays, checked to be of equal length.
-struct Pulses<'a> {
-    directions: &'a [Point],
-    origins: Origins<'a>,
-    times: &'a [f64],
+pub struct Pulses<'a> {
+    pub directions: &'a [Point],
+    pub origins: Origins<'a>,
+    pub times: &'a [f64],
     rings: &'a [u16],
 }
 
 impl PulseArrays<'_> {
-    fn slices(&self) -> PyResult<Pulses<'_>> {
+    pub fn slices(&self) -> PyResult<Pulses<'_>> {
         let (directions, origins) =
             (points("pulses.directions", &self.directions)?, points("pulses.origins", &self.origins)?);
         let (times, rings) = (elements("pulses.time", &self.time)?, elements("pulses.ring", &self.ring)?);

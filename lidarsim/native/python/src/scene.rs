@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::Appearance;
 use lidarsim_core::{
-    Arrays, Columns, HitRows, Kernels, Occlusion, Point, Rays, Scene, TRange, World, cast_all, memory,
-    objects_met, span,
+    Arrays, Columns, HitRows, Kernels, Occlusion, Point, Rays, Scene, TRange, World, cast_all, memory, span,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -202,27 +201,6 @@ impl PyScene {
             PyArray1::from_vec(py, primitive),
             PyArray1::from_vec(py, normal).reshape([rays.0.len() * most, 3])?,
         ))
-    }
-
-    /// The objects that each ray meets: two arrays of equal length, the indices of rays, ascending, and of
-    /// objects.
-    fn objects_met<'py>(
-        &self,
-        py: Python<'py>,
-        origins: Points<'py>,
-        directions: Points<'py>,
-        t_min: f64,
-        t_max: f64,
-        times: Option<PyReadonlyArray1<'py, f64>>,
-    ) -> PyResult<[Bound<'py, PyArray1<u32>>; 2]> {
-        let rays = equal_points(&origins, &directions)?;
-        legal_rays(rays.0, rays.1)?;
-        let range = TRange { min: t_min, max: t_max };
-        let (ray, object): (Vec<u32>, Vec<u32>) =
-            self.cast_rays(py, rays, times.as_ref(), range, size_of::<(u32, u32)>(), |cast| {
-                (objects_met(&cast.world, cast.rays, cast.range).into_iter().unzip(), true)
-            })?;
-        Ok([ray, object].map(|ids| PyArray1::from_vec(py, ids)))
     }
 
     /// Whether each ray hits anything, (n,). `times` is as for `cast`.

@@ -17,7 +17,7 @@ const SPARE: usize = 32;
 
 /// The roots of a ray on a primitive whose rounded t is in range. A negative t is not, even if it rounds to
 /// zero.
-fn roots_in_range(
+pub fn roots_in_range(
     scene: &Scene,
     ray: &TimedRay,
     TRange { min, max }: TRange,
@@ -112,60 +112,6 @@ impl AllHits<'_> {
         }
         self.roots = roots;
     }
-}
-
-/// The objects that one ray meets.
-struct ObjectsMet<'a> {
-    scene: &'a Scene,
-    ray: TimedRay,
-    range: TRange,
-    objects: Vec<u32>,
-}
-
-impl<'a> RayQuery<'a> for ObjectsMet<'a> {
-    fn scene(&self) -> &'a Scene {
-        self.scene
-    }
-
-    fn ray(&self) -> &TimedRay {
-        &self.ray
-    }
-
-    fn t_min(&self) -> f64 {
-        self.range.min
-    }
-
-    fn limit(&self) -> f64 {
-        self.range.max
-    }
-
-    fn visit(&mut self, object: u32, primitive: u32) {
-        let is_met = || roots_in_range(self.scene, &self.ray, self.range, object, primitive).next().is_some();
-        if !self.objects.contains(&object) && is_met() {
-            memory::push(&mut self.objects, object);
-        }
-    }
-}
-
-/// Per ray, the objects that it meets with t_min ≤ t ≤ t_max, in any order: pairs of the indices of ray and
-/// object, in the order of the rays. All numbers must be finite and no direction zero.
-pub fn objects_met(world: &World, rays: Rays, range: TRange) -> Vec<(u32, u32)> {
-    let range = TRange { max: range.max.min(f64::MAX), ..range };
-    let count = rays.directions.len();
-    let mut pieces = memory::collect((0..count.div_ceil(PIECE)).map(|_| Vec::new()));
-    parallel::share(pieces.iter_mut().enumerate(), |(piece, pairs)| {
-        let mut stack = Stack::new();
-        for i in piece * PIECE..count.min((piece + 1) * PIECE) {
-            let time = rays.times.get(i).copied().unwrap_or(0.0);
-            let ray = TimedRay { origin: rays.origins[i], direction: rays.directions[i], time };
-            let mut query = ObjectsMet { scene: world.scene, ray, range, objects: Vec::new() };
-            query.run(world, &mut stack);
-            for object in query.objects {
-                memory::push(pairs, (i as u32, object));
-            }
-        }
-    });
-    pieces.concat()
 }
 
 /// Rows of the hits of rays, `most` per ray.

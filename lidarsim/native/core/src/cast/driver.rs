@@ -19,7 +19,7 @@ use crate::scene::{Hit, Rays, Sink, TRange, World};
 use crate::stop;
 
 /// Packets between two polls for a stop of the cast.
-const POLL: usize = 16;
+pub const POLL: usize = 16;
 
 /// The closest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; times may be missing if
 /// nothing moves. The result is false if any ray has a number that is not finite or a zero direction; such a
@@ -40,9 +40,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let scene = world.scene;
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let Scratch { traversals, previous, batches, surfaces, ray_sort } = &mut *scratch;
-        ray_sort.restart(rays.directions, (world.number, world.size), !rays.times.is_empty());
         batches.restart(scene);
-        let mut source = PacketSource { rays, ray_sort, start: 0, done: 0 };
+        let mut source = PacketSource::new(world, rays, ray_sort);
         let mut traversals =
             traversals.each_mut().map(|scratch| Traversal::new(world, range, S::ANY, scratch));
         // Hits of one packet are refined after the traversal of the next, so that their vertices can be
@@ -86,18 +85,18 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
 
 thread_local! {
     /// Reused from cast to cast, as it is large.
-    static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
+    pub static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
 }
 
 /// Scratch memory of a cast; its contents carry no meaning to the next.
-struct Scratch {
+pub struct Scratch {
     /// Boxed separately, so that a thread's stack need not hold all of them during construction.
-    traversals: [Box<TraversalScratch>; TRAVERSALS],
+    pub traversals: [Box<TraversalScratch>; TRAVERSALS],
     /// The rays of the packet whose hits are being refined.
     previous: RayPacket,
     batches: HitBatches,
-    surfaces: SurfaceIntersector,
-    ray_sort: RaySort,
+    pub surfaces: SurfaceIntersector,
+    pub ray_sort: RaySort,
 }
 
 impl Default for Scratch {
@@ -113,7 +112,7 @@ impl Default for Scratch {
 }
 
 /// The source of packets: rays yet to be traced, in the order of the ray sort.
-struct PacketSource<'a> {
+pub struct PacketSource<'a> {
     rays: Rays<'a>,
     ray_sort: &'a mut RaySort,
     /// How many rays of the last sort are already in packets, and where these rays begin.
@@ -121,11 +120,16 @@ struct PacketSource<'a> {
     done: usize,
 }
 
-impl PacketSource<'_> {
+impl<'a> PacketSource<'a> {
+    pub fn new(world: &World, rays: Rays<'a>, ray_sort: &'a mut RaySort) -> Self {
+        ray_sort.restart(rays.directions, (world.number, world.size), !rays.times.is_empty());
+        PacketSource { rays, ray_sort, start: 0, done: 0 }
+    }
+
     /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if no
     /// rays remain. Clears the hits of the rays that it sorts.
     #[inline(always)]
-    fn next_packet<I: Isa>(&mut self, packet: &mut RayPacket, hits: &mut (impl Sink + ?Sized)) -> bool {
+    pub fn next_packet<I: Isa>(&mut self, packet: &mut RayPacket, hits: &mut (impl Sink + ?Sized)) -> bool {
         let end = self.ray_sort.sorted().len();
         if self.start == end {
             if !self.ray_sort.advance::<I>(self.rays.origins, self.rays.directions) {

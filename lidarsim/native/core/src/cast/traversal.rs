@@ -12,6 +12,7 @@ use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::poses::Poses;
 use crate::cast::primitive_intersector::PrimitiveIntersector;
 use crate::cast::surface_intersector::{PacketQuery, SurfaceIntersector};
+use crate::cast::things::ThingsMet;
 use crate::geometry::vector::Point;
 use crate::scene::{Disks, Geometry, Object, Primitives, Scene, Spheres, TRange, TriangleMesh, World};
 use crate::shapes::triangle::Leaf;
@@ -137,6 +138,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
                 near_rays,
                 are_far: false,
                 closest,
+                things: None,
                 deferred,
                 pending: 0,
                 instance_rays,
@@ -230,7 +232,9 @@ impl<'a, 'b> Traversal<'a, 'b> {
         outer.stop(stack);
         let active = all(state.rays.count);
         for &object in &world.index.unbounded {
-            state.intersect_surface::<I>(object, active, surfaces);
+            let asked = state.asked(object, active);
+            let nearer = state.intersect_surface::<I>(object, asked, surfaces);
+            state.leave::<I>(object, nearer);
         }
         if state.rays.count == 1 || !state.rays.are_coherent::<I>(world.size) {
             I::call(Incoherent {
@@ -268,8 +272,9 @@ impl<'a, 'b> Traversal<'a, 'b> {
     fn intersect<I: Isa>(&mut self, id: u32, surfaces: &mut SurfaceIntersector) {
         let mask = self.outer.mask();
         if self.state.scene.objects()[id as usize].is_surface() {
-            let nearer = self.state.intersect_surface::<I>(id, mask, surfaces);
-            self.outer.lower_limits(nearer);
+            let asked = self.state.asked(id, mask);
+            let nearer = self.state.intersect_surface::<I>(id, asked, surfaces);
+            self.outer.lower_limits(self.state.leave::<I>(id, nearer));
         } else {
             self.enter::<I>(id, mask);
         }
@@ -278,7 +283,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
     /// Begins an instance visit.
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask) {
-        self.visit = self.state.enter::<I>(id, mask, self.stack);
+        let asked = self.state.asked(id, mask);
+        self.visit = self.state.enter::<I>(id, asked, self.stack);
         self.inner.stop(self.stack);
     }
 
@@ -288,7 +294,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         let Traversal { state, stack, outer, inner, .. } = self;
         let mask = state.next::<I>(visit);
         if mask == 0 {
-            outer.lower_limits(visit.entered);
+            outer.lower_limits(state.leave::<I>(visit.id, visit.entered));
             self.visit = None;
         } else if mask & (mask - 1) == 0 {
             I::call(SingleRays { state, visit, mask, packet: &mut inner.packet, stack });
@@ -345,6 +351,8 @@ pub struct PacketState<'a, 'b> {
     near_rays: &'b mut Option<Box<RayPacket>>,
     are_far: bool,
     pub closest: ClosestHits<'a>,
+    /// In a query for things; then each object is intersected as if it stood alone.
+    pub things: Option<ThingsMet<'a>>,
     deferred: &'b mut DeferredCandidates,
     /// Rays yet to traverse the visited mesh.
     pending: Mask,
@@ -354,6 +362,30 @@ pub struct PacketState<'a, 'b> {
 }
 
 impl<'a> PacketState<'a, '_> {
+    /// The rays of `mask` for which an object is to be intersected.
+    #[inline(always)]
+    fn asked(&self, id: u32, mask: Mask) -> Mask {
+        self.things.as_ref().map_or(mask, |things| things.asked(id, mask))
+    }
+
+    /// Ends the intersection of an object, which may have decreased the limits of rays, and returns those for
+    /// which it has. In a query for things, no object hides another.
+    #[inline(always)]
+    fn leave<I: Isa>(&mut self, id: u32, nearer: Mask) -> Mask {
+        if self.things.is_none() {
+            return nearer;
+        }
+        if nearer != 0 {
+            self.resolve::<I>();
+            let found = self.closest.found::<I>();
+            self.closest.restart::<I>();
+            if let Some(things) = &mut self.things {
+                things.meet(id, found);
+            }
+        }
+        0
+    }
+
     #[inline(always)]
     fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surfaces: &mut SurfaceIntersector) -> Mask {
         let PacketState { rays, closest, poses, .. } = self;
@@ -599,8 +631,10 @@ struct Objects<'t, 'a, 'b> {
 impl Objects<'_, '_, '_> {
     #[inline(always)]
     fn intersect<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: Mask) {
+        let mask = self.state.asked(id, mask);
         let Some(visit) = self.state.enter::<I>(id, mask, stack) else {
-            self.state.intersect_surface::<I>(id, mask, self.surfaces);
+            let nearer = self.state.intersect_surface::<I>(id, mask, self.surfaces);
+            self.state.leave::<I>(id, nearer);
             return;
         };
         loop {
@@ -610,6 +644,7 @@ impl Objects<'_, '_, '_> {
             }
             I::call(SingleRays { state: self.state, visit, mask, packet: self.packet, stack });
         }
+        self.state.leave::<I>(id, visit.entered);
     }
 }
 

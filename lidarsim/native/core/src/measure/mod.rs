@@ -4,13 +4,14 @@
 //! light becomes echoes, one a ray (`single_ray.rs`) or those of a waveform over the footprint of a beam
 //! (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the range gate
 //! last. The rows of a scan are written to its columns (`columns.rs`), from which `returns.rs` and
-//! `points.rs` make a point cloud.
+//! `points.rs` make a point cloud. `coverage.rs` tells how much of each thing pulses reach.
 
 mod appearance;
 mod backscatter;
 mod beam;
 mod caster;
 mod columns;
+mod coverage;
 mod direction;
 mod echo;
 mod effects;
@@ -36,6 +37,7 @@ mod waveform;
 pub use appearance::{Appearance, Labels, Reflectivity};
 pub use backscatter::Backscatter;
 pub use columns::{Layout, Rows, ScanColumns};
+pub use coverage::{CoverPiece, NominalPulses, Targets, ThingPulses};
 pub use frame::{BadPulse, Fault, Frame};
 pub use measurement::Measurement;
 pub use origins::Origins;

@@ -1,0 +1,263 @@
+//! Coverage: how many pulses would hit each thing of a scene if it stood alone, how many of them reach it,
+//! and how many returns it gives.
+
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+use super::origins::Origins;
+use crate::arith::simd::{Isa, Task};
+use crate::cast::{Cast, HitArrays, MeetThings, NO_THING, pieces};
+use crate::geometry::pose::Path;
+use crate::geometry::vector::Point;
+use crate::scene::{Rays, TRange, World};
+use crate::{memory, parallel};
+
+/// The nominal pulses of a frame, of one ray each, and what a scan found of them.
+pub struct NominalPulses<'a> {
+    pub origins: Origins<'a>,
+    /// In the sensor frame.
+    pub directions: &'a [Point],
+    /// Since the start of the frame, s.
+    pub times: &'a [f64],
+    pub start: f64,
+    pub path: &'a Path,
+    /// Per pulse, the object that its ray hits first, `MISS` or `UNKNOWN`; `None` if all are unknown.
+    pub first: Option<&'a [i32]>,
+    /// Per pulse, the number of its returns, and rows of the objects that they are from, `MISS` for none.
+    pub return_counts: &'a [u8],
+    pub objects: &'a [i32],
+}
+
+/// A pulse whose ray hits nothing in range.
+const MISS: i32 = -1;
+
+/// A pulse whose ray has yet to be cast.
+const UNKNOWN: i32 = -2;
+
+/// A count of pulses or returns, and the sum of their times since the start of the frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    pub count: u64,
+    /// In units of 1/`TICKS`: a sum of whole numbers depends on no order.
+    ticks: i128,
+}
+
+/// Ticks of a second, each about a picosecond.
+const TICKS: f64 = (1_u64 << 40) as f64;
+
+/// A time in ticks. It saturates at 97 days from the start of the frame.
+#[inline(always)]
+fn ticks_of(time: f64) -> i64 {
+    (time * TICKS) as i64
+}
+
+impl Tally {
+    /// The mean time, s; NaN if there are none.
+    fn mean_time(&self) -> f64 {
+        self.ticks as f64 / TICKS / self.count as f64
+    }
+
+    #[inline(always)]
+    fn note(&mut self, ticks: i64) {
+        self.count += 1;
+        self.ticks += i128::from(ticks);
+    }
+
+    fn add(&mut self, other: &Tally) {
+        self.count += other.count;
+        self.ticks += other.ticks;
+    }
+}
+
+/// The pulses of a thing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ThingPulses {
+    /// Those that would hit it if it stood alone.
+    pub covering: Tally,
+    /// How many of these reach it.
+    pub reached: u64,
+    pub returns: Tally,
+}
+
+impl ThingPulses {
+    /// The mean time of its returns, or else of the pulses that would hit it, since the start of the frame.
+    pub fn mean_time(&self) -> f64 {
+        if self.returns.count > 0 { self.returns.mean_time() } else { self.covering.mean_time() }
+    }
+
+    fn add(&mut self, other: &ThingPulses) {
+        self.covering.add(&other.covering);
+        self.reached += other.reached;
+        self.returns.add(&other.returns);
+    }
+}
+
+/// The scene and its things, as pulses may hit them.
+#[derive(Clone, Copy)]
+pub struct Targets<'a> {
+    pub world: &'a World<'a>,
+    /// The thing of each object of the scene, or `NO_THING`.
+    pub things: &'a [u32],
+    /// How many things there are.
+    pub count: usize,
+    /// Only hits with t up to this count.
+    pub max_range: f64,
+}
+
+impl Targets<'_> {
+    fn no_pulses(&self) -> Vec<ThingPulses> {
+        let mut none = Vec::new();
+        memory::resize(&mut none, self.count, ThingPulses::default());
+        none
+    }
+}
+
+/// The coverage of a piece of the pulses, compiled for each instruction set.
+pub struct CoverPiece<'a> {
+    pulses: &'a NominalPulses<'a>,
+    targets: Targets<'a>,
+    piece: Range<usize>,
+}
+
+impl NominalPulses<'_> {
+    /// Returns the pulses of each thing, on all threads. `work` runs a piece.
+    pub fn coverage(
+        &self,
+        targets: Targets,
+        work: impl Fn(CoverPiece) -> Vec<ThingPulses> + Sync,
+    ) -> Vec<ThingPulses> {
+        let total = Mutex::new(targets.no_pulses());
+        parallel::share(pieces(self.directions, 1).into_iter(), |piece| {
+            let own = work(CoverPiece { pulses: self, targets, piece });
+            let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
+            total.iter_mut().zip(&own).for_each(|(total, own)| total.add(own));
+        });
+        total.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Task for CoverPiece<'_> {
+    type Output = Vec<ThingPulses>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Self::Output {
+        let CoverPiece { pulses, targets: Targets { world, things, count, max_range }, piece } = &self;
+        let range = TRange { min: 0.0, max: *max_range };
+        let mut aimed = pulses.aim(piece.clone(), things);
+        if !aimed.unknown.is_empty() {
+            let asked = aimed.part(&aimed.unknown);
+            let mut hits = HitArrays::default();
+            hits.resize(asked.owners.len());
+            let rays = asked.rays(world);
+            I::call(Cast { world, rays, range, hits: &mut hits.columns() });
+            for (ray, object) in aimed.unknown.iter().zip(&hits.object) {
+                aimed.owners[*ray as usize] = thing_of(*object, things);
+            }
+        }
+        let (rays, known, mut pairs) = (aimed.rays(world), &aimed.owners, Vec::new());
+        let (count, mut own) = (*count, self.targets.no_pulses());
+        I::call(MeetThings { world, rays, range, things, count, known, pairs: &mut pairs });
+        for (owner, ticks) in known.iter().zip(&aimed.ticks) {
+            if *owner != NO_THING {
+                own[*owner as usize].reached += 1;
+                own[*owner as usize].covering.note(*ticks);
+            }
+        }
+        for (ray, thing) in pairs {
+            own[thing as usize].covering.note(aimed.ticks[ray as usize]);
+        }
+        let most = pulses.objects.len() / pulses.times.len();
+        for i in piece.clone() {
+            let returns = usize::from(pulses.return_counts[i]).min(most);
+            for object in &pulses.objects[most * i..most * i + returns] {
+                let thing = thing_of(*object, things);
+                if thing != NO_THING {
+                    own[thing as usize].returns.note(ticks_of(pulses.times[i]));
+                }
+            }
+        }
+        own
+    }
+}
+
+/// The thing of an object, or `NO_THING` if there is no object.
+#[inline(always)]
+fn thing_of(object: i32, things: &[u32]) -> u32 {
+    usize::try_from(object).map_or(NO_THING, |object| things[object])
+}
+
+/// The rays of a piece of the pulses, without known misses.
+#[derive(Default)]
+struct AimedPulses {
+    origins: Vec<Point>,
+    directions: Vec<Point>,
+    /// When they are fired, since the start of the frame and as the scene's clock shows, s.
+    ticks: Vec<i64>,
+    moments: Vec<f64>,
+    /// The thing that each hits first, or `NO_THING`.
+    owners: Vec<u32>,
+    /// The rays whose first hits are unknown.
+    unknown: Vec<u32>,
+}
+
+impl AimedPulses {
+    fn with_capacity(count: usize) -> Self {
+        AimedPulses {
+            origins: memory::with_capacity(count),
+            directions: memory::with_capacity(count),
+            ticks: memory::with_capacity(count),
+            moments: memory::with_capacity(count),
+            owners: memory::with_capacity(count),
+            unknown: Vec::new(),
+        }
+    }
+
+    fn rays(&self, world: &World) -> Rays<'_> {
+        let times = if world.scene.moves() { &self.moments[..] } else { &[] };
+        Rays { origins: &self.origins, directions: &self.directions, times }
+    }
+
+    /// Some of the pulses.
+    fn part(&self, pulses: &[u32]) -> Self {
+        let mut part = Self::with_capacity(pulses.len());
+        for i in pulses.iter().map(|i| *i as usize) {
+            part.push(self.origins[i], self.directions[i], (self.ticks[i], self.moments[i]), self.owners[i]);
+        }
+        part
+    }
+
+    #[inline(always)]
+    fn push(&mut self, origin: Point, direction: Point, (ticks, moment): (i64, f64), owner: u32) {
+        self.origins.push(origin);
+        self.directions.push(direction);
+        self.ticks.push(ticks);
+        self.moments.push(moment);
+        self.owners.push(owner);
+    }
+}
+
+impl NominalPulses<'_> {
+    /// Aims the pulses of a piece, except known misses, which meet nothing at all.
+    #[inline(always)]
+    fn aim(&self, pulses: Range<usize>, things: &[u32]) -> AimedPulses {
+        let mut aimed = AimedPulses::with_capacity(pulses.len());
+        let (mut fired, mut ticks, mut pose) = (f64::NAN, 0, self.path.at(self.start));
+        for i in pulses {
+            let first = self.first.map_or(UNKNOWN, |first| first[i]);
+            if first == MISS {
+                continue;
+            }
+            if first == UNKNOWN {
+                memory::push(&mut aimed.unknown, aimed.owners.len() as u32);
+            }
+            // Pulses of one time are fired from one pose.
+            let moment = self.start + self.times[i];
+            if moment != fired {
+                (fired, ticks, pose) = (moment, ticks_of(self.times[i]), self.path.at(moment));
+            }
+            let (origin, direction) = (pose.place(self.origins.of(i)), pose.turn(self.directions[i]));
+            aimed.push(origin, direction, (ticks, moment), thing_of(first, things));
+        }
+        aimed
+    }
+}

@@ -1,0 +1,72 @@
+//! The pulses that would hit things, and those that reach them.
+
+use lidarsim_core::measure::{NominalPulses, Targets};
+use lidarsim_core::{NO_THING, memory, span};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::scan::{PulseArrays, Pulses};
+use crate::{PyPath, PyScene, detached, elements, kernels};
+
+type Coverage<'py> = (
+    Bound<'py, PyArray1<u64>>,
+    Bound<'py, PyArray1<u64>>,
+    Bound<'py, PyArray1<u64>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
+/// Four arrays, of `count` things each: how many of the nominal pulses would hit it if it stood alone; how
+/// many of these reach it; the number of its returns; and the mean time of its returns, or else of the pulses
+/// that would hit it, since the start of the frame.
+///
+/// `things` is the thing of each object of the scene, or 2³² − 1. `returns` are the object of each return,
+/// (n, most), and the number of returns of each pulse. `first` is the object that each pulse hits first, −1
+/// for none within `max_range` and −2 if unknown; absent if all are unknown.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "one call a scan")]
+pub fn coverage<'py>(
+    py: Python<'py>,
+    scene: &PyScene,
+    path: &PyPath,
+    pulses: PulseArrays<'py>,
+    start: f64,
+    things: (PyReadonlyArray1<'py, u32>, usize),
+    max_range: f64,
+    returns: (PyReadonlyArray2<'py, i32>, PyReadonlyArray1<'py, u8>),
+    first: Option<PyReadonlyArray1<'py, i32>>,
+) -> PyResult<Coverage<'py>> {
+    let Pulses { directions, origins, times, .. } = pulses.slices()?;
+    let (things, count) = (elements("things", &things.0)?, things.1);
+    let first = first.as_ref().map(|first| elements("first", first)).transpose()?;
+    let (objects, return_counts) =
+        (elements("object_id", &returns.0)?, elements("return_count", &returns.1)?);
+    let (n, known) = (directions.len(), scene.scene.objects().len());
+    if things.len() != known
+        || things.iter().any(|thing| *thing != NO_THING && *thing as usize >= count)
+        || return_counts.len() != n
+        || returns.0.shape()[0] != n
+        || first.is_some_and(|first| first.len() != n)
+        || first.unwrap_or_default().iter().chain(objects).any(|object| *object >= known as i32)
+    {
+        return Err(PyValueError::new_err("things, returns, first: expected one for each object and pulse"));
+    }
+    let kernels = kernels(py)?;
+    let pulses =
+        NominalPulses { origins, directions, times, start, path: &path.path, first, return_counts, objects };
+    let found = detached(py, || {
+        scene.scene.prepare();
+        let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
+        let world = &scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
+        let targets = Targets { world, things, count, max_range };
+        let found = pulses.coverage(targets, |piece| kernels.cover(piece));
+        (
+            memory::collect(found.iter().map(|thing| thing.covering.count)),
+            memory::collect(found.iter().map(|thing| thing.reached)),
+            memory::collect(found.iter().map(|thing| thing.returns.count)),
+            memory::collect(found.iter().map(|thing| thing.mean_time())),
+        )
+    })?;
+    let (covered, reached, points, time) = found;
+    Ok((covered.into_pyarray(py), reached.into_pyarray(py), points.into_pyarray(py), time.into_pyarray(py)))
+}
