@@ -416,11 +416,15 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     for frame in sorted({run.frames[0], run.frames[-1]}):
         next(dataclasses.replace(run, frames=range(frame, frame + 1)).measured())
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
-    columns = ("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate", "moves")
+    meshes = [item.shape for item in run.scene if isinstance(item.shape, ls.TriangleMesh)]
+    degenerate = any(mesh.degenerate_count for mesh in meshes)
+    columns = ("object", "shape", "name", "label", "reflectivity")
+    columns += ("triangles",) * bool(meshes) + ("degenerate",) * degenerate + ("moves",) * bool(spans)
     rows = []
     for item in run.scene:
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
         triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
+        triangles = triangles[: bool(meshes) + degenerate]
         label = "by face" if isinstance(item.label, np.ndarray) else item.label
         moves = (_times(spans[item.id]) if item.id in spans else None,) if spans else ()
         rows.append(
@@ -434,7 +438,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
                 *moves,
             )
         )
-    table(columns if spans else columns[:-1], rows, left=("shape", "name"))
+    table(columns, rows, left=("shape", "name"), whole=("shape", "reflectivity"))
     for item in run.scene:
         if isinstance(item.shape, ls.TriangleMesh) and item.shape.grid:
             print_line(_terrain(item.id, item.shape))
@@ -529,12 +533,13 @@ def sensors(
         _print_sensor(ls.Lidar.preset(name))
         for key in ("modes", "datasheet_noise"):
             if key in preset:
-                print_line(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
+                paragraph(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
         sources = dict(preset.get("sources", {}))
         if values := _measured(preset):
             rows = [(key, value, sources.pop(f"measured.{key}", "")) for key, value in values.items()]
-            table(("measured", "value", "source"), rows, left=("measured", "value", "source"))
-        table(("value", "source"), list(sources.items()), left=("value", "source"))
+            columns = ("measured", "value", "source")
+            table(columns, rows, left=columns, whole=("measured",))
+        table(("value", "source"), list(sources.items()), left=("value", "source"), whole=("value",))
 
 
 @app.command(context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []})

@@ -471,6 +471,38 @@ def test_measured_values_are_printed_with_their_source(capsys: pytest.CaptureFix
     assert "measured" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("sensors",),
+        *(("sensors", name) for name in ls.Lidar.presets()),
+        ("check", str(ROOT / "configs" / "rig.yaml")),
+        ("check", str(ROOT / "configs" / "junction.yaml")),
+        ("scan", "run.yaml", "--frames", "12", "-o", "scan.pcd"),
+        ("compare", "one.pcd", "two.pcd"),
+    ],
+    ids=lambda command: "-".join(Path(word).name for word in command[:2]),
+)
+def test_tables_fit_the_columns_that_there_are(
+    command: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    if command[0] == "compare":
+        for seed, name in enumerate(command[1:]):
+            lidarsim("scan", "run.yaml", "-o", name, "--seed", str(seed))
+        capsys.readouterr()
+    assert lidarsim(*command) == 0
+    printed = capsys.readouterr().out.splitlines()
+    rules = [number for number, line in enumerate(printed) if set(line.strip()) == {"─"}]
+    assert rules or command[1] in ls.Lidar.presets()
+    for rule in rules:  # each table, to the empty line below it
+        end = next((number for number in range(rule, len(printed)) if not printed[number].strip()), len(printed))
+        assert max(map(len, printed[rule - 1 : end])) <= 80
+    if command[0] == "sensors":
+        assert max(map(len, printed)) <= 80
+        assert not [line for line in printed if re.search(r"\w…( |$)", line)]  # cut off
+
+
 def test_a_sensor_is_described(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("sensors", "ouster-os1-64") == 0
     printed = capsys.readouterr().out
