@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypedDict, Unpack
 if TYPE_CHECKING:
     from lidarsim._files import PathLike
     from lidarsim._validation import Transform
+    from lidarsim.boxes import Boxes
     from lidarsim.scene import Scene
 
 Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
@@ -18,6 +19,7 @@ class Looks(TypedDict, total=False):
     """Keyword arguments of `lidarsim.show`."""
 
     scene: Scene | None
+    boxes: Boxes | Sequence[Boxes | None] | None
     color_by: str | None
     class_names: Mapping[int, str] | None
     pose: Transform | Sequence[Transform] | None

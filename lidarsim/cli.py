@@ -61,6 +61,8 @@ ROWS = 10
 """Maximum rows of the table that a scan of many frames prints."""
 NAME = 60
 """Maximum characters of a name in a table."""
+MOST_FRAMES = 100
+"""Maximum frames of a data set that `view` shows unless it is told otherwise."""
 _DRAWN = {
     ".png": ("pyvista", "pyvista"),
     ".html": ("plotly", "html"),
@@ -326,16 +328,13 @@ def view(
         clouds, places["pose"], places["time"] = zip(*found, strict=True)
         looks |= {"scene": run.scene if surfaces else None, "class_names": names}
     else:
-        given = {"--set": overrides, "--seed": seed, "--frame": frame, "--frames": frames}
-        unused = [name for name, value in given.items() if value is not None]
+        unused = [name for name, value in {"--set": overrides, "--seed": seed}.items() if value is not None]
         if unused:
             raise LidarsimError(f"{', '.join(unused)}: expected only with a configuration or recipe, got {path}")
         if not is_point_cloud(path) and is_scene_file(path):
             _view_scene(path, saves, looks)
             return
-        files = _clouds(path)
-        count, places = len(files), {}
-        clouds = tuple(_progress(map(ls.PointCloud.load, files[:wanted]), len(files[:wanted])))
+        clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
     if not saves:
         ls.show(clouds, **places, **looks)
     for save in saves:
@@ -696,14 +695,27 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
             yield cloud, next(iter(frame.poses.values())), min(scan.time for scan in frame.scans.values())
 
 
-def _clouds(path: Path) -> list[Path]:
-    """Return the point clouds in a folder, sorted by name, or `path` itself if it is a file."""
-    if not path.is_dir():
-        return [path]
-    found = sorted(file for file in path.iterdir() if file.is_file() and is_point_cloud(file))
-    if not found:
-        raise LidarsimError(f"{path}: expected a folder of point clouds, got none in it")
-    return found
+def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
+    """Return clouds of a data set, a folder or a file, what else `show` takes for them, and the number of frames."""
+    from lidarsim.datasets import reading
+
+    found = reading.open_frames(path)
+    left = most if found.count is None else max(0, min(most, found.count - first))
+    frames = list(_progress(islice(found.read(first), left), left))
+    if not frames:
+        there = "" if found.count is None else f" of {counted(found.count, 'frame')}"
+        raise LidarsimError(f"{path}: --frame: expected the number of a frame{there}, got {first}")
+    if found.note:
+        print_line(f"{path}: {found.note}")
+    last = first + len(frames) - 1
+    if found.count is not None and (first, last) != (0, found.count - 1):
+        print_line(f"{path}: frames {first} to {last} of {counted(found.count, 'frame')}; --frame and --frames choose")
+    places: dict[str, Any] = {
+        "pose": tuple(frame.pose for frame in frames), "boxes": tuple(frame.boxes for frame in frames)
+    }  # fmt: skip
+    if all(frame.time is not None for frame in frames):
+        places["time"] = tuple(frame.time for frame in frames)
+    return tuple(frame.cloud for frame in frames), places, len(frames)
 
 
 def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:

@@ -16,6 +16,7 @@ from lidarsim._shown import plain
 from lidarsim._validation import Floats, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
+from lidarsim.viewers._classes import class_color
 
 BACKGROUND = "#14181d"
 GRID = "#323a44"
@@ -31,6 +32,8 @@ SEQUENTIAL = (
 )  # fmt: skip
 # From blue through grey to red, for signed values.
 DIVERGING = ("#1e8fff", "#79b8ff", "#c9ced4", "#ff9473", "#ff4a26")
+CONTRAST = 3.0
+"""Least contrast of a class with the background, as WCAG 2.1 wants of graphics."""
 MISSING = "#6b727a"
 """Colour of a point whose value is not finite."""
 NAME = 40
@@ -114,6 +117,10 @@ class Coloring:
     def notes(self) -> list[str]:
         """Lines of the legend below the colours."""
         return [*filter(None, [self.clipped]), *["grey: not finite"] * self.missing]
+
+    def color(self, category: int) -> str:
+        """Return the colour of a category."""
+        return dict(zip(self.names, self.table, strict=True))[category]
 
     def rgb(self, cloud: PointCloud) -> npt.NDArray[np.uint8]:
         """Return the colour of each point, shape (n, 3)."""
@@ -205,7 +212,8 @@ def coloring(
     if categories:
         found = {value: plain(known.get(value, "").strip() or value, most=NAME) for value in sorted(categories)}
         span = (float(min(found)), float(max(found)))
-        return Coloring(color_by, span, span, [category_color(value) for value in found], found)
+        colors = [category_color(value, known.get(value, "")) for value in found]
+        return Coloring(color_by, span, span, colors, found)
     finite = values[np.isfinite(values)].astype(np.float64)
     limits, extent = _limits(finite)
     diverges = "error" in color_by or "velocity" in color_by
@@ -217,9 +225,38 @@ def coloring(
     return Coloring(color_by, limits, extent, table, {}, len(finite) > 0, len(finite) < len(values))
 
 
-def category_color(value: int) -> str:
-    """Return the fixed colour of a category."""
-    return QUALITATIVE[value % len(QUALITATIVE)]
+def class_coloring(labels: Iterable[int], names: Mapping[int, str]) -> Coloring:
+    """Return the colours of those labels that have a name, for boxes and surfaces."""
+    found = {label: plain(name, most=NAME) for label in sorted(set(labels)) if (name := names.get(label, "").strip())}
+    span = (float(min(found, default=0)), float(max(found, default=0)))
+    return Coloring("label", span, span, [category_color(label, name) for label, name in found.items()], found)
+
+
+def category_color(value: int, name: str = "") -> str:
+    """Return the colour of a category: that of the class with its name, or one by its number, on a dark background."""
+    color = class_color(name)
+    return legible(color) if color else QUALITATIVE[value % len(QUALITATIVE)]
+
+
+def legible(color: str, background: str = BACKGROUND) -> str:
+    """Return a colour of sufficient contrast: mixed with as little white (on a light background, black) as it needs."""
+    back = luminance(background)
+    end = 255 if back < 0.5 else 0
+    channels = _channels([color])[0].astype(np.int64)
+    for part in range(256):
+        mixed = (channels * (255 - part) + end * part) // 255
+        mixed_color = f"#{bytes(mixed.astype(np.uint8)).hex()}"
+        low, high = sorted((luminance(mixed_color), back))
+        if high + 0.05 >= CONTRAST * (low + 0.05):
+            return mixed_color
+    raise AssertionError  # white and black have it
+
+
+def luminance(color: str) -> float:
+    """Return the relative luminance of a colour (WCAG 2.1): 0 for black, 1 for white."""
+    part = _channels([color])[0] / 255
+    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
 def _limits(finite: Floats) -> tuple[tuple[float, float], tuple[float, float]]:

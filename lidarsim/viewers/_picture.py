@@ -13,9 +13,10 @@ import numpy as np
 from lidarsim import _validation
 from lidarsim._validation import Floats
 from lidarsim._views import Camera
+from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentValueError
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._colors import SURFACE, Coloring, category_color, round_step
+from lidarsim.viewers._colors import SURFACE, Coloring, round_step
 from lidarsim.viewers._surfaces import Surface
 
 CAMERAS: tuple[Camera, ...] = get_args(Camera)
@@ -23,6 +24,9 @@ AXIS = 0.06
 """Length of the sensor's axes relative to the radius of the view."""
 MARGIN = 1.04
 """Width of a picture relative to its contents."""
+
+
+NO_CLASSES = Coloring("label", (0.0, 0.0), (0.0, 0.0), [], {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +41,14 @@ class Frame:
         Sensor to world.
     movers : list of Surface
         Surfaces of the moving objects at their poses in this frame; all frames have the same objects.
+    boxes : Boxes or None
+        Boxes of the things in this frame.
     """
 
     cloud: PointCloud
     pose: Floats
     movers: list[Surface] = field(default_factory=list)
+    boxes: Boxes | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +79,8 @@ class Picture:
         One of `CAMERAS`, or position, target and up vector.
     rate : float
         Frame rate, Hz.
+    classes : Coloring
+        Colours of boxes and surfaces by their labels.
     """
 
     frames: list[Frame]
@@ -80,6 +89,7 @@ class Picture:
     colors: Coloring
     camera: Camera | Floats
     rate: float
+    classes: Coloring = NO_CLASSES
 
     @property
     def has_points(self) -> bool:
@@ -90,6 +100,15 @@ class Picture:
     def every_surface(self) -> list[Surface]:
         """Surfaces of the static objects, and of the moving ones in each frame."""
         return self.surfaces + [surface for frame in self.frames for surface in frame.movers]
+
+    def class_color(self, label: int) -> str:
+        """Return the colour of boxes and surfaces with a label."""
+        classes = self.colors if self.colors.field == "label" else self.classes
+        return classes.color(label) if label in classes.names else SURFACE
+
+    def class_name(self, label: int) -> str:
+        """Return the name of boxes and surfaces with a label, or its number."""
+        return self.classes.names.get(label, str(label))
 
     def seen(self) -> Floats:
         """Return the points that a picture must show, without stray ones far beyond all others."""
@@ -108,6 +127,8 @@ class Picture:
         kept: Floats = every[away <= far]
         if not np.ptp(kept, axis=0).any():
             return np.concatenate([middle - 2.0 * np.eye(3), middle + 2.0 * np.eye(3)])
+        corners = [frame.boxes.corners.reshape(-1, 3) for frame in self.frames if frame.boxes]
+        kept = np.concatenate([kept, *(part[np.linalg.norm(part - middle, axis=1) <= far] for part in corners)])
         axis = AXIS * np.linalg.norm(kept - kept.mean(axis=0), axis=1).max()
         near = [frame.pose for frame in self.frames if np.linalg.norm(frame.pose[:3, 3] - middle) <= far]
         return np.concatenate([kept, *(pose[:3, 3] + axis * pose[:3, :3].T for pose in near)])
@@ -205,13 +226,15 @@ def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
     return spacing, float(np.percentile(seen[:, 2], 1)), x, y
 
 
-def colored(surface: Surface, colors: Coloring) -> list[tuple[str, Surface]]:
-    """Split a surface into parts of one colour: that of its points by label, object or instance, else grey.
+def colored(surface: Surface, picture: Picture) -> list[tuple[str, Surface]]:
+    """Split a surface into parts of one colour: by object or instance if the points are coloured so, else by label.
 
     If points are coloured by height, each viewer colours surfaces by height itself.
     """
-    item = surface.item
-    if colors.field == "label" and isinstance(item.label, np.ndarray):
-        return [(category_color(label), part) for label, part in surface.parts(surface.labels)]
-    category = {"label": item.label, "object_id": surface.object_id, "instance": item.instance}.get(colors.field)
-    return [(SURFACE if category is None else category_color(int(category)), surface)]
+    item, colors = surface.item, picture.colors
+    if colors.field in {"object_id", "instance"}:
+        category = surface.object_id if colors.field == "object_id" else item.instance
+        return [(colors.color(category), surface)]
+    if isinstance(item.label, np.ndarray):
+        return [(picture.class_color(label), part) for label, part in surface.parts(surface.labels)]
+    return [(picture.class_color(item.label), surface)]

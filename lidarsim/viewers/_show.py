@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -13,13 +14,15 @@ from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim._views import Camera, Plotted, register_view
+from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 from lidarsim.viewers import html, open3d, pyvista
-from lidarsim.viewers._colors import coloring
+from lidarsim.viewers._boxes import moved
+from lidarsim.viewers._colors import class_coloring, coloring
 from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
@@ -34,6 +37,7 @@ def show(
     what: Shown | Scene | Iterable[Shown],
     *,
     scene: Scene | None = None,
+    boxes: Boxes | Sequence[Boxes | None] | None = None,
     color_by: str | None = None,
     class_names: Mapping[int, str] | None = None,
     pose: Transform | Sequence[Transform] | None = None,
@@ -53,13 +57,19 @@ def show(
         frames, a window has a slider to choose one, and GIF, MP4 and HTML play all of them.
     scene : Scene, optional
         Surfaces to show with the points, which must be in world coordinates. They are translucent, and coloured by
-        label, object, instance or height if the points are, else grey. Moving objects are shown at their poses at the
-        start of each frame.
+        object, instance or height if the points are, else by label; labels without a name are grey then. Moving objects
+        are shown at their poses at the start of each frame.
+    boxes : Boxes or sequence of Boxes, optional
+        Boxes to show with the points of the frame, or one per frame (None: without), as from `Scan.boxes`: in world
+        coordinates with scans (``scan.boxes(frame="world")``), and in those of the points with clouds. They are
+        coloured by label, have the names of their classes, and an arrow head on the roof points where they head.
     color_by : str, optional
         Scalar field to colour the points by, or ``"height"``. Default: the intensity if there is one; the label for a
         scene alone. Points whose value is not finite are grey, with a note in the legend.
     class_names : mapping of int to str, optional
-        Class names by label, for the legend. Default: those of the scene and the clouds.
+        Class names by label, for the legend. Default: those of the scene, the boxes and the clouds; then the names of
+        the objects with the label. Classes with the names of SemanticKITTI, nuScenes and LAS have the colours of these
+        sets, where those show on the background.
     pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
         Pose of the sensor for the cloud, or one per cloud, in world coordinates. It is shown as axes (x red, y green, z
         blue). A cloud in the sensor frame, as from `Scan.point_cloud`, is transformed by it. Default: the identity, or
@@ -106,9 +116,16 @@ def show(
         check_save(save)
     width, height = checked_size(size)
     if isinstance(what, Scene):
+        (shown_boxes,) = _boxes(boxes, 1)
         starts = _starts(time, [_nothing()])
         picture = _picture(
-            [_frame(_nothing(), np.eye(4))], what, color_by, class_names, camera=camera, rate=10.0, starts=starts
+            [replace(_frame(_nothing(), np.eye(4)), boxes=shown_boxes)],
+            what,
+            color_by,
+            class_names,
+            camera=camera,
+            rate=10.0,
+            starts=starts,
         )
     else:
         given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
@@ -116,7 +133,8 @@ def show(
             raise ArgumentValueError("what", "at least one frame", "none")
         poses = _poses(pose, len(given))
         _check_places(given, poses, scene)
-        frames = [_shown(frame, where) for frame, where in zip(given, poses, strict=True)]
+        several = _boxes(boxes, len(given))
+        frames = [_shown(*frame) for frame in zip(given, poses, several, strict=True)]
         starts, rate = _starts(time, given), _rate(given[0])
         picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts)
     if save is not None and Path(save).suffix.lower() == ".html":
@@ -184,21 +202,33 @@ def _check_places(given: Sequence[Shown], poses: Sequence[Floats | None], scene:
         )
 
 
-def _shown(what: Shown, pose: Floats | None) -> Frame:
+def _boxes(boxes: Boxes | Sequence[Boxes | None] | None, count: int) -> Sequence[Boxes | None]:
+    if boxes is None:
+        return [None] * count
+    several = [boxes] if isinstance(boxes, Boxes) else list(boxes)
+    for i, given in enumerate(several):
+        if not isinstance(given, Boxes | None):
+            raise ArgumentTypeError(f"boxes[{i}]", "Boxes or None", type(given).__name__)
+    if len(several) != count:
+        raise ArgumentValueError("boxes", f"one for each of the {count} frames", len(several))
+    return several
+
+
+def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None) -> Frame:
     if isinstance(what, PointCloud):
-        if pose is None:
-            return _frame(what, np.eye(4))
-        return _frame(what.transformed(pose) if what._in_sensor_frame else what, pose)
+        if pose is not None and what._in_sensor_frame:
+            what, boxes = what.transformed(pose), boxes and moved(boxes, pose)
+        return replace(_frame(what, np.eye(4) if pose is None else pose), boxes=boxes)
     scans = list(what.values()) if isinstance(what, Mapping) else [what]
     for scan in scans:
         if not isinstance(scan, Scan):
             raise ArgumentTypeError("what", "point clouds, scans or a scene", type(scan).__name__)
     if not scans:
-        return _frame(_nothing(), np.eye(4))
+        return replace(_frame(_nothing(), np.eye(4)), boxes=boxes)
     cloud = PointCloud.concatenate([scan.point_cloud("world") for scan in scans])
     first = scans[0].pose
     here = first.at(scans[0].time).as_matrix() if isinstance(first, Trajectory) else first
-    return _frame(cloud, here)
+    return replace(_frame(cloud, here), boxes=boxes)
 
 
 def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence[Floats | None]:
@@ -248,20 +278,23 @@ def _picture(
     everything = np.concatenate([*points, places])
     bounds = np.stack([everything.min(axis=0), everything.max(axis=0)])
     labels: dict[int, str] = {}
+    used: set[int] = set()
     for frame in frames:
         labels |= frame.cloud.class_names
-    names: dict[str, Mapping[int, str]] = {"label": labels}
+        if frame.boxes is not None:
+            labels |= frame.boxes.class_names
+            used |= set(frame.boxes.label.tolist())
+    names: dict[str, Mapping[int, str]] = {}
     others: dict[str, Iterable[int]] = {}
+    objects: dict[int, str] = {}
     if scene is not None:
-        others = {
-            "object_id": {item.id for item in scene},
-            "instance": {item.instance for item in scene},
-            "label": {label for item in scene for label in np.unique(item.label).tolist()},
-        }
+        used |= {label for item in scene for label in np.unique(item.label).tolist()}
+        others = {"object_id": {item.id for item in scene}, "instance": {item.instance for item in scene}}
         names["object_id"] = {item.id: item.name for item in scene}
         labels |= scene.class_names
-    if class_names is not None:
-        names["label"] = class_names
+        objects = _objects_by_label(scene)
+    names["label"] = objects | dict(labels if class_names is None else class_names)
+    others["label"] = used
     if color_by is None and scene is not None and not any(map(len, points)):
         color_by = "label"
     found: list[Surface] = []
@@ -282,7 +315,20 @@ def _picture(
         coloring([frame.cloud for frame in frames], color_by, names, others, heights),
         checked_camera(camera),
         rate,
+        class_coloring(used, names["label"]),
     )
+
+
+def _objects_by_label(scene: Scene) -> dict[int, str]:
+    """Return the names of the objects with each label, the first two and the number of the others."""
+    found: dict[int, dict[str, None]] = {}
+    for item in scene:
+        if isinstance(item.label, int) and item.name:
+            found.setdefault(item.label, {}).setdefault(item.name)
+    return {
+        label: ", ".join([*islice(names, 2), *[f"{len(names) - 2} more"] * (len(names) > 2)])
+        for label, names in found.items()
+    }
 
 
 register_view(Plotted, "plot", show)

@@ -13,9 +13,11 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
-from lidarsim._shown import plain
+from lidarsim._shown import counted, plain
 from lidarsim._validation import Floats
 from lidarsim._views import Camera
+from lidarsim.boxes import Boxes
+from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, MISSING, PATH, Coloring, field_of
 from lidarsim.viewers._picture import AXIS, CAMERAS, MARGIN, Frame, Picture, colored
 from lidarsim.viewers._surfaces import Surface, joined
@@ -118,6 +120,7 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     moving = [
         _moving(go, picture, frame, shift=shift, reach=reach, step=step, dot=dot)
         + _meshes(go, picture, frame.movers, shift)
+        + _boxes(go, picture, frame.boxes, shift)
         for frame in picture.frames
     ]
     still = [*_meshes(go, picture, picture.surfaces, shift, legend=True), *_path(go, picture, shift)]
@@ -274,7 +277,7 @@ def _meshes(
     by_height = colors.field == "height"
     by_color: dict[str, list[Surface]] = {}
     for surface in surfaces:
-        for color, part in colored(surface, colors):
+        for color, part in colored(surface, picture):
             by_color.setdefault(color, []).append(part)
     traces: list[BaseTraceType] = []
     for color, group in by_color.items():
@@ -294,6 +297,40 @@ def _meshes(
                 name="surfaces",
                 legendgroup="surfaces",
                 showlegend=legend and not traces,
+            )
+        )
+    return traces
+
+
+def _boxes(go: ModuleType, picture: Picture, boxes: Boxes | None, shift: Floats) -> list[BaseTraceType]:
+    """Return the boxes of a frame, one trace per class of all frames."""
+    labels = sorted({label for frame in picture.frames if frame.boxes for label in frame.boxes.label.tolist()})
+    traces = []
+    for label in labels:
+        own = None if boxes is None else boxes[boxes.label == label]
+        name = html.escape(plain(picture.class_name(label), most=LONGEST), quote=False)
+        points, told = np.full((1, 3), np.nan), [""]
+        if own is not None and len(own):
+            gaps = np.full((len(own), LINES, 1, 3), np.nan)  # between two lines
+            points = np.concatenate([lines(own) - shift, gaps], axis=2).reshape(-1, 3)
+            about = (
+                f"{name} {number}, " + " × ".join(f"{edge:.2f}" for edge in size) + f" m, {counted(count, 'point')}"
+                for number, size, count in zip(
+                    own.instance.tolist(), own.size.tolist(), own.points.tolist(), strict=True
+                )
+            )
+            told = [text for text in about for _ in range(3 * LINES)]
+        traces.append(
+            go.Scatter3d(
+                **_xyz(points),
+                mode="lines",
+                line={"color": picture.class_color(label), "width": 4},
+                name=name,
+                text=told,
+                hoverinfo="text",
+                legendgroup="boxes",
+                legendgrouptitle={"text": "boxes"},
+                showlegend=picture.colors.field != "label",
             )
         )
     return traces

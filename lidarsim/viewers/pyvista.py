@@ -17,9 +17,11 @@ from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
 from lidarsim._shown import counted, plain
 from lidarsim._views import register_view
+from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
+from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, _channels
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._picture import AXIS, Frame, Picture, colored, grid
@@ -243,6 +245,7 @@ class _Stage:
         self.pv = import_extra("pyvista", "pyvista", "this view")
         self.plotter, self.picture, self.aspect = plotter, picture, aspect
         self.added = 0
+        self.font = max(11, round(plotter.window_size[1] / 50))
         self.seen = picture.seen()
         self.middle = self.seen.mean(axis=0)
         self.reach = float(np.linalg.norm(self.seen - self.middle, axis=1).max())
@@ -300,6 +303,8 @@ class _Stage:
             points.point_data["rgb"] = self.picture.colors.rgb(cloud)
             round_dots = {"point_size": size, "render_points_as_spheres": True, "lighting": False}
             actors.append(self._add(points, scalars="rgb", rgb=True, copy_mesh=False, **round_dots))
+        if frame.boxes:
+            actors += self._boxes(frame.boxes)
         position = frame.pose[:3, 3] - self.middle
         inside = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
         shown = not inside and (self.picture.has_points or not self.picture.every_surface)
@@ -308,6 +313,37 @@ class _Stage:
                 arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=AXIS * self.reach)
                 actors.append(self._add(arrow, color=color, lighting=False))
         return actors
+
+    def _boxes(self, boxes: Boxes) -> list[pyvista.Actor]:
+        """Add boxes, and the names of their classes where these have room."""
+        ends = lines(boxes).reshape(-1, 3) - self.middle
+        wires = self.pv.line_segments_from_points(ends)
+        colors = [self.picture.class_color(label) for label in boxes.label.tolist()]
+        wires.cell_data["rgb"] = np.repeat(_channels(colors), LINES, axis=0)
+        height = self.plotter.window_size[1]
+        actors = [self._add(wires, scalars="rgb", rgb=True, lighting=False, line_width=max(2, round(height / 300)))]
+        for label in np.unique(boxes.label).tolist():
+            own = boxes[boxes.label == label]
+            name = self._writable(self.picture.class_name(label), str(label))
+            self.added += 1
+            actors.append(
+                self.plotter.add_point_labels(
+                    own.corners.max(axis=1) * [0, 0, 1] + own.center * [1, 1, 0] - self.middle,
+                    [name] * len(own),
+                    name=f"names {self.added}",
+                    font_size=self.font,
+                    text_color=self.picture.class_color(label),
+                    font_file=None if name.isascii() else _font()[0],
+                    shape=None,
+                    show_points=False,
+                    always_visible=True,
+                )
+            )
+        return actors
+
+    def _writable(self, name: str, other: str) -> str:
+        """Return a name, or `other` if the font lacks one of its characters."""
+        return plain(name if name.isascii() or _font()[1].issuperset(map(ord, name)) else other, most=22)
 
     def _surfaces(self, surfaces: Sequence[Surface]) -> list[pyvista.Actor]:
         """Add translucent surfaces: large shared meshes as instances, all others merged."""
@@ -321,14 +357,14 @@ class _Stage:
         others: list[Surface] = []
         for group in groups.values():
             vertices, faces = group[0].vertices, group[0].faces
-            whole = all(len(colored(surface, colors)) == 1 for surface in group)
+            whole = all(len(colored(surface, self.picture)) == 1 for surface in group)
             if len(group) == 1 or len(faces) < INSTANCED or not whole or by_height:
                 others += group
                 continue
             centre = vertices.mean(axis=0)
             shared = _shaded(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
             for surface in group:
-                ((color, _),) = colored(surface, colors)
+                ((color, _),) = colored(surface, self.picture)
                 actor = self._add(shared, color=color, **look)
                 matrix = surface.matrix.copy()
                 matrix[:3, 3] += matrix[:3, :3] @ centre - self.middle
@@ -341,7 +377,7 @@ class _Stage:
             scale = {"cmap": colors.table, "clim": colors.limits, "interpolate_before_map": True}
             actors.append(self._add(_shaded(mesh), scalars="height", show_scalar_bar=False, **scale, **look))
         elif others:
-            parts = [part for surface in others for part in colored(surface, colors)]
+            parts = [part for surface in others for part in colored(surface, self.picture)]
             mesh = self.pv.PolyData.from_regular_faces(*joined([surface for _, surface in parts], self.middle))
             table = _channels([color for color, _ in parts])
             mesh.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for _, surface in parts], axis=0)
@@ -366,8 +402,8 @@ class _Stage:
         renderer.SetInteractive(False)
         height = plotter.window_size[1]
         wide = min(PANEL, plotter.window_size[0] // 4) / height
-        font = max(8, round(height / 60))
-        line = 2.4 * font / height
+        font = self.font
+        line = 2.0 * font / height
 
         def write(text: str, x: float, y: float) -> None:
             actor = plotter.add_text(
@@ -398,8 +434,7 @@ class _Stage:
         for number, (category, name) in enumerate(shown[:room]):
             y = top - 1.2 * line - number * line
             fill((0.04, 0.14), (y - 0.32 * line, y + 0.32 * line), table[number : number + 1])
-            seen = name.isascii() or _font()[1].issuperset(map(ord, name))
-            write(plain(name if seen else category, most=22), 0.19, y)
+            write(self._writable(name, str(category)), 0.19, y)
         if len(shown) > room:
             write(f"and {len(shown) - room} more", 0.19, top - 1.2 * line - room * line)
         if colors.scaled:
