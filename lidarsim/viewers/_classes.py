@@ -1,4 +1,4 @@
-"""Colours of classes by their names: those of SemanticKITTI, nuScenes and QGIS, and words that mean the same.
+"""Colours of classes by their names: those of SemanticKITTI, nuScenes and QGIS, and our own for words of any scene.
 
 Sources: ``color_map`` of https://github.com/PRBonn/semantic-kitti-api/blob/master/config/semantic-kitti.yaml;
 `get_colormap` of nuScenes' development kit (https://github.com/nutonomy/nuscenes-devkit, utils/color_map.py); the names
@@ -50,48 +50,49 @@ LAS_CLASSES = {
 """Names of the classes of LAS 1.4."""
 
 LAS = {
-    "never classified": "#bababa", "unclassified": "#aaaaaa", "ground": "#aa5500", "low vegetation": "#00aaaa",
-    "medium vegetation": "#55ff55", "high vegetation": "#00aa00", "low noise": "#aa0000", "water": "#55ffff",
-    "rail": "#aa00aa", "high noise": "#646464",
+    "never classified": "#bababa", "unclassified": "#aaaaaa", "low vegetation": "#00aaaa",
+    "medium vegetation": "#55ff55", "high vegetation": "#00aa00", "low noise": "#aa0000", "rail": "#aa00aa",
+    "wire guard": "#ffff55", "high noise": "#646464",
 }  # fmt: skip
 
 MEANINGS = {
-    "road": ("asphalt", "street", "lane", "road surface", "roadway"),
-    "sidewalk": ("pavement", "curb", "kerb", "footpath"),
-    "building": ("house", "facade", "wall", "church", "tower"),
-    "vegetation": ("tree", "bush", "hedge", "leaves", "foliage", "forest", "plant"),
-    "terrain": ("grass", "lawn", "meadow"),
-    "ground": ("floor", "soil", "field", "valley", "courtyard"),
-    "person": ("pedestrian", "people", "walker", "human", "man", "woman", "child", "person sitting"),
-    "bicyclist": ("cyclist",),
-    "car": ("van", "taxi", "vehicle"),
-    "truck": ("lorry",),
-    "on-rails": ("tram", "train"),
-    "pole": ("post", "lamp", "mast", "lamppost", "bollard"),
-    "traffic-sign": ("sign",),
-    "water": ("lake", "river", "sea", "pond"),
-    "trunk": ("bark",),
+    "#6f60a8": ("road", "asphalt", "street", "lane", "road surface", "roadway", "parking"),
+    "#c4dcf5": ("sidewalk", "pavement", "curb", "kerb", "footpath"),
+    "#cdb98a": ("building", "house", "facade", "wall", "church", "tower"),
+    "#149447": ("vegetation", "tree", "bush", "hedge", "leaves", "foliage", "forest", "plant"),
+    "#d2e078": ("terrain", "grass", "lawn", "meadow"),
+    "#8a4f10": ("ground", "floor", "soil", "field", "valley", "trunk", "bark"),
+    "#ff5a9c": ("person", "pedestrian", "people", "walker", "human", "man", "woman", "child", "person sitting"),
+    "#fba3ff": ("cyclist", "bicyclist", "motorcyclist", "bicycle", "motorcycle"),
+    "#1f9dff": ("car", "van", "taxi", "vehicle"),
+    "#6d3cff": ("truck", "lorry", "bus", "tram", "train", "trailer"),
+    "#fff7c0": ("pole", "post", "lamp", "mast", "lamppost", "bollard"),
+    "#e69500": ("sign",),
+    "#e0522a": ("fence", "barrier", "guard rail", "railing"),
+    "#19bfd6": ("water", "lake", "river", "sea", "pond"),
 }
-"""Words that mean a class of these sets."""
+"""Words that mean a class, by colour. The colours of the commonest classes, of road, sidewalk, building, vegetation,
+ground, person, car, pole and sign, are distinct with any kind of colour vision; those of the sets are not."""
 
 
 def _key(name: str) -> str:
     return re.sub(r"[\s_-]+", " ", name.strip().lower())
 
 
-_COLORS = {
-    _key(name): color for name, color in [*LAS.items(), *NUSCENES.items(), *SEMANTIC_KITTI.values()]
-}  # of equal names the last counts
-_COLORS |= {word: _COLORS[_key(name)] for name, words in MEANINGS.items() for word in words}
+_SETS = {_key(name): color for name, color in [*LAS.items(), *NUSCENES.items()]}
+_WORDS = {word: color for color, words in MEANINGS.items() for word in words}
 
 
 @cache
-def class_color(name: str) -> str | None:
-    """Return the colour of a class by its name or, if that is unknown, by its last word; None if both are.
+def class_color(name: str, label: int | None = None) -> str | None:
+    """Return the colour of a class; None if its name means none.
 
-    A list of names, with commas, has none.
+    A class of SemanticKITTI, of its name and its label, or with a name of nuScenes or LAS has the colour of its set. Else
+    its name counts or, if that is unknown, the last word of it. A list of names, with commas, has no colour.
     """
     key = _key(name)
+    if label in SEMANTIC_KITTI and _key(SEMANTIC_KITTI[label][0]) == key:
+        return SEMANTIC_KITTI[label][1]
     if "," in key:
         return None
-    return _COLORS.get(key) or _COLORS.get(key.rpartition(" ")[2])
+    return _SETS.get(key) or _WORDS.get(key) or _WORDS.get(key.rpartition(" ")[2])

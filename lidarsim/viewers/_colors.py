@@ -167,6 +167,7 @@ def coloring(
     names: Mapping[str, Mapping[int, str]] | None = None,
     others: Mapping[str, Iterable[int]] | None = None,
     heights: Floats | None = None,
+    objects: Mapping[int, str] | None = None,
 ) -> Coloring:
     """Return the colours of clouds by a scalar field or ``"height"``; by default by intensity if they have it.
 
@@ -185,6 +186,8 @@ def coloring(
         Categories of the surfaces, by field.
     heights : ndarray of float64, shape (2,), optional
         Least and greatest height of the surfaces, m: the limits if there are no points.
+    objects : mapping of int to str, optional
+        Names of the objects with a label, which stand for labels without a name.
 
     Raises
     ------
@@ -210,10 +213,7 @@ def coloring(
     elif values.dtype == np.bool_ and len(values):
         categories, known = {0, 1}, {0: "false", 1: "true"}
     if categories:
-        found = {value: plain(known.get(value, "").strip() or value, most=NAME) for value in sorted(categories)}
-        span = (float(min(found)), float(max(found)))
-        colors = [category_color(value, known.get(value, "")) for value in found]
-        return Coloring(color_by, span, span, colors, found)
+        return _categorical(color_by, categories, known, objects or {} if color_by == "label" else {})
     finite = values[np.isfinite(values)].astype(np.float64)
     limits, extent = _limits(finite)
     diverges = "error" in color_by or "velocity" in color_by
@@ -225,17 +225,22 @@ def coloring(
     return Coloring(color_by, limits, extent, table, {}, len(finite) > 0, len(finite) < len(values))
 
 
-def class_coloring(labels: Iterable[int], names: Mapping[int, str]) -> Coloring:
-    """Return the colours of those labels that have a name, for boxes and surfaces."""
-    found = {label: plain(name, most=NAME) for label in sorted(set(labels)) if (name := names.get(label, "").strip())}
+def class_coloring(labels: Iterable[int], names: Mapping[int, str], objects: Mapping[int, str]) -> Coloring:
+    """Return the colours of those labels that have a name, or the name of an object, for boxes and surfaces."""
+    named = {label for label in labels if names.get(label, objects.get(label, "")).strip()}
+    return _categorical("label", named, names, objects)
+
+
+def _categorical(field: str, values: Iterable[int], names: Mapping[int, str], objects: Mapping[int, str]) -> Coloring:
+    """Return the colours of categories: by the meaning of their names or those of objects, else by their numbers."""
+    found, table = {}, []
+    for value in sorted(values):
+        name = names.get(value, "").strip()
+        found[value] = plain(name or objects.get(value, "").strip() or value, most=NAME)
+        color = class_color(name, value) if name else class_color(objects.get(value, ""))
+        table.append(legible(color) if color else QUALITATIVE[value % len(QUALITATIVE)])
     span = (float(min(found, default=0)), float(max(found, default=0)))
-    return Coloring("label", span, span, [category_color(label, name) for label, name in found.items()], found)
-
-
-def category_color(value: int, name: str = "") -> str:
-    """Return the colour of a category: that of the class with its name, or one by its number, on a dark background."""
-    color = class_color(name)
-    return legible(color) if color else QUALITATIVE[value % len(QUALITATIVE)]
+    return Coloring(field, span, span, table, found)
 
 
 def legible(color: str, background: str = BACKGROUND) -> str:

@@ -293,7 +293,7 @@ def _picture(
         names["object_id"] = {item.id: item.name for item in scene}
         labels |= scene.class_names
         objects = _objects_by_label(scene)
-    names["label"] = objects | dict(labels if class_names is None else class_names)
+    names["label"] = labels if class_names is None else class_names
     others["label"] = used
     if color_by is None and scene is not None and not any(map(len, points)):
         color_by = "label"
@@ -312,10 +312,10 @@ def _picture(
         frames,
         [surface for surface in found if surface.item.motion is None],
         places if np.ptp(places, axis=0).any() else np.empty((0, 3)),
-        coloring([frame.cloud for frame in frames], color_by, names, others, heights),
+        coloring([frame.cloud for frame in frames], color_by, names, others, heights, objects),
         checked_camera(camera),
         rate,
-        class_coloring(used, names["label"]),
+        class_coloring(used, names["label"], objects),
     )
 
 
