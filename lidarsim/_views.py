@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from lidarsim.boxes import Boxes
     from lidarsim.scene import Scene
 
-Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
+Camera = Literal["behind", "birds-eye", "first-person", "orbit", "top"]
 """Camera position of a picture."""
 
 
@@ -29,6 +29,10 @@ class Looks(TypedDict, total=False):
     size: tuple[int, int]
     point_size: float | None
     viewer: Literal["pyvista", "open3d"]
+    title: str | Sequence[str] | None
+    limits: tuple[float, float] | None
+    color_map: Literal["magma", "viridis", "cividis", "grey"] | None
+    background: Literal["dark", "white"]
 
 
 class Page(Protocol):

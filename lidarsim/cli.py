@@ -86,6 +86,7 @@ class Camera(StrEnum):
     BIRDS_EYE = "birds-eye"
     FIRST_PERSON = "first-person"
     ORBIT = "orbit"
+    TOP = "top"
 
 
 def _path(text: str) -> Path:
@@ -417,12 +418,12 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
     meshes = [item.shape for item in run.scene if isinstance(item.shape, ls.TriangleMesh)]
     degenerate = any(mesh.degenerate_count for mesh in meshes)
-    columns = ("object", "shape", "name", "label", "reflectivity")
+    columns: tuple[str, ...] = ("object", "shape", "name", "label", "reflectivity")
     columns += ("triangles",) * bool(meshes) + ("degenerate",) * degenerate + ("moves",) * bool(spans)
     rows = []
     for item in run.scene:
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
-        triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
+        triangles: tuple[int | None, ...] = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
         triangles = triangles[: bool(meshes) + degenerate]
         label = "by face" if isinstance(item.label, np.ndarray) else item.label
         moves = (_times(spans[item.id]) if item.id in spans else None,) if spans else ()
@@ -505,7 +506,6 @@ def sensors(
     if name is None:
         if yaml or screenshot:
             raise LidarsimError("--yaml, --screenshot: expected the NAME of a sensor with them, got none")
-        columns = ("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
         rows: list[tuple[object, ...]] = []
         for preset in ls.Lidar.presets():
             lidar = ls.Lidar.preset(preset)
@@ -513,6 +513,7 @@ def sensors(
             ends = (*np.degrees([does.azimuth, does.elevation]), (lidar.min_range, lidar.max_range))
             spans = (_span(span, digits=3).replace(" ", "") for span in ends)
             rows.append((preset, does.rings, round(does.pulses_per_second), lidar.pattern.rate, *spans))
+        columns = ("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
         table(columns, rows, left=("sensor",), whole=("sensor",))
         from lidarsim.config.loader import measured
 
@@ -536,8 +537,8 @@ def sensors(
         sources = dict(preset.get("sources", {}))
         if values := _measured(preset):
             rows = [(key, value, sources.pop(f"measured.{key}", "")) for key, value in values.items()]
-            columns = ("measured", "value", "source")
-            table(columns, rows, left=columns, whole=("measured",))
+            names = ("measured", "value", "source")
+            table(names, rows, left=names, whole=("measured",))
         table(("value", "source"), list(sources.items()), left=("value", "source"), whole=("value",))
 
 

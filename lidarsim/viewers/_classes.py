@@ -87,8 +87,8 @@ _WORDS = {word: color for color, words in MEANINGS.items() for word in words}
 def class_color(name: str, label: int | None = None) -> str | None:
     """Return the colour of a class; None if its name means none.
 
-    A class of SemanticKITTI, of its name and its label, or with a name of nuScenes or LAS has the colour of its set. Else
-    its name counts or, if that is unknown, the last word of it. A list of names, with commas, has no colour.
+    A class of SemanticKITTI, of its name and its label, or with a name of nuScenes or LAS has the colour of its set.
+    Else its name counts or, if that is unknown, the last word of it. A list of names, with commas, has no colour.
     """
     key = _key(name)
     if label in SEMANTIC_KITTI and _key(SEMANTIC_KITTI[label][0]) == key:

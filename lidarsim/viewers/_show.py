@@ -12,6 +12,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
+from lidarsim._shown import plain
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim._views import Camera, Plotted, register_view
 from lidarsim.boxes import Boxes
@@ -22,7 +23,7 @@ from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._boxes import moved
-from lidarsim.viewers._colors import class_coloring, coloring
+from lidarsim.viewers._colors import MAPS, THEMES, Known, Style, class_coloring, coloring
 from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
@@ -30,7 +31,7 @@ from lidarsim.viewers._surfaces import Surface, surfaces
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan]
 """A frame: a cloud, a scan, or the scans of a rig by sensor name."""
 
-SUFFIXES = (".png", ".gif", ".mp4", ".html")
+SUFFIXES = (".png", ".jpg", ".gif", ".mp4", ".html")
 
 
 def show(
@@ -47,6 +48,10 @@ def show(
     size: tuple[int, int] = (1600, 1000),
     point_size: float | None = None,
     viewer: Literal["pyvista", "open3d"] = "pyvista",
+    title: str | Sequence[str] | None = None,
+    limits: tuple[float, float] | None = None,
+    color_map: Literal["magma", "viridis", "cividis", "grey"] | None = None,
+    background: Literal["dark", "white"] = "dark",
 ) -> html.Page | None:
     """Show a point cloud, a scan, a scene or a sequence of frames in a window or a notebook, or write it to a file.
 
@@ -78,17 +83,26 @@ def show(
         Time of the cloud, or one per cloud, s. Default: the start of the scan; 0 for a single cloud. For several clouds
         there is no default: without times, moving objects are not shown.
     save : path-like, optional
-        File to write instead of opening a window: PNG (a single frame), GIF or MP4 (all frames, or once around a
+        File to write instead of opening a window: PNG or JPG (a single frame), GIF or MP4 (all frames, or once around a
         single one), or HTML (a self-contained page of all frames). None of these needs a display.
-    camera : {"behind", "birds-eye", "first-person", "orbit"} or array_like of shape (3, 3)
-        View from behind and above the sensor, from straight above, from the sensor looking ahead, or circling the scene
-        from above; or position, target and up vector. "behind" and "first-person" move with the sensor.
+    camera : {"behind", "birds-eye", "first-person", "orbit", "top"} or array_like of shape (3, 3)
+        View from behind and above the sensor, from straight above, from the sensor looking ahead, circling the scene
+        from above, or a plan without perspective; or position, target and up vector. "behind" and "first-person" move
+        with the sensor. The farthest twentieth of the points may be outside, except on an orbit.
     size : tuple of int
         Width and height, pixels.
     point_size : float, optional
         Diameter of a point, pixels. Default: smaller for more points.
     viewer : {"pyvista", "open3d"}
         The library that opens the window.
+    title : str or sequence of str, optional
+        Title of the picture, or one per frame. Default: the number and the time of the frame, if there are several.
+    limits : tuple of float, optional
+        Values at the ends of the colours. Default: those of the data, without a few outliers.
+    color_map : {"magma", "viridis", "cividis", "grey"}, optional
+        Colours of numbers. Default: magma, and blue to red for errors and velocities.
+    background : {"dark", "white"}
+        Colour of the background.
 
     Returns
     -------
@@ -115,18 +129,12 @@ def show(
     if save is not None:
         check_save(save)
     width, height = checked_size(size)
+    style = _style(limits, color_map, background)
     if isinstance(what, Scene):
         (shown_boxes,) = _boxes(boxes, 1)
         starts = _starts(time, [_nothing()])
-        picture = _picture(
-            [replace(_frame(_nothing(), np.eye(4)), boxes=shown_boxes)],
-            what,
-            color_by,
-            class_names,
-            camera=camera,
-            rate=10.0,
-            starts=starts,
-        )
+        frames = _titles(title, [replace(_frame(_nothing(), np.eye(4)), boxes=shown_boxes)], None)
+        rate, scene = 10.0, what
     else:
         given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
         if not given:
@@ -136,7 +144,8 @@ def show(
         several = _boxes(boxes, len(given))
         frames = [_shown(*frame) for frame in zip(given, poses, several, strict=True)]
         starts, rate = _starts(time, given), _rate(given[0])
-        picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts)
+        frames = _titles(title, frames, starts)
+    picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts, style=style)
     if save is not None and Path(save).suffix.lower() == ".html":
         html.write(picture, save, size=(width, height), point_size=point_size)
     elif save is None and in_notebook():
@@ -146,6 +155,34 @@ def show(
     else:
         pyvista.draw(picture, save, size=(width, height), point_size=point_size)
     return None
+
+
+def _style(limits: tuple[float, float] | None, color_map: str | None, background: str) -> Style:
+    if background not in THEMES:
+        raise ArgumentValueError("background", f"one of {', '.join(THEMES)}", repr(background))
+    if color_map is not None and color_map not in MAPS:
+        raise ArgumentValueError("color_map", f"one of {', '.join(MAPS)}", repr(color_map))
+    if limits is not None:
+        low, high = _validation.array("limits", limits, (2,)).tolist()
+        if not low < high:
+            raise ArgumentValueError("limits", "two numbers, the second greater", f"{low:g} and {high:g}")
+        limits = low, high
+    return Style(THEMES[background], color_map, limits)
+
+
+def _titles(title: str | Sequence[str] | None, frames: list[Frame], starts: list[float] | None) -> list[Frame]:
+    """Return the frames with their titles."""
+    count = len(frames)
+    if title is None and count > 1:
+        times = [f", {start:.2f} s" for start in starts] if starts else [""] * count
+        title = [f"frame {number} of {count}{time}" for number, time in enumerate(times, 1)]
+    titles = [title or ""] * count if title is None or isinstance(title, str) else list(title)
+    if len(titles) != count:
+        raise ArgumentValueError("title", f"one for each of the {count} frames", len(titles))
+    for text in titles:
+        if not isinstance(text, str):
+            raise ArgumentTypeError("title", "text", type(text).__name__)
+    return [replace(frame, title=plain(text, most=80)) for frame, text in zip(frames, titles, strict=True)]
 
 
 def check_save(path: PathLike) -> None:
@@ -272,6 +309,7 @@ def _picture(
     camera: object,
     rate: float,
     starts: list[float] | None,
+    style: Style,
 ) -> Picture:
     points = [frame.cloud.xyz for frame in frames]
     places = np.array([frame.pose[:3, 3] for frame in frames])
@@ -302,6 +340,7 @@ def _picture(
         found = surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=starts[0] if starts else 0.0)
     surface_heights = [surface.points()[:, 2] for surface in found if len(surface.vertices)]
     heights = np.array([end(end(z) for z in surface_heights) for end in (min, max)]) if surface_heights else None
+    known = Known(names, others, objects, heights)
     if starts:
         movers = [surface for surface in found if surface.item.motion is not None]
         frames = [
@@ -312,10 +351,11 @@ def _picture(
         frames,
         [surface for surface in found if surface.item.motion is None],
         places if np.ptp(places, axis=0).any() else np.empty((0, 3)),
-        coloring([frame.cloud for frame in frames], color_by, names, others, heights, objects),
+        coloring([frame.cloud for frame in frames], color_by, known, style),
         checked_camera(camera),
         rate,
-        class_coloring(used, names["label"], objects),
+        class_coloring(used, known, style.theme),
+        style.theme,
     )
 
 

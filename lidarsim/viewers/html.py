@@ -18,7 +18,7 @@ from lidarsim._validation import Floats
 from lidarsim._views import Camera
 from lidarsim.boxes import Boxes
 from lidarsim.viewers._boxes import LINES, lines
-from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, MISSING, PATH, Coloring, field_of
+from lidarsim.viewers._colors import AXES, MISSING, PATH, Coloring, field_of
 from lidarsim.viewers._picture import AXIS, CAMERAS, MARGIN, Frame, Picture, colored
 from lidarsim.viewers._surfaces import Surface, joined
 
@@ -97,8 +97,8 @@ def page(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
         config={"displaylogo": False, "responsive": True, "scrollZoom": True},
         auto_play=False,
     )
-    style = f"<style>html, body {{ margin: 0; background: {BACKGROUND}; }}</style><title>lidarsim</title></head>"
-    return Page(text.replace("</head>", style, 1), min(size[1], 700))
+    style = f"<style>html, body {{ margin: 0; background: {picture.theme.background}; }}</style>"
+    return Page(text.replace("</head>", f"{style}<title>lidarsim</title></head>", 1), min(size[1], 700))
 
 
 def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Figure:
@@ -140,8 +140,8 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         f"{name}axis": {
             "title": f"{name} [m]" + (f", from {shift[i]:,.0f}" if shift[i] else ""),
             "range": [float(centre[i] - half[i] - shift[i]), float(centre[i] + half[i] - shift[i])],
-            "gridcolor": GRID,
-            "zerolinecolor": GRID,
+            "gridcolor": picture.theme.grid,
+            "zerolinecolor": picture.theme.grid,
             "showbackground": False,
             "showspikes": False,
         }
@@ -149,8 +149,8 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     }
     figure.update_layout(
         template=None,
-        paper_bgcolor=BACKGROUND,
-        font={"color": "#e8eaed"},
+        paper_bgcolor=picture.theme.background,
+        font={"color": picture.theme.text},
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
         legend={"title": picture.colors.title, "itemsizing": "constant", **RIGHT},
         scene={
@@ -170,7 +170,7 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
                 "xanchor": "left",
                 "y": 1.0,
                 "yanchor": "bottom",
-                "bgcolor": GRID,
+                "bgcolor": picture.theme.grid,
                 "buttons": [
                     {
                         "label": name,
@@ -192,10 +192,13 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         figure.update_layout(
             sliders=[
                 {
-                    "currentvalue": {"prefix": "frame "},
+                    "currentvalue": {"prefix": ""},
                     "len": 0.8,
                     "x": 0.05,
-                    "steps": [{"label": n, "method": "animate", "args": [[n], still_now]} for n in names],
+                    "steps": [
+                        {"label": frame.title or name, "method": "animate", "args": [[name], still_now]}
+                        for name, frame in zip(names, picture.frames, strict=True)
+                    ],
                 }
             ]
         )

@@ -19,7 +19,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 from lidarsim.pointcloud import Fields, PointCloud, narrowed
 from lidarsim.scene import Scene
 from lidarsim.viewers._boxes import LINES, lines
-from lidarsim.viewers._colors import BACKGROUND, NAME, _channels
+from lidarsim.viewers._colors import NAME, _channels
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._picture import Picture, colored
 from lidarsim.viewers._surfaces import Surface, surfaces
@@ -229,7 +229,7 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
                 eye=view.eye - middle,
                 up=view.up,
                 field_of_view=float(np.degrees(view.angle)),
-                bg_color=(*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0),
+                bg_color=(*(channel / 255 for channel in bytes.fromhex(picture.theme.background[1:])), 1.0),
                 point_size=round(point_size or 3),
                 show_skybox=False,
                 show_ui=True,

@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, Coloring, coloring
+from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, Coloring, Known, coloring
 
 
 def cloud(**fields: object) -> PointCloud:
@@ -98,7 +98,7 @@ def test_ticks_are_between_the_limits_and_as_many_as_one_reads(low: float, high:
 
 
 def test_classes_have_names_and_those_of_surfaces_are_among_them() -> None:
-    colors = coloring([cloud(label=[40, 10, 40, 81])], "label", {"label": {10: "car"}}, {"label": [7]})
+    colors = coloring([cloud(label=[40, 10, 40, 81])], "label", Known({"label": {10: "car"}}, {"label": [7]}))
     assert colors.names == {7: "7", 10: "car", 40: "40", 81: "81"}
     assert colors.table == [QUALITATIVE[i] for i in (7, 10, 40, 81)]
 
@@ -252,7 +252,7 @@ def test_a_rig_without_scans_in_a_frame_does_not_hide_a_field() -> None:
 
 def test_names_are_legible() -> None:
     names = {1: "a\nb\x1b[31m", 2: " ", 3: "x" * 10_000, 4: "\ud800"}
-    found = coloring([cloud(label=[1, 2, 3, 4])], "label", {"label": names}).names
+    found = coloring([cloud(label=[1, 2, 3, 4])], "label", Known({"label": names})).names
     assert found == {1: r"a\nb\x1b[31m", 2: "2", 3: "x" * 39 + "…", 4: r"\ud800"}
 
 

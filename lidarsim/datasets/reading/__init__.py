@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Protocol
 
 from lidarsim.datasets.reading import bags, files, kitti, nuscenes, semantickitti, shards
 from lidarsim.datasets.reading._frames import Frame, Frames
 
 __all__ = ["Frame", "Frames", "open_frames"]
 
-READERS = (nuscenes, shards, kitti, semantickitti)
+
+class Reader(Protocol):
+    """A module that reads a layout."""
+
+    def recognise(self, path: Path, /) -> bool:
+        """Return whether a path has the layout."""
+
+    def open_frames(self, path: Path, /) -> Frames:
+        """Return its frames."""
+
+
+READERS: tuple[Reader, ...] = (nuscenes, shards, kitti, semantickitti)
 """Readers of folders, in the order in which they are asked."""
 
 
@@ -23,6 +35,8 @@ def open_frames(path: Path) -> Frames:
     OSError
         If it cannot be read.
     """
-    readers = READERS if path.is_dir() else ()
-    reader = next((reader for reader in (*readers, bags) if reader.recognise(path)), files)
-    return reader.open_frames(path)
+    readers: tuple[Reader, ...] = (*(READERS if path.is_dir() else ()), bags)
+    for reader in readers:
+        if reader.recognise(path):
+            return reader.open_frames(path)
+    return files.open_frames(path)

@@ -29,7 +29,7 @@ def open_frames(path: Path) -> Frames:
                 elif labels.exists():
                     known = {label: name for label, (name, _) in SEMANTIC_KITTI.items()}
                 found = np.unique(cloud.label).tolist()
-                cloud.class_names = {label: known[label] for label in found if label in known} | cloud.class_names
+                cloud.class_names = {label: known[label] for label in found if label in known} | dict(cloud.class_names)
             yield Frame(cloud)
 
     return Frames("point clouds", len(files), read)

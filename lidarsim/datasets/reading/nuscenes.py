@@ -190,7 +190,7 @@ class _Tables:
             if len(label) != len(cloud):
                 expected = f"a class for each of the {len(cloud):,} points"
                 raise FileFormatError(f"{path}: expected {expected}, got {len(label):,}")
-            cloud.label = label
+            cloud.label = label.astype(np.uint32)
         return cloud
 
     def _boxes(self, rows: list[Annotation]) -> Boxes:
