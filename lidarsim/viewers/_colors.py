@@ -262,8 +262,8 @@ def coloring(
     """Return the colours of clouds by a scalar field or ``"height"``; by default by intensity if they have it.
 
     A category always has the same colour, independent of the others. Errors and velocities get colours that are
-    symmetric about 0. If a few outliers would take most of the range, it ends at the 1st and 99th percentile. An integer
-    field of a few values has a colour for each.
+    symmetric about 0. If a few outliers would take most of the range, it ends at the 1st and 99th percentile. An
+    integer field of a few values has a colour for each.
 
     Parameters
     ----------
@@ -303,8 +303,10 @@ def coloring(
         return _categorical(color_by, {0, 1}, {0: "false", 1: "true"}, {}, style.theme)
     diverges = "error" in color_by or "velocity" in color_by
     anchors = MAPS[style.color_map] if style.color_map else DIVERGING if diverges else SEQUENTIAL
+    adapts = style.theme is not DARK and style.color_map is None  # the colours of the maps are for the dark background
     if values.dtype.kind in "iu" and style.limits is None and 0 < len(few := np.unique(values)) <= FEW:
-        table = [legible(color, style.theme.background) for color in _blend(anchors, len(few))]
+        table = _blend(anchors, len(few))
+        table = [legible(color, style.theme.background) for color in table] if adapts else table
         span = float(few[0]), float(few[-1])
         return Coloring(color_by, span, span, table, {int(value): f"{value:,}" for value in few})
     finite = values[np.isfinite(values)].astype(np.float64)
@@ -316,7 +318,7 @@ def coloring(
         extent = extent if extent != limits else (-most, most)
         limits = -most, most
     table = _blend(anchors)
-    if style.theme is not DARK and style.color_map is None:
+    if adapts:
         table = [legible(color, style.theme.background) for color in table]
     return Coloring(color_by, limits, extent, table, {}, len(finite) > 0, len(finite) < len(values))
 

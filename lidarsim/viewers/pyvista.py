@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["check_screenshot", "draw"]
 
 ROOM = 0.002
-"""Greatest share of the points that a legend may hide; otherwise it is beside the picture."""
+"""Greatest share of the points that a legend may hide, and no box; otherwise it is beside the picture."""
 STILLS = {".png": "PNG", ".jpg": "JPG"}
 """Kinds of pictures of a single frame by suffix."""
 QUALITY = 92
@@ -520,7 +520,8 @@ class _Legend:
         self.rows = rows
         self.bar = max(4 * self.line, min(12 * self.line, height - (len(rows) + 4) * self.line))
         self.height = round((len(rows) + 0.8) * self.line + (self.bar if colors.scaled else 0))
-        texts = [row.text for row in rows] + [f"  {text}" for text in colors.ticks().values() if colors.scaled]
+        texts = [row.text for row in rows]
+        texts += [f"  {text}" for text in colors.ticks().values()] if colors.scaled else []
         self.width = round(font * (3.4 + 0.56 * max(len(plain(text, most=LONGEST)) for text in texts)))
 
     def _categories(self, colors: Coloring, height: float) -> list[_Row]:
@@ -538,12 +539,17 @@ class _Legend:
         if self.width <= width / 4 and self.height <= 0.9 * height:
             view = picture.view(0, seen, width / height)
             places = (view.places(seen, width / height) + 1.0) / 2 * [width, height]
+            boxes = picture.frames[0].boxes
+            middles = np.empty((0, 3)) if boxes is None else boxes.center
+            middles = (view.places(middles, width / height) + 1.0) / 2 * [width, height]
             margin = self.font
             for left in (width - self.width - margin, margin):
                 bottom = height - self.height - (margin if left > margin else 3 * margin)
-                x, y = (places - [left, bottom]).T
-                hidden = (x > 0) & (x < self.width) & (y > 0) & (y < self.height)
-                if hidden.mean() <= ROOM:
+                hidden, boxed = (
+                    ((of > [left, bottom]) & (of < [left + self.width, bottom + self.height])).all(axis=1)
+                    for of in (places, middles)
+                )
+                if hidden.mean() <= ROOM and not boxed.any():
                     return left, bottom, self.width, self.height
         beside = min(self.width + self.font, width // 4)
         return width - beside, 0, beside, height

@@ -100,7 +100,7 @@ def test_ticks_are_between_the_limits_and_as_many_as_one_reads(low: float, high:
 def test_classes_have_names_and_those_of_surfaces_are_among_them() -> None:
     colors = coloring([cloud(label=[40, 10, 40, 81])], "label", Known({"label": {10: "car"}}, {"label": [7]}))
     assert colors.names == {7: "7", 10: "car", 40: "40", 81: "81"}
-    assert colors.table == [QUALITATIVE[i] for i in (7, 10, 40, 81)]
+    assert colors.table == [QUALITATIVE[7], "#6496f5", QUALITATIVE[40], QUALITATIVE[81]]  # a car of SemanticKITTI
 
 
 def test_frames_share_their_colours() -> None:
