@@ -278,7 +278,8 @@ def view(
         Path,
         typer.Argument(
             metavar="PATH",
-            help="Point cloud, folder of point clouds, configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, ….",
+            help="Point cloud, bag, data set (SemanticKITTI, nuScenes, KITTI detection, shards), folder of these, "
+            "configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, ….",
             parser=_path,
         ),
     ],
@@ -302,7 +303,8 @@ def view(
     """Show point clouds or a scene in a window, or write pictures of them.
 
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
-    the scene. With several frames, windows and web pages have a slider, and a screenshot shows the first frame.
+    the scene. Data sets are shown with their classes and boxes, and point clouds with the .label beside them. With
+    several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0.
     """
     saves = [save for save in (screenshot, html, gif, mp4) if save]
     for option, save in {"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}.items():
@@ -336,13 +338,15 @@ def view(
             _view_scene(path, saves, looks)
             return
         clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
+    looks["color_by"] = color_by or places.pop("color_by", None)
     if not saves:
         ls.show(clouds, **places, **looks)
     for save in saves:
         seen = slice(1 if save is screenshot else None)
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
         if count > 1 and save is screenshot:
-            print_line(f"{save}: the first of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+            which = f"frame {frame or 0}" if "title" in places else "the first"
+            print_line(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
 
 
 def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:
@@ -708,15 +712,19 @@ def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...],
         raise LidarsimError(f"{path}: --frame: expected the number of a frame{there}, got {first}")
     if found.note:
         print_line(f"{path}: {found.note}")
-    last = first + len(frames) - 1
-    if found.count is not None and (first, last) != (0, found.count - 1):
+    if found.count is not None and 1 < len(frames) < found.count:
+        last = first + len(frames) - 1
         print_line(f"{path}: frames {first} to {last} of {counted(found.count, 'frame')}; --frame and --frames choose")
     places: dict[str, Any] = {
         "pose": tuple(frame.pose for frame in frames), "boxes": tuple(frame.boxes for frame in frames)
     }  # fmt: skip
-    if all(frame.time is not None for frame in frames):
-        places["time"] = tuple(frame.time for frame in frames)
-    return tuple(frame.cloud for frame in frames), places, len(frames)
+    if found.count != 1:
+        total = "" if found.count is None else f" of {found.count:,}"
+        times = ["" if frame.time is None else f", {frame.time:.2f} s" for frame in frames]
+        places["title"] = tuple(f"frame {number:,}{total}{time}" for number, time in enumerate(times, first))
+    if all("label" in frame.cloud.fields for frame in frames):
+        places["color_by"] = "label"
+    return tuple(frame.cloud for frame in frames), places, found.count or len(frames)
 
 
 def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
