@@ -140,6 +140,14 @@ def folders(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
 
 
+def only(roots: list[Path]) -> str:
+    """Return the note that of the folders of several sensors the first is shown; empty for one."""
+    others = ", ".join(root.name for root in roots[1:])
+    return (
+        f"only {roots[0].name} is shown; paths to the folders of other sensors show these: {others}" if others else ""
+    )
+
+
 def point_files(folder: Path, suffix: str = "") -> list[Path]:
     """Return the point clouds in a folder, sorted as people count; ``.label`` files hold none."""
     found = [

@@ -13,24 +13,26 @@ import numpy as np
 from lidarsim._shown import plain
 from lidarsim._validation import Floats
 from lidarsim.boxes import Boxes
-from lidarsim.datasets.reading._frames import Frame, Frames, boxes_at, numbers, point_files, text_of
+from lidarsim.datasets.reading._frames import Frame, Frames, boxes_at, folders, numbers, only, point_files, text_of
 from lidarsim.errors import FileFormatError
 from lidarsim.pointcloud import PointCloud
 
 KINDS = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc")
 IGNORED = "DontCare"
+PARTS = ("training", "testing", ".")
 COLUMNS = (15, 16)
 """Columns of a label, without and with the score of a detector."""
 
 
 def recognise(folder: Path) -> bool:
-    """Return whether a folder is the benchmark, or one of ``training`` and ``testing``."""
-    return any((part / "velodyne").is_dir() and (part / "calib").is_dir() for part in _parts(folder))
+    """Return whether a folder is the benchmark, one sensor of it, or one of ``training`` and ``testing``."""
+    return bool(_roots(folder))
 
 
 def open_frames(folder: Path) -> Frames:
     """Return the frames of training, then those of testing."""
-    files = [path for part in _parts(folder) if (part / "velodyne").is_dir() for path in point_files(part / "velodyne")]
+    roots = _roots(folder)
+    files = [path for part in _parts(roots[0]) for path in point_files(part / "velodyne")]
     kinds = dict.fromkeys(KINDS)
 
     def read(first: int) -> Iterator[Frame]:
@@ -41,11 +43,20 @@ def open_frames(folder: Path) -> Frames:
                 boxes = _boxes(label, _to_camera(path.parents[1] / "calib" / label.name), kinds)
             yield Frame(PointCloud.load(path), boxes=boxes)
 
-    return Frames("KITTI detection", len(files), read)
+    return Frames("KITTI detection", len(files), read, note=only(roots))
+
+
+def _roots(folder: Path) -> list[Path]:
+    """Return the folders that have the benchmark: one, or one per sensor of a rig."""
+    return [path for path in (folder, *folders(folder)) if path.name not in PARTS[:2] and _parts(path)] or (
+        [folder] if _parts(folder) else []
+    )
 
 
 def _parts(folder: Path) -> list[Path]:
-    return [folder / "training", folder / "testing", folder]
+    """Return the folders that have points and calibrations."""
+    parts = [folder / part for part in PARTS]
+    return [part for part in parts if (part / "velodyne").is_dir() and (part / "calib").is_dir()]
 
 
 def _to_camera(path: Path) -> Floats:

@@ -22,6 +22,7 @@ from lidarsim.datasets.reading._frames import (
     named,
     names_in,
     numbers,
+    only,
     point_files,
     text_of,
 )
@@ -63,10 +64,8 @@ def open_frames(folder: Path) -> Frames:
                 yield in_world(cloud, poses[number], None, times[number])
             first = 0
 
-    others = ", ".join(other.name for other in roots[1:])
-    note = f"{roots[0].name} only; its path leads to another sensor: {others}" if others else ""
     count = sum(len(files) for _, files in clouds)
-    return Frames("SemanticKITTI", count, lambda first: named(frames(first), names), names, note)
+    return Frames("SemanticKITTI", count, lambda first: named(frames(first), names), names, only(roots))
 
 
 def _roots(folder: Path) -> list[Path]:
