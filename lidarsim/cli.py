@@ -330,6 +330,9 @@ def view(
             raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
         clouds, places["pose"], places["time"] = zip(*found, strict=True)
         looks |= {"scene": run.scene if surfaces else None, "class_names": names}
+        if len(found) == min(count, wanted or count) and count > 1:  # else, frames of a rig have no scans
+            numbers = enumerate(zip(run.frames, places["time"], strict=False), 1)
+            places["title"] = tuple(_title(number, place, count, time) for place, (number, time) in numbers)
     else:
         unused = [name for name, value in {"--set": overrides, "--seed": seed}.items() if value is not None]
         if unused:
@@ -719,12 +722,17 @@ def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...],
         "pose": tuple(frame.pose for frame in frames), "boxes": tuple(frame.boxes for frame in frames)
     }  # fmt: skip
     if found.count != 1:
-        total = "" if found.count is None else f" of {found.count:,}"
-        times = ["" if frame.time is None else f", {frame.time:.2f} s" for frame in frames]
-        places["title"] = tuple(f"frame {number:,}{total}{time}" for number, time in enumerate(times, first))
+        places["title"] = tuple(
+            _title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
+        )
     if all("label" in frame.cloud.fields for frame in frames):
         places["color_by"] = "label"
     return tuple(frame.cloud for frame in frames), places, found.count or len(frames)
+
+
+def _title(number: int, place: int, count: int | None, time: float | None) -> str:
+    """Return the title of a frame: its number, which one of them it is, counting from 1, and its time."""
+    return f"frame {number}" + (f" ({place} of {count})" if count else "") + ("" if time is None else f", {time:.2f} s")
 
 
 def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:

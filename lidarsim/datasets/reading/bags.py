@@ -31,7 +31,7 @@ def open_frames(path: Path) -> Frames:
 
 
 def _files(path: Path) -> list[Path]:
-    if path.is_file():
+    if not path.is_dir():
         return [path] if path.suffix.lower() in rosbag.SUFFIXES else []
     inside = [path, *folders(path)]
     return [file for folder in inside for file in sorted(_bags(folder), key=lambda file: natural(file.name))]
