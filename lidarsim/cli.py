@@ -31,7 +31,7 @@ from lidarsim._extras import import_extra
 from lidarsim._files import check_folder, check_suffix
 from lidarsim._shown import counted, plain
 from lidarsim._terminal import facts, paragraph, print_line, say, standard_streams, table
-from lidarsim._validation import shown
+from lidarsim._validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
 from lidarsim.io import raster, rosbag
@@ -321,34 +321,28 @@ def view(
         require_display()
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
     wanted = 1 if saves == [screenshot] else None
-    places: dict[str, Any]
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
-        count, places = len(run.frames), {}
-        found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
-        if not found:
-            raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
-        clouds, places["pose"], places["time"] = zip(*found, strict=True)
+        clouds, places, count = _scanned(path, run, wanted)
         looks |= {"scene": run.scene if surfaces else None, "class_names": names}
-        if len(found) == min(count, wanted or count) and count > 1:  # else, frames of a rig have no scans
-            numbers = enumerate(zip(run.frames, places["time"], strict=False), 1)
-            places["title"] = tuple(_title(number, place, count, time) for place, (number, time) in numbers)
     else:
-        unused = [name for name, value in {"--set": overrides, "--seed": seed}.items() if value is not None]
+        is_scene = not is_point_cloud(path) and is_scene_file(path)
+        given = {"--set": overrides, "--seed": seed}
+        given |= {"--frame": frame, "--frames": frames} if is_scene else {}
+        unused = [name for name, value in given.items() if value is not None]
         if unused:
             raise LidarsimError(f"{', '.join(unused)}: expected only with a configuration or recipe, got {path}")
-        if not is_point_cloud(path) and is_scene_file(path):
+        if is_scene:
             _view_scene(path, saves, looks)
             return
         clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
     looks["color_by"] = color_by or places.pop("color_by", None)
-    if not saves:
-        ls.show(clouds, **places, **looks)
-    for save in saves:
-        seen = slice(1 if save is screenshot else None)
+    targets: list[Path | None] = [*saves] or [None]
+    for save in targets:
+        seen = slice(1 if save and save is screenshot else None)
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
-        if count > 1 and save is screenshot:
-            which = f"frame {frame or 0}" if "title" in places else "the first"
+        if count > 1 and save and save is screenshot:
+            which = "the first" if frame is None else f"frame {frame}"
             print_line(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
 
 
@@ -703,10 +697,25 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
             yield cloud, next(iter(frame.poses.values())), min(scan.time for scan in frame.scans.values())
 
 
+def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
+    """Return the clouds of a run, what else `show` takes for them, and the number of frames."""
+    count = len(run.frames)
+    found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
+    if not found:
+        raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
+    clouds, poses, times = zip(*found, strict=True)
+    places: dict[str, Any] = {"pose": poses, "time": times}
+    if len(found) == min(count, wanted or count) and count > 1:  # else, frames of a rig have no scans
+        numbers = enumerate(zip(run.frames, times, strict=False), 1)
+        places["title"] = tuple(_title(number, place, count, time) for place, (number, time) in numbers)
+    return clouds, places, count
+
+
 def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
     """Return clouds of a data set, a folder or a file, what else `show` takes for them, and the number of frames."""
     from lidarsim.datasets import reading
 
+    first, most = integer("--frame", first, at_least=0), integer("--frames", most, at_least=1)
     found = reading.open_frames(path)
     left = most if found.count is None else max(0, min(most, found.count - first))
     frames = list(_progress(islice(found.read(first), left), left))

@@ -46,7 +46,7 @@ def open_frames(folder: Path) -> Frames:
     clouds = [
         (sequence, point_files(sequence / "velodyne")) for sequence in sequences if (sequence / "velodyne").is_dir()
     ]
-    classes = next((path for path in (root / CLASSES, root.parents[1] / CLASSES) if path.is_file()), None)
+    classes = next((path for path in (root / CLASSES, root.absolute().parent.parent / CLASSES) if path.is_file()), None)
     names = {label: name for label, (name, _) in SEMANTIC_KITTI.items()}
     if classes is not None:
         found = plain(read(classes))
