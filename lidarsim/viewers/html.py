@@ -192,7 +192,8 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         figure.update_layout(
             sliders=[
                 {
-                    "currentvalue": {"prefix": ""},
+                    "currentvalue": {"prefix": "", "font": {"color": picture.theme.text}},
+                    "font": {"color": picture.theme.background},  # long texts at its ends would be cut off
                     "len": 0.8,
                     "x": 0.05,
                     "steps": [
@@ -327,7 +328,7 @@ def _boxes(go: ModuleType, picture: Picture, boxes: Boxes | None, shift: Floats)
             go.Scatter3d(
                 **_xyz(points),
                 mode="lines",
-                line={"color": picture.class_color(label), "width": 4},
+                line={"color": picture.class_color(label), "width": 2},
                 name=name,
                 text=told,
                 hoverinfo="text",
