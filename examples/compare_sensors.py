@@ -19,19 +19,25 @@ for number, distance in enumerate(DISTANCES):  # none hides another
 roof = np.eye(4)
 roof[2, 3] = 1.8
 
-figure = Figure(figsize=(10, 6.2), layout="constrained")
-axes = figure.add_subplot()
+counts = {}
 print(f"{'sensor':20}" + "".join(f"{distance:>8} m" for distance in DISTANCES))
 for name in ls.Lidar.presets():
     lidar = ls.Lidar.preset(name)
     if isinstance(lidar.pattern, ls.patterns.Spinning) and lidar.pattern.shape[0] > 1:  # 2D lidars see over their heads
         cloud = lidar.scan(scene, roof).point_cloud()
-        counts = np.bincount(cloud.object_id, minlength=len(scene))[1:]
-        print(f"{name:20}" + "".join(f"{count:10}" for count in counts))
-        axes.plot(DISTANCES, np.maximum(counts, 0.5), marker="o", label=name)
+        counts[name] = np.bincount(cloud.object_id, minlength=len(scene))[1:]
+        print(f"{name:20}" + "".join(f"{count:10}" for count in counts[name]))
 
-axes.set(xscale="log", yscale="log", xlabel="distance [m]", ylabel="points on a pedestrian")
-axes.set_xticks(DISTANCES, DISTANCES)
-axes.minorticks_off()
-axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1, 1))
+names = sorted(counts, key=lambda name: -counts[name].sum())
+table = np.array([counts[name] for name in names])
+figure = Figure(figsize=(7, 7.5), layout="constrained")
+axes = figure.add_subplot()
+axes.imshow(np.log10(np.maximum(table, 1)), aspect="auto", cmap="cividis")
+for (row, column), count in np.ndenumerate(table):
+    light = count > np.sqrt(table.max())  # the middle of a logarithmic scale
+    axes.text(column, row, f"{count:,}", ha="center", va="center", color="black" if light else "white")
+axes.set_xticks(range(len(DISTANCES)), [f"{distance} m" for distance in DISTANCES])
+axes.set_yticks(range(len(names)), names)
+axes.tick_params(length=0)
+axes.set_title("points on a pedestrian")
 figure.savefig("compare_sensors.png", dpi=100)

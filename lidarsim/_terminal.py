@@ -24,7 +24,7 @@ from lidarsim.errors import LidarsimError
 __all__ = ["facts", "paragraph", "print_line", "say", "standard_streams", "table"]
 
 WIDTH = 200
-"""Width of tables in a pipe, in columns."""
+"""Width of tables in a pipe without the variable COLUMNS, in columns."""
 LONGEST_LINE = 2000
 """Maximum characters of a message on stderr."""
 ASCII = str.maketrans({"…": "...", "°": "deg"})
@@ -66,7 +66,7 @@ def table(
     made = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for column in columns:
         side = "left" if column in left else "right"
-        made.add_column(_fitting(column), justify=side, no_wrap=column in whole)  # type: ignore[arg-type]
+        made.add_column(_fitting(column), justify=side, no_wrap=column in whole, overflow="fold")  # type: ignore[arg-type]
     for row in rows:
         made.add_row(*(_fitting(_cell(cell)) for cell in row))
     _render(made)
@@ -142,9 +142,10 @@ def _write(text: str) -> None:
 
 
 def _render(what: Table | Text) -> None:
-    """Print at the width of the terminal, or of `WIDTH` columns if there is none."""
+    """Print at the width of the terminal or of the variable COLUMNS, else at `WIDTH` columns."""
     page = _Page()
-    width = None if page.isatty() else WIDTH
+    known = page.isatty() or os.environ.get("COLUMNS", "").isdecimal()
+    width = None if known else WIDTH
     Console(file=page, width=width, highlight=False, markup=False, emoji=False).print(what)
     _write(_encodable(page.getvalue(), sys.stdout))
 

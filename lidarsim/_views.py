@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypedDict, Unpack
 if TYPE_CHECKING:
     from lidarsim._files import PathLike
     from lidarsim._validation import Transform
+    from lidarsim.boxes import Boxes
     from lidarsim.scene import Scene
 
-Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
+Camera = Literal["behind", "birds-eye", "first-person", "orbit", "top"]
 """Camera position of a picture."""
 
 
@@ -18,6 +19,7 @@ class Looks(TypedDict, total=False):
     """Keyword arguments of `lidarsim.show`."""
 
     scene: Scene | None
+    boxes: Boxes | Sequence[Boxes | None] | None
     color_by: str | None
     class_names: Mapping[int, str] | None
     pose: Transform | Sequence[Transform] | None
@@ -27,6 +29,10 @@ class Looks(TypedDict, total=False):
     size: tuple[int, int]
     point_size: float | None
     viewer: Literal["pyvista", "open3d"]
+    title: str | Sequence[str] | None
+    limits: tuple[float, float] | None
+    color_map: Literal["magma", "viridis", "cividis", "grey"] | None
+    background: Literal["dark", "white"]
 
 
 class Page(Protocol):

@@ -31,7 +31,7 @@ from lidarsim._extras import import_extra
 from lidarsim._files import check_folder, check_suffix
 from lidarsim._shown import counted, plain
 from lidarsim._terminal import facts, paragraph, print_line, say, standard_streams, table
-from lidarsim._validation import shown
+from lidarsim._validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
 from lidarsim.io import raster, rosbag
@@ -61,6 +61,8 @@ ROWS = 10
 """Maximum rows of the table that a scan of many frames prints."""
 NAME = 60
 """Maximum characters of a name in a table."""
+MOST_FRAMES = 100
+"""Maximum frames of a data set that `view` shows unless it is told otherwise."""
 _DRAWN = {
     ".png": ("pyvista", "pyvista"),
     ".html": ("plotly", "html"),
@@ -84,6 +86,7 @@ class Camera(StrEnum):
     BIRDS_EYE = "birds-eye"
     FIRST_PERSON = "first-person"
     ORBIT = "orbit"
+    TOP = "top"
 
 
 def _path(text: str) -> Path:
@@ -285,7 +288,8 @@ def view(
         Path,
         typer.Argument(
             metavar="PATH",
-            help="Point cloud, folder of point clouds, configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, ….",
+            help="Point cloud, bag, data set (SemanticKITTI, nuScenes, KITTI detection, shards), folder of these, "
+            "configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, ….",
             parser=_path,
         ),
     ],
@@ -309,7 +313,8 @@ def view(
     """Show point clouds or a scene in a window, or write pictures of them.
 
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
-    the scene. With several frames, windows and web pages have a slider, and a screenshot shows the first frame.
+    the scene. Data sets are shown with their classes and boxes, and point clouds with the .label beside them. With
+    several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0.
     """
     saves = [save for save in (screenshot, html, gif, mp4) if save]
     for option, save in {"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}.items():
@@ -326,33 +331,29 @@ def view(
         require_display()
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
     wanted = 1 if saves == [screenshot] else None
-    places: dict[str, Any]
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
-        count, places = len(run.frames), {}
-        found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
-        if not found:
-            raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
-        clouds, places["pose"], places["time"] = zip(*found, strict=True)
+        clouds, places, count = _scanned(path, run, wanted)
         looks |= {"scene": run.scene if surfaces else None, "class_names": names}
     else:
-        given = {"--set": overrides, "--seed": seed, "--frame": frame, "--frames": frames}
+        is_scene = not is_point_cloud(path) and is_scene_file(path)
+        given = {"--set": overrides, "--seed": seed}
+        given |= {"--frame": frame, "--frames": frames} if is_scene else {}
         unused = [name for name, value in given.items() if value is not None]
         if unused:
             raise LidarsimError(f"{', '.join(unused)}: expected only with a configuration or recipe, got {path}")
-        if not is_point_cloud(path) and is_scene_file(path):
+        if is_scene:
             _view_scene(path, saves, looks)
             return
-        files = _clouds(path)
-        count, places = len(files), {}
-        clouds = tuple(_progress(map(ls.PointCloud.load, files[:wanted]), len(files[:wanted])))
-    if not saves:
-        ls.show(clouds, **places, **looks)
-    for save in saves:
-        seen = slice(1 if save is screenshot else None)
+        clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
+    looks["color_by"] = color_by or places.pop("color_by", None)
+    targets: list[Path | None] = [*saves] or [None]
+    for save in targets:
+        seen = slice(1 if save and save is screenshot else None)
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
-        if count > 1 and save is screenshot:
-            print_line(f"{save}: the first of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+        if count > 1 and save and save is screenshot:
+            which = "the first" if frame is None else f"frame {frame}"
+            print_line(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
 
 
 def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:
@@ -426,11 +427,15 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     for frame in sorted({run.frames[0], run.frames[-1]}):
         next(dataclasses.replace(run, frames=range(frame, frame + 1)).measured())
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
-    columns = ("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate", "moves")
+    meshes = [item.shape for item in run.scene if isinstance(item.shape, ls.TriangleMesh)]
+    degenerate = any(mesh.degenerate_count for mesh in meshes)
+    columns: tuple[str, ...] = ("object", "shape", "name", "label", "reflectivity")
+    columns += ("triangles",) * bool(meshes) + ("degenerate",) * degenerate + ("moves",) * bool(spans)
     rows = []
     for item in run.scene:
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
-        triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
+        triangles: tuple[int | None, ...] = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
+        triangles = triangles[: bool(meshes) + degenerate]
         label = "by face" if isinstance(item.label, np.ndarray) else item.label
         moves = (_times(spans[item.id]) if item.id in spans else None,) if spans else ()
         rows.append(
@@ -444,7 +449,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
                 *moves,
             )
         )
-    table(columns if spans else columns[:-1], rows, left=("shape", "name"))
+    table(columns, rows, left=("shape", "name"), whole=("shape", "reflectivity"))
     for item in run.scene:
         if isinstance(item.shape, ls.TriangleMesh) and item.shape.grid:
             print_line(_terrain(item.id, item.shape))
@@ -512,7 +517,6 @@ def sensors(
     if name is None:
         if yaml or screenshot:
             raise LidarsimError("--yaml, --screenshot: expected the NAME of a sensor with them, got none")
-        columns = ("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
         rows: list[tuple[object, ...]] = []
         for preset in ls.Lidar.presets():
             lidar = ls.Lidar.preset(preset)
@@ -520,6 +524,7 @@ def sensors(
             ends = (*np.degrees([does.azimuth, does.elevation]), (lidar.min_range, lidar.max_range))
             spans = (_span(span, digits=3).replace(" ", "") for span in ends)
             rows.append((preset, does.rings, round(does.pulses_per_second), lidar.pattern.rate, *spans))
+        columns = ("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
         table(columns, rows, left=("sensor",), whole=("sensor",))
         from lidarsim.config.loader import measured
 
@@ -539,12 +544,13 @@ def sensors(
         _print_sensor(ls.Lidar.preset(name))
         for key in ("modes", "datasheet_noise"):
             if key in preset:
-                print_line(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
+                paragraph(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
         sources = dict(preset.get("sources", {}))
         if values := _measured(preset):
             rows = [(key, value, sources.pop(f"measured.{key}", "")) for key, value in values.items()]
-            table(("measured", "value", "source"), rows, left=("measured", "value", "source"))
-        table(("value", "source"), list(sources.items()), left=("value", "source"))
+            names = ("measured", "value", "source")
+            table(names, rows, left=names, whole=("measured",))
+        table(("value", "source"), list(sources.items()), left=("value", "source"), whole=("value",))
 
 
 @app.command(context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []})
@@ -701,14 +707,51 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
             yield cloud, next(iter(frame.poses.values())), min(scan.time for scan in frame.scans.values())
 
 
-def _clouds(path: Path) -> list[Path]:
-    """Return the point clouds in a folder, sorted by name, or `path` itself if it is a file."""
-    if not path.is_dir():
-        return [path]
-    found = sorted(file for file in path.iterdir() if file.is_file() and is_point_cloud(file))
+def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
+    """Return the clouds of a run, what else `show` takes for them, and the number of frames."""
+    count = len(run.frames)
+    found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
     if not found:
-        raise LidarsimError(f"{path}: expected a folder of point clouds, got none in it")
-    return found
+        raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
+    clouds, poses, times = zip(*found, strict=True)
+    places: dict[str, Any] = {"pose": poses, "time": times}
+    if len(found) == min(count, wanted or count) and count > 1:  # else, frames of a rig have no scans
+        numbers = enumerate(zip(run.frames, times, strict=False), 1)
+        places["title"] = tuple(_title(number, place, count, time) for place, (number, time) in numbers)
+    return clouds, places, count
+
+
+def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
+    """Return clouds of a data set, a folder or a file, what else `show` takes for them, and the number of frames."""
+    from lidarsim.datasets import reading
+
+    first, most = integer("--frame", first, at_least=0), integer("--frames", most, at_least=1)
+    found = reading.open_frames(path)
+    left = most if found.count is None else max(0, min(most, found.count - first))
+    frames = list(_progress(islice(found.read(first), left), left))
+    if not frames:
+        there = "" if found.count is None else f" of {counted(found.count, 'frame')}"
+        raise LidarsimError(f"{path}: --frame: expected the number of a frame{there}, got {first}")
+    if found.note:
+        print_line(f"{path}: {found.note}")
+    if found.count is not None and 1 < len(frames) < found.count:
+        last = first + len(frames) - 1
+        print_line(f"{path}: frames {first} to {last} of {counted(found.count, 'frame')}; --frame and --frames choose")
+    places: dict[str, Any] = {
+        "pose": tuple(frame.pose for frame in frames), "boxes": tuple(frame.boxes for frame in frames)
+    }  # fmt: skip
+    if found.count != 1:
+        places["title"] = tuple(
+            _title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
+        )
+    if all("label" in frame.cloud.fields for frame in frames):
+        places["color_by"] = "label"
+    return tuple(frame.cloud for frame in frames), places, found.count or len(frames)
+
+
+def _title(number: int, place: int, count: int | None, time: float | None) -> str:
+    """Return the title of a frame: its number, which one of them it is, counting from 1, and its time."""
+    return f"frame {number}" + (f" ({place} of {count})" if count else "") + ("" if time is None else f", {time:.2f} s")
 
 
 def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:

@@ -334,6 +334,28 @@ def test_pictures_of_scene_files(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err.endswith("robot.xml:2: geom names a file, which is not read\n")
 
 
+@pytest.mark.parametrize("layout", ["semantickitti", "nuscenes", "shards", "bags"])
+def test_data_sets_are_viewed(layout: str, capsys: pytest.CaptureFixture[str]) -> None:
+    run = "".join(f"  {line}\n" for line in MOVING.replace("frames: 2\n", "").splitlines())
+    recipe = f"layout: {layout}\nframes: 2\nsequences: 2\nclass_names: {{'0': ground}}\nrun:\n{run}"
+    recipe = recipe.replace("normal: [0, 0, 1]}", "normal: [0, 0, 1], label: 0}")
+    Path("recipe.yaml").write_text(recipe, encoding="utf-8")
+    assert lidarsim("generate", "recipe.yaml", "-o", "set", "--pictures", "0") == 0
+    capsys.readouterr()
+    assert lidarsim("view", "set", "--screenshot", "a.png", "--html", "a.html", *SMALL, "--frame", "1") == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    page = Path("a.html").read_text(encoding="utf-8")
+    assert film("a.png") == ((320, 200), 1)
+    assert f'"label":"frame 3{"" if layout == "bags" else " (4 of 4)"}' in page
+    assert '"label":"frame 0' not in page
+    if layout != "bags":
+        assert "frames 1 to 3 of 4 frames" in printed.out
+        assert '"name":"ground"' in page
+    assert lidarsim("view", "set", "--screenshot", "b.png", *SMALL, "--frame", "9") == 2
+    assert "set: --frame: expected the number of a frame" in capsys.readouterr().err
+
+
 def film(path: str) -> tuple[tuple[int, int], int]:
     with Image.open(path) as opened:
         return opened.size, getattr(opened, "n_frames", 1)
@@ -345,7 +367,7 @@ def test_views_of_frames_are_of_all_or_of_the_first(capsys: pytest.CaptureFixtur
     assert lidarsim("view", "moving.yaml", *everything, *SMALL, "--camera", "birds-eye") == 0
     assert film("a.png") == ((320, 200), 1)
     assert film("a.gif") == ((320, 200), 2)
-    assert '"label":"1"' in Path("a.html").read_text(encoding="utf-8")  # a step of the slider
+    assert '"label":"frame 1 (2 of 2), 0.10 s"' in Path("a.html").read_text(encoding="utf-8")  # a step of the slider
     assert lidarsim("view", "moving.yaml", "--screenshot", "b.png", *SMALL, "--no-surfaces") == 0
     assert lidarsim("view", "moving.yaml", "--screenshot", "c.png", *SMALL) == 0
     assert Path("b.png").read_bytes() != Path("c.png").read_bytes()
@@ -473,6 +495,38 @@ def test_measured_values_are_printed_with_their_source(capsys: pytest.CaptureFix
     assert "measured" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("sensors",),
+        *(("sensors", name) for name in ls.Lidar.presets()),
+        ("check", str(ROOT / "configs" / "rig.yaml")),
+        ("check", str(ROOT / "configs" / "junction.yaml")),
+        ("scan", "run.yaml", "--frames", "12", "-o", "scan.pcd"),
+        ("compare", "one.pcd", "two.pcd"),
+    ],
+    ids=lambda command: "-".join(Path(word).name for word in command[:2]),
+)
+def test_tables_fit_the_columns_that_there_are(
+    command: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    if command[0] == "compare":
+        for seed, name in enumerate(command[1:]):
+            lidarsim("scan", "run.yaml", "-o", name, "--seed", str(seed))
+        capsys.readouterr()
+    assert lidarsim(*command) == 0
+    printed = capsys.readouterr().out.splitlines()
+    rules = [number for number, line in enumerate(printed) if set(line.strip()) == {"─"}]
+    assert rules or command[1] in ls.Lidar.presets()
+    for rule in rules:  # each table, to the empty line below it
+        end = next((number for number in range(rule, len(printed)) if not printed[number].strip()), len(printed))
+        assert max(map(len, printed[rule - 1 : end])) <= 80
+    if command[0] == "sensors":
+        assert max(map(len, printed)) <= 80
+        assert not [line for line in printed if re.search(r"\w…( |$)", line)]  # cut off
+
+
 def test_a_sensor_is_described(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("sensors", "ouster-os1-64") == 0
     printed = capsys.readouterr().out
@@ -559,9 +613,9 @@ MISTAKES = {
         "--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got '100'"
     ),
     "view cloud.xyz --screenshot a.png --set seed=1 --frame 2": (
-        "--set, --frame: expected only with a configuration or recipe, got cloud.xyz"
+        "--set: expected only with a configuration or recipe, got cloud.xyz"
     ),
-    "view folder.pcd --screenshot a.png": "folder.pcd: expected a folder of point clouds, got none in it",
+    "view folder.pcd --screenshot a.png": "folder.pcd: expected a data set or a folder of point clouds, got neither",
     # sensors
     "sensors velodyne-vlp17": (
         "preset: expected the name of a sensor, got 'velodyne-vlp17'; "

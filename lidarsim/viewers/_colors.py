@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
 from itertools import count
 from typing import Any
 
@@ -16,10 +17,8 @@ from lidarsim._shown import plain
 from lidarsim._validation import Floats, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
+from lidarsim.viewers._classes import class_color
 
-BACKGROUND = "#14181d"
-GRID = "#323a44"
-SURFACE = "#aab4c0"
 PATH = "#ffd24a"
 AXES = ("#ff4b4b", "#4bd964", "#4b8bff")
 """Colours of the sensor's axes x, y, z."""
@@ -30,9 +29,65 @@ SEQUENTIAL = (
     "#641a80", "#832681", "#a3307e", "#c43c75", "#e24d66", "#f56b5c", "#fc9065", "#feb67c", "#fdda9c", "#fcfdbf",
 )  # fmt: skip
 # From blue through grey to red, for signed values.
+MAPS = {
+    "magma": SEQUENTIAL,
+    # S. van der Walt and N. Smith, as above.
+    "viridis": (
+        "#440154",
+        "#482878",
+        "#3e4a89",
+        "#31688e",
+        "#26828e",
+        "#1f9e89",
+        "#35b779",
+        "#6ece58",
+        "#b5de2b",
+        "#fde725",
+    ),
+    # J. Nuñez, C. Anderton and R. Renslow, 2018: the same to people with and without colour vision deficiency.
+    "cividis": (
+        "#00224e",
+        "#123570",
+        "#3b496c",
+        "#575d6d",
+        "#707173",
+        "#8a8678",
+        "#a59c74",
+        "#c3b369",
+        "#e1cc55",
+        "#fee838",
+    ),
+    "grey": ("#404040", "#ffffff"),
+}
+"""Colour maps by name."""
 DIVERGING = ("#1e8fff", "#79b8ff", "#c9ced4", "#ff9473", "#ff4a26")
+CONTRAST = 3.0
+"""Least contrast of a class with the background, as WCAG 2.1 wants of graphics."""
 MISSING = "#6b727a"
 """Colour of a point whose value is not finite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """Colours of what is not data.
+
+    Attributes
+    ----------
+    background, grid, text, surface : str
+        Colours of the background, of the grid on the ground, of texts, and of surfaces without a class.
+    """
+
+    background: str
+    grid: str
+    text: str
+    surface: str
+
+
+DARK = Theme(background="#14181d", grid="#3d4754", text="#e8eaed", surface="#aab4c0")
+WHITE = Theme(background="#ffffff", grid="#d5dae0", text="#1b1f24", surface="#8b95a1")
+THEMES = {"dark": DARK, "white": WHITE}
+BACKGROUND = DARK.background
+
 NAME = 40
 """Greatest length of a category's name, characters."""
 # Colours of categories 0 to 259; from 260 on they repeat. The first eight are distinct with any kind of colour vision
@@ -67,6 +122,8 @@ UNITS = {
     "incidence": "rad",
     "radial_velocity": "m/s",
 }
+FEW = 12
+"""Greatest number of values of an integer field that are listed instead of shown as a scale."""
 CATEGORIES = {"label", "object_id", "instance", "return_number", "return_count"}
 
 
@@ -115,6 +172,10 @@ class Coloring:
         """Lines of the legend below the colours."""
         return [*filter(None, [self.clipped]), *["grey: not finite"] * self.missing]
 
+    def color(self, category: int) -> str:
+        """Return the colour of a category."""
+        return dict(zip(self.names, self.table, strict=True))[category]
+
     def rgb(self, cloud: PointCloud) -> npt.NDArray[np.uint8]:
         """Return the colour of each point, shape (n, 3)."""
         return self.rgb_of(field_of(cloud, self.field))
@@ -154,17 +215,55 @@ def field_of(cloud: PointCloud, name: str) -> npt.NDArray[Any]:
     return values
 
 
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of categories and surfaces.
+
+    Attributes
+    ----------
+    names : mapping of str to mapping of int to str
+        Names of categories, by field.
+    others : mapping of str to iterable of int
+        Categories of the surfaces and boxes, by field.
+    objects : mapping of int to str
+        Names of the objects with a label, which stand for labels without a name.
+    heights : ndarray of float64, shape (2,), or None
+        Least and greatest height of the surfaces, m: the limits if there are no points.
+    """
+
+    names: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
+    others: Mapping[str, Iterable[int]] = field(default_factory=dict)
+    objects: Mapping[int, str] = field(default_factory=dict)
+    heights: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How to colour.
+
+    Attributes
+    ----------
+    theme : Theme
+        Colours of what is not data.
+    color_map : str or None
+        One of `MAPS`, or the default of the field.
+    limits : tuple of float or None
+        Values at the ends of the colour map; None: those of the data.
+    """
+
+    theme: Theme = DARK
+    color_map: str | None = None
+    limits: tuple[float, float] | None = None
+
+
 def coloring(
-    clouds: Sequence[PointCloud],
-    color_by: str | None,
-    names: Mapping[str, Mapping[int, str]] | None = None,
-    others: Mapping[str, Iterable[int]] | None = None,
-    heights: Floats | None = None,
+    clouds: Sequence[PointCloud], color_by: str | None, known: Known | None = None, style: Style | None = None
 ) -> Coloring:
     """Return the colours of clouds by a scalar field or ``"height"``; by default by intensity if they have it.
 
     A category always has the same colour, independent of the others. Errors and velocities get colours that are
-    symmetric about 0. If a few outliers would take most of the range, it ends at the 1st and 99th percentile.
+    symmetric about 0. If a few outliers would take most of the range, it ends at the 1st and 99th percentile. An
+    integer field of a few values has a colour for each.
 
     Parameters
     ----------
@@ -172,18 +271,17 @@ def coloring(
         At least one.
     color_by : str, optional
         The field.
-    names : mapping of str to mapping of int to str, optional
-        Names of categories, by field.
-    others : mapping of str to iterable of int, optional
-        Categories of the surfaces, by field.
-    heights : ndarray of float64, shape (2,), optional
-        Least and greatest height of the surfaces, m: the limits if there are no points.
+    known : Known, optional
+        Names and categories that the clouds do not tell.
+    style : Style, optional
+        How to colour.
 
     Raises
     ------
     TypeError, ValueError
         If `color_by` is not a scalar field of all clouds with points.
     """
+    known, style = known or Known(), style or Style()
     if not isinstance(color_by, str | None):
         raise ArgumentTypeError("color_by", "the name of a field", shown(color_by))
     clouds = [cloud for cloud in clouds if len(cloud)] or clouds  # a rig may have no scan in a frame
@@ -194,32 +292,78 @@ def coloring(
     if color_by not in scalars:
         raise ArgumentValueError("color_by", f"one of {', '.join(scalars)}", shown(color_by))
     values = np.concatenate([field_of(cloud, color_by) for cloud in clouds])
-    if color_by == "height" and not len(values) and heights is not None:
-        values = heights
-    known = (names or {}).get(color_by, {})
-    categories: set[int] = set()
+    if color_by == "height" and not len(values) and known.heights is not None:
+        values = known.heights
     if color_by in CATEGORIES:
-        categories = {*map(int, np.unique(values)), *(others or {}).get(color_by, ())}
-    elif values.dtype == np.bool_ and len(values):
-        categories, known = {0, 1}, {0: "false", 1: "true"}
-    if categories:
-        found = {value: plain(known.get(value, "").strip() or value, most=NAME) for value in sorted(categories)}
-        span = (float(min(found)), float(max(found)))
-        return Coloring(color_by, span, span, [category_color(value) for value in found], found)
+        categories = {*map(int, np.unique(values)), *known.others.get(color_by, ())}
+        if categories:
+            objects = known.objects if color_by == "label" else {}
+            return _categorical(color_by, categories, known.names.get(color_by, {}), objects, style.theme)
+    if values.dtype == np.bool_ and len(values):
+        return _categorical(color_by, {0, 1}, {0: "false", 1: "true"}, {}, style.theme)
+    diverges = "error" in color_by or "velocity" in color_by
+    anchors = MAPS[style.color_map] if style.color_map else DIVERGING if diverges else SEQUENTIAL
+    adapts = style.theme is not DARK and style.color_map is None  # the colours of the maps are for the dark background
+    if values.dtype.kind in "iu" and style.limits is None and 0 < len(few := np.unique(values)) <= FEW:
+        table = _blend(anchors, len(few))
+        table = [legible(color, style.theme.background) for color in table] if adapts else table
+        span = float(few[0]), float(few[-1])
+        return Coloring(color_by, span, span, table, {int(value): f"{value:,}" for value in few})
     finite = values[np.isfinite(values)].astype(np.float64)
     limits, extent = _limits(finite)
-    diverges = "error" in color_by or "velocity" in color_by
-    if diverges:
+    if style.limits is not None:
+        limits = style.limits
+    elif diverges:
         most = max(map(abs, limits))
         extent = extent if extent != limits else (-most, most)
         limits = -most, most
-    table = _blend(DIVERGING if diverges else SEQUENTIAL)
+    table = _blend(anchors)
+    if adapts:
+        table = [legible(color, style.theme.background) for color in table]
     return Coloring(color_by, limits, extent, table, {}, len(finite) > 0, len(finite) < len(values))
 
 
-def category_color(value: int) -> str:
-    """Return the fixed colour of a category."""
-    return QUALITATIVE[value % len(QUALITATIVE)]
+def class_coloring(labels: Iterable[int], known: Known, theme: Theme) -> Coloring:
+    """Return the colours of those labels that have a name, or the name of an object, for boxes and surfaces."""
+    names = known.names.get("label", {})
+    named = {label for label in labels if names.get(label, known.objects.get(label, "")).strip()}
+    return _categorical("label", named, names, known.objects, theme)
+
+
+def _categorical(
+    name: str, values: Iterable[int], names: Mapping[int, str], objects: Mapping[int, str], theme: Theme
+) -> Coloring:
+    """Return the colours of categories: by the meaning of their names or those of objects, else by their numbers."""
+    found, table = {}, []
+    for value in sorted(values):
+        own, other = names.get(value, "").strip(), objects.get(value, "").strip()
+        found[value] = plain(own or other or value, most=NAME)
+        color = class_color(own, value) if own else class_color(other)
+        table.append(legible(color or QUALITATIVE[value % len(QUALITATIVE)], theme.background))
+    span = (float(min(found, default=0)), float(max(found, default=0)))
+    return Coloring(name, span, span, table, found)
+
+
+@cache
+def legible(color: str, background: str = BACKGROUND) -> str:
+    """Return a colour of sufficient contrast: mixed with as little white (on a light background, black) as it needs."""
+    back = luminance(background)
+    end = 255 if back < 0.5 else 0
+    channels = _channels([color])[0].astype(np.int64)
+    for part in range(256):
+        mixed = (channels * (255 - part) + end * part) // 255
+        mixed_color = f"#{bytes(mixed.astype(np.uint8)).hex()}"
+        low, high = sorted((luminance(mixed_color), back))
+        if high + 0.05 >= CONTRAST * (low + 0.05):
+            return mixed_color
+    raise AssertionError  # white and black have it
+
+
+def luminance(color: str) -> float:
+    """Return the relative luminance of a colour (WCAG 2.1): 0 for black, 1 for white."""
+    part = _channels([color])[0] / 255
+    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
 def _limits(finite: Floats) -> tuple[tuple[float, float], tuple[float, float]]:

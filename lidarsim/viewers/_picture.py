@@ -13,16 +13,22 @@ import numpy as np
 from lidarsim import _validation
 from lidarsim._validation import Floats
 from lidarsim._views import Camera
+from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentValueError
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._colors import SURFACE, Coloring, category_color, round_step
+from lidarsim.viewers._colors import DARK, Coloring, Theme, round_step
 from lidarsim.viewers._surfaces import Surface
 
 CAMERAS: tuple[Camera, ...] = get_args(Camera)
 AXIS = 0.06
 """Length of the sensor's axes relative to the radius of the view."""
+MATTERS = 95.0
+"""Percentage of the points that a picture shows at least; the others are far away."""
 MARGIN = 1.04
 """Width of a picture relative to its contents."""
+
+
+NO_CLASSES = Coloring("label", (0.0, 0.0), (0.0, 0.0), [], {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,21 +43,48 @@ class Frame:
         Sensor to world.
     movers : list of Surface
         Surfaces of the moving objects at their poses in this frame; all frames have the same objects.
+    boxes : Boxes or None
+        Boxes of the things in this frame.
+    title : str
+        What the frame is.
     """
 
     cloud: PointCloud
     pose: Floats
     movers: list[Surface] = field(default_factory=list)
+    boxes: Boxes | None = None
+    title: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """Viewpoint of a picture: eye, target and up vector, and the vertical angle of view, rad."""
+    """Viewpoint of a picture.
+
+    Attributes
+    ----------
+    eye, target, up : ndarray of float64, shape (3,)
+        Positions, m, and the up vector.
+    angle : float
+        Vertical angle of view, rad.
+    half : float or None
+        Half the height of an orthographic picture, m; None for perspective.
+    """
 
     eye: Floats
     target: Floats
     up: Floats
     angle: float
+    half: float | None = None
+
+    def places(self, points: Floats, aspect: float) -> Floats:
+        """Return where points are in the picture, from -1 to 1 across and up; nan behind the eye: shape (n, 2)."""
+        back = (self.eye - self.target) / np.linalg.norm(self.eye - self.target)
+        right = np.cross(self.up, back)
+        right /= np.linalg.norm(right)
+        x, y, z = ((points - self.eye) @ axis for axis in (right, np.cross(back, right), back))
+        depth = np.full(len(points), self.half) if self.half else np.where(z < 0, -z, np.nan) * math.tan(self.angle / 2)
+        places: Floats = np.stack([x / depth / aspect, y / depth], axis=-1)
+        return places
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +105,10 @@ class Picture:
         One of `CAMERAS`, or position, target and up vector.
     rate : float
         Frame rate, Hz.
+    classes : Coloring
+        Colours of boxes and surfaces by their labels.
+    theme : Theme
+        Colours of what is not data.
     """
 
     frames: list[Frame]
@@ -80,6 +117,8 @@ class Picture:
     colors: Coloring
     camera: Camera | Floats
     rate: float
+    classes: Coloring = NO_CLASSES
+    theme: Theme = DARK
 
     @property
     def has_points(self) -> bool:
@@ -91,8 +130,21 @@ class Picture:
         """Surfaces of the static objects, and of the moving ones in each frame."""
         return self.surfaces + [surface for frame in self.frames for surface in frame.movers]
 
+    def class_color(self, label: int) -> str:
+        """Return the colour of boxes and surfaces with a label."""
+        classes = self.colors if self.colors.field == "label" else self.classes
+        return classes.color(label) if label in classes.names else self.theme.surface
+
+    def class_name(self, label: int) -> str:
+        """Return the name of boxes and surfaces with a label, or its number."""
+        return self.classes.names.get(label, str(label))
+
     def seen(self) -> Floats:
-        """Return the points that a picture must show, without stray ones far beyond all others."""
+        """Return the points that a picture must show: all but the farthest ones, and but stray ones on an orbit.
+
+        An orbit also shows the surfaces, whose middles it would circle otherwise.
+        """
+        orbits = isinstance(self.camera, str) and self.camera == "orbit"
         if not self.has_points:
             corners = [surface.points() for surface in self.every_surface if surface.item.shape.bounded]
             corners = corners or [surface.points() for surface in self.every_surface]
@@ -103,12 +155,16 @@ class Picture:
         every = every[:: max(1, len(every) // 200_000)]
         middle = np.median(every, axis=0)
         away = np.linalg.norm(every - middle, axis=1)
-        half, most = np.percentile(away, (50, 99.8))
+        half, most = np.percentile(away, (50, 99.8 if orbits else MATTERS))
         far = max(most, 2.5 * half)
         kept: Floats = every[away <= far]
         if not np.ptp(kept, axis=0).any():
             return np.concatenate([middle - 2.0 * np.eye(3), middle + 2.0 * np.eye(3)])
+        corners = [frame.boxes.corners.reshape(-1, 3) for frame in self.frames if frame.boxes]
+        kept = np.concatenate([kept, *(part[np.linalg.norm(part - middle, axis=1) <= far] for part in corners)])
         axis = AXIS * np.linalg.norm(kept - kept.mean(axis=0), axis=1).max()
+        if orbits:
+            kept = np.concatenate([kept, *(surface.points() for surface in self.every_surface)])
         near = [frame.pose for frame in self.frames if np.linalg.norm(frame.pose[:3, 3] - middle) <= far]
         return np.concatenate([kept, *(pose[:3, 3] + axis * pose[:3, :3].T for pose in near)])
 
@@ -143,8 +199,10 @@ class Picture:
         if self.camera == "first-person":
             wide = 2.0 * math.atan(1.0 / max(aspect, 1.0))  # 90 degrees horizontally
             return View(pose[:3, 3], pose[:3, 3] + forward, pose[:3, 2], wide)
-        if self.camera == "birds-eye":
+        if self.camera in {"birds-eye", "top"}:
             ahead = forward if abs(forward[2]) < 0.9 else pose[:3, 2]
+            if self.camera == "top":
+                return _from_top(seen, vertical, ahead, angle, aspect)
             return _fitted(seen, vertical, ahead, angle, aspect)
         if self.camera == "orbit":
             towards = np.array([math.cos(turn - 2.2), math.sin(turn - 2.2), 0.65])
@@ -178,6 +236,17 @@ def _fitted(seen: Floats, towards: Floats, up: Floats, angle: float, aspect: flo
     return View(eye, target, above, angle)
 
 
+def _from_top(seen: Floats, vertical: Floats, ahead: Floats, angle: float, aspect: float) -> View:
+    """Return an orthographic view from above."""
+    ahead = ahead - (ahead @ vertical) * vertical
+    ahead /= np.linalg.norm(ahead)
+    ends = np.array([[end(seen @ axis) for end in (np.min, np.max)] for axis in (np.cross(ahead, vertical), ahead)])
+    across, along = ends.mean(axis=1)
+    half = MARGIN * float(max(np.ptp(ends[0]) / 2 / aspect, np.ptp(ends[1]) / 2))
+    target = across * np.cross(ahead, vertical) + along * ahead + float(np.mean(seen @ vertical)) * vertical
+    return View(target + (half + float(np.ptp(seen @ vertical))) * 2.0 * vertical, target, ahead, angle, half)
+
+
 def checked_camera(camera: object) -> Camera | Floats:
     """Return a camera after checking that it is one of `CAMERAS` or three points.
 
@@ -205,13 +274,15 @@ def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
     return spacing, float(np.percentile(seen[:, 2], 1)), x, y
 
 
-def colored(surface: Surface, colors: Coloring) -> list[tuple[str, Surface]]:
-    """Split a surface into parts of one colour: that of its points by label, object or instance, else grey.
+def colored(surface: Surface, picture: Picture) -> list[tuple[str, Surface]]:
+    """Split a surface into parts of one colour: by object or instance if the points are coloured so, else by label.
 
     If points are coloured by height, each viewer colours surfaces by height itself.
     """
-    item = surface.item
-    if colors.field == "label" and isinstance(item.label, np.ndarray):
-        return [(category_color(label), part) for label, part in surface.parts(surface.labels)]
-    category = {"label": item.label, "object_id": surface.object_id, "instance": item.instance}.get(colors.field)
-    return [(SURFACE if category is None else category_color(int(category)), surface)]
+    item, colors = surface.item, picture.colors
+    if colors.field in {"object_id", "instance"}:
+        category = surface.object_id if colors.field == "object_id" else item.instance
+        return [(colors.color(category), surface)]
+    if isinstance(item.label, np.ndarray):
+        return [(picture.class_color(label), part) for label, part in surface.parts(surface.labels)]
+    return [(picture.class_color(item.label), surface)]

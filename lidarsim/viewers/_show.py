@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -11,15 +12,18 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
+from lidarsim._shown import plain
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim._views import Camera, Plotted, register_view
+from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 from lidarsim.viewers import html, open3d, pyvista
-from lidarsim.viewers._colors import coloring
+from lidarsim.viewers._boxes import moved
+from lidarsim.viewers._colors import MAPS, THEMES, Known, Style, class_coloring, coloring
 from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
@@ -27,13 +31,14 @@ from lidarsim.viewers._surfaces import Surface, surfaces
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan]
 """A frame: a cloud, a scan, or the scans of a rig by sensor name."""
 
-SUFFIXES = (".png", ".gif", ".mp4", ".html")
+SUFFIXES = (".png", ".jpg", ".gif", ".mp4", ".html")
 
 
 def show(
     what: Shown | Scene | Iterable[Shown],
     *,
     scene: Scene | None = None,
+    boxes: Boxes | Sequence[Boxes | None] | None = None,
     color_by: str | None = None,
     class_names: Mapping[int, str] | None = None,
     pose: Transform | Sequence[Transform] | None = None,
@@ -43,6 +48,10 @@ def show(
     size: tuple[int, int] = (1600, 1000),
     point_size: float | None = None,
     viewer: Literal["pyvista", "open3d"] = "pyvista",
+    title: str | Sequence[str] | None = None,
+    limits: tuple[float, float] | None = None,
+    color_map: Literal["magma", "viridis", "cividis", "grey"] | None = None,
+    background: Literal["dark", "white"] = "dark",
 ) -> html.Page | None:
     """Show a point cloud, a scan, a scene or a sequence of frames in a window or a notebook, or write it to a file.
 
@@ -53,13 +62,19 @@ def show(
         frames, a window has a slider to choose one, and GIF, MP4 and HTML play all of them.
     scene : Scene, optional
         Surfaces to show with the points, which must be in world coordinates. They are translucent, and coloured by
-        label, object, instance or height if the points are, else grey. Moving objects are shown at their poses at the
-        start of each frame.
+        object, instance or height if the points are, else by label; labels without a name are grey then. Moving objects
+        are shown at their poses at the start of each frame.
+    boxes : Boxes or sequence of Boxes, optional
+        Boxes to show with the points of the frame, or one per frame (None: without), as from `Scan.boxes`: in world
+        coordinates with scans (``scan.boxes(frame="world")``), and in those of the points with clouds. They are
+        coloured by label, have the names of their classes, and an arrow head on the roof points where they head.
     color_by : str, optional
         Scalar field to colour the points by, or ``"height"``. Default: the intensity if there is one; the label for a
         scene alone. Points whose value is not finite are grey, with a note in the legend.
     class_names : mapping of int to str, optional
-        Class names by label, for the legend. Default: those of the scene and the clouds.
+        Class names by label, for the legend. Default: those of the scene, the boxes and the clouds; then the names of
+        the objects with the label. Classes with the names of SemanticKITTI, nuScenes and LAS have the colours of these
+        sets, where those show on the background.
     pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
         Pose of the sensor for the cloud, or one per cloud, in world coordinates. It is shown as axes (x red, y green, z
         blue). A cloud in the sensor frame, as from `Scan.point_cloud`, is transformed by it. Default: the identity, or
@@ -68,17 +83,26 @@ def show(
         Time of the cloud, or one per cloud, s. Default: the start of the scan; 0 for a single cloud. For several clouds
         there is no default: without times, moving objects are not shown.
     save : path-like, optional
-        File to write instead of opening a window: PNG (a single frame), GIF or MP4 (all frames, or once around a
+        File to write instead of opening a window: PNG or JPG (a single frame), GIF or MP4 (all frames, or once around a
         single one), or HTML (a self-contained page of all frames). None of these needs a display.
-    camera : {"behind", "birds-eye", "first-person", "orbit"} or array_like of shape (3, 3)
-        View from behind and above the sensor, from straight above, from the sensor looking ahead, or circling the scene
-        from above; or position, target and up vector. "behind" and "first-person" move with the sensor.
+    camera : {"behind", "birds-eye", "first-person", "orbit", "top"} or array_like of shape (3, 3)
+        View from behind and above the sensor, from straight above, from the sensor looking ahead, circling the scene
+        from above, or a plan without perspective; or position, target and up vector. "behind" and "first-person" move
+        with the sensor. The farthest twentieth of the points may be outside, except on an orbit.
     size : tuple of int
         Width and height, pixels.
     point_size : float, optional
         Diameter of a point, pixels. Default: smaller for more points.
     viewer : {"pyvista", "open3d"}
         The library that opens the window.
+    title : str or sequence of str, optional
+        Title of the picture, or one per frame. Default: the number and the time of the frame, if there are several.
+    limits : tuple of float, optional
+        Values at the ends of the colours. Default: those of the data, without a few outliers.
+    color_map : {"magma", "viridis", "cividis", "grey"}, optional
+        Colours of numbers. Default: magma, and blue to red for errors and velocities.
+    background : {"dark", "white"}
+        Colour of the background.
 
     Returns
     -------
@@ -105,20 +129,23 @@ def show(
     if save is not None:
         check_save(save)
     width, height = checked_size(size)
+    style = _style(limits, color_map, background)
     if isinstance(what, Scene):
+        (shown_boxes,) = _boxes(boxes, 1)
         starts = _starts(time, [_nothing()])
-        picture = _picture(
-            [_frame(_nothing(), np.eye(4))], what, color_by, class_names, camera=camera, rate=10.0, starts=starts
-        )
+        frames = _titles(title, [replace(_frame(_nothing(), np.eye(4)), boxes=shown_boxes)], None)
+        rate, scene = 10.0, what
     else:
         given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
         if not given:
             raise ArgumentValueError("what", "at least one frame", "none")
         poses = _poses(pose, len(given))
         _check_places(given, poses, scene)
-        frames = [_shown(frame, where) for frame, where in zip(given, poses, strict=True)]
+        several = _boxes(boxes, len(given))
+        frames = [_shown(*frame) for frame in zip(given, poses, several, strict=True)]
         starts, rate = _starts(time, given), _rate(given[0])
-        picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts)
+        frames = _titles(title, frames, starts)
+    picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts, style=style)
     if save is not None and Path(save).suffix.lower() == ".html":
         html.write(picture, save, size=(width, height), point_size=point_size)
     elif save is None and in_notebook():
@@ -128,6 +155,34 @@ def show(
     else:
         pyvista.draw(picture, save, size=(width, height), point_size=point_size)
     return None
+
+
+def _style(limits: tuple[float, float] | None, color_map: str | None, background: str) -> Style:
+    if background not in THEMES:
+        raise ArgumentValueError("background", f"one of {', '.join(THEMES)}", repr(background))
+    if color_map is not None and color_map not in MAPS:
+        raise ArgumentValueError("color_map", f"one of {', '.join(MAPS)}", repr(color_map))
+    if limits is not None:
+        low, high = _validation.array("limits", limits, (2,)).tolist()
+        if not low < high:
+            raise ArgumentValueError("limits", "two numbers, the second greater", f"{low:g} and {high:g}")
+        limits = low, high
+    return Style(THEMES[background], color_map, limits)
+
+
+def _titles(title: str | Sequence[str] | None, frames: list[Frame], starts: list[float] | None) -> list[Frame]:
+    """Return the frames with their titles."""
+    count = len(frames)
+    if title is None and count > 1:
+        times = [f", {start:.2f} s" for start in starts] if starts else [""] * count
+        title = [f"frame {number} of {count}{time}" for number, time in enumerate(times, 1)]
+    titles = [title or ""] * count if title is None or isinstance(title, str) else list(title)
+    if len(titles) != count:
+        raise ArgumentValueError("title", f"one for each of the {count} frames", len(titles))
+    for text in titles:
+        if not isinstance(text, str):
+            raise ArgumentTypeError("title", "text", type(text).__name__)
+    return [replace(frame, title=plain(text, most=80)) for frame, text in zip(frames, titles, strict=True)]
 
 
 def check_save(path: PathLike) -> None:
@@ -184,21 +239,33 @@ def _check_places(given: Sequence[Shown], poses: Sequence[Floats | None], scene:
         )
 
 
-def _shown(what: Shown, pose: Floats | None) -> Frame:
+def _boxes(boxes: Boxes | Sequence[Boxes | None] | None, count: int) -> Sequence[Boxes | None]:
+    if boxes is None:
+        return [None] * count
+    several = [boxes] if isinstance(boxes, Boxes) else list(boxes)
+    for i, given in enumerate(several):
+        if not isinstance(given, Boxes | None):
+            raise ArgumentTypeError(f"boxes[{i}]", "Boxes or None", type(given).__name__)
+    if len(several) != count:
+        raise ArgumentValueError("boxes", f"one for each of the {count} frames", len(several))
+    return several
+
+
+def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None) -> Frame:
     if isinstance(what, PointCloud):
-        if pose is None:
-            return _frame(what, np.eye(4))
-        return _frame(what.transformed(pose) if what._in_sensor_frame else what, pose)
+        if pose is not None and what._in_sensor_frame:
+            what, boxes = what.transformed(pose), boxes and moved(boxes, pose)
+        return replace(_frame(what, np.eye(4) if pose is None else pose), boxes=boxes)
     scans = list(what.values()) if isinstance(what, Mapping) else [what]
     for scan in scans:
         if not isinstance(scan, Scan):
             raise ArgumentTypeError("what", "point clouds, scans or a scene", type(scan).__name__)
     if not scans:
-        return _frame(_nothing(), np.eye(4))
+        return replace(_frame(_nothing(), np.eye(4)), boxes=boxes)
     cloud = PointCloud.concatenate([scan.point_cloud("world") for scan in scans])
     first = scans[0].pose
     here = first.at(scans[0].time).as_matrix() if isinstance(first, Trajectory) else first
-    return _frame(cloud, here)
+    return replace(_frame(cloud, here), boxes=boxes)
 
 
 def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence[Floats | None]:
@@ -242,26 +309,30 @@ def _picture(
     camera: object,
     rate: float,
     starts: list[float] | None,
+    style: Style,
 ) -> Picture:
     points = [frame.cloud.xyz for frame in frames]
     places = np.array([frame.pose[:3, 3] for frame in frames])
     everything = np.concatenate([*points, places])
     bounds = np.stack([everything.min(axis=0), everything.max(axis=0)])
     labels: dict[int, str] = {}
+    used: set[int] = set()
     for frame in frames:
         labels |= frame.cloud.class_names
-    names: dict[str, Mapping[int, str]] = {"label": labels}
+        if frame.boxes is not None:
+            labels |= frame.boxes.class_names
+            used |= set(frame.boxes.label.tolist())
+    names: dict[str, Mapping[int, str]] = {}
     others: dict[str, Iterable[int]] = {}
+    objects: dict[int, str] = {}
     if scene is not None:
-        others = {
-            "object_id": {item.id for item in scene},
-            "instance": {item.instance for item in scene},
-            "label": {label for item in scene for label in np.unique(item.label).tolist()},
-        }
+        used |= {label for item in scene for label in np.unique(item.label).tolist()}
+        others = {"object_id": {item.id for item in scene}, "instance": {item.instance for item in scene}}
         names["object_id"] = {item.id: item.name for item in scene}
         labels |= scene.class_names
-    if class_names is not None:
-        names["label"] = class_names
+        objects = _objects_by_label(scene)
+    names["label"] = labels if class_names is None else class_names
+    others["label"] = used
     if color_by is None and scene is not None and not any(map(len, points)):
         color_by = "label"
     found: list[Surface] = []
@@ -269,6 +340,7 @@ def _picture(
         found = surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=starts[0] if starts else 0.0)
     surface_heights = [surface.points()[:, 2] for surface in found if len(surface.vertices)]
     heights = np.array([end(end(z) for z in surface_heights) for end in (min, max)]) if surface_heights else None
+    known = Known(names, others, objects, heights)
     if starts:
         movers = [surface for surface in found if surface.item.motion is not None]
         frames = [
@@ -279,10 +351,24 @@ def _picture(
         frames,
         [surface for surface in found if surface.item.motion is None],
         places if np.ptp(places, axis=0).any() else np.empty((0, 3)),
-        coloring([frame.cloud for frame in frames], color_by, names, others, heights),
+        coloring([frame.cloud for frame in frames], color_by, known, style),
         checked_camera(camera),
         rate,
+        class_coloring(used, known, style.theme),
+        style.theme,
     )
+
+
+def _objects_by_label(scene: Scene) -> dict[int, str]:
+    """Return the names of the objects with each label, the first two and the number of the others."""
+    found: dict[int, dict[str, None]] = {}
+    for item in scene:
+        if isinstance(item.label, int) and item.name:
+            found.setdefault(item.label, {}).setdefault(item.name)
+    return {
+        label: ", ".join([*islice(names, 2), *[f"{len(names) - 2} more"] * (len(names) > 2)])
+        for label, names in found.items()
+    }
 
 
 register_view(Plotted, "plot", show)

@@ -13,10 +13,12 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
-from lidarsim._shown import plain
+from lidarsim._shown import counted, plain
 from lidarsim._validation import Floats
 from lidarsim._views import Camera
-from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, MISSING, PATH, Coloring, field_of
+from lidarsim.boxes import Boxes
+from lidarsim.viewers._boxes import LINES, lines
+from lidarsim.viewers._colors import AXES, MISSING, PATH, Coloring, field_of
 from lidarsim.viewers._picture import AXIS, CAMERAS, MARGIN, Frame, Picture, colored
 from lidarsim.viewers._surfaces import Surface, joined
 
@@ -95,8 +97,8 @@ def page(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
         config={"displaylogo": False, "responsive": True, "scrollZoom": True},
         auto_play=False,
     )
-    style = f"<style>html, body {{ margin: 0; background: {BACKGROUND}; }}</style><title>lidarsim</title></head>"
-    return Page(text.replace("</head>", style, 1), min(size[1], 700))
+    style = f"<style>html, body {{ margin: 0; background: {picture.theme.background}; }}</style>"
+    return Page(text.replace("</head>", f"{style}<title>lidarsim</title></head>", 1), min(size[1], 700))
 
 
 def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Figure:
@@ -118,6 +120,7 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     moving = [
         _moving(go, picture, frame, shift=shift, reach=reach, step=step, dot=dot)
         + _meshes(go, picture, frame.movers, shift)
+        + _boxes(go, picture, frame.boxes, shift)
         for frame in picture.frames
     ]
     still = [*_meshes(go, picture, picture.surfaces, shift, legend=True), *_path(go, picture, shift)]
@@ -137,8 +140,8 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         f"{name}axis": {
             "title": f"{name} [m]" + (f", from {shift[i]:,.0f}" if shift[i] else ""),
             "range": [float(centre[i] - half[i] - shift[i]), float(centre[i] + half[i] - shift[i])],
-            "gridcolor": GRID,
-            "zerolinecolor": GRID,
+            "gridcolor": picture.theme.grid,
+            "zerolinecolor": picture.theme.grid,
             "showbackground": False,
             "showspikes": False,
         }
@@ -146,8 +149,8 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     }
     figure.update_layout(
         template=None,
-        paper_bgcolor=BACKGROUND,
-        font={"color": "#e8eaed"},
+        paper_bgcolor=picture.theme.background,
+        font={"color": picture.theme.text},
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
         legend={"title": picture.colors.title, "itemsizing": "constant", **RIGHT},
         scene={
@@ -167,7 +170,7 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
                 "xanchor": "left",
                 "y": 1.0,
                 "yanchor": "bottom",
-                "bgcolor": GRID,
+                "bgcolor": picture.theme.grid,
                 "buttons": [
                     {
                         "label": name,
@@ -189,10 +192,14 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         figure.update_layout(
             sliders=[
                 {
-                    "currentvalue": {"prefix": "frame "},
+                    "currentvalue": {"prefix": "", "font": {"color": picture.theme.text}},
+                    "font": {"color": picture.theme.background},  # long texts at its ends would be cut off
                     "len": 0.8,
                     "x": 0.05,
-                    "steps": [{"label": n, "method": "animate", "args": [[n], still_now]} for n in names],
+                    "steps": [
+                        {"label": frame.title or name, "method": "animate", "args": [[name], still_now]}
+                        for name, frame in zip(names, picture.frames, strict=True)
+                    ],
                 }
             ]
         )
@@ -274,7 +281,7 @@ def _meshes(
     by_height = colors.field == "height"
     by_color: dict[str, list[Surface]] = {}
     for surface in surfaces:
-        for color, part in colored(surface, colors):
+        for color, part in colored(surface, picture):
             by_color.setdefault(color, []).append(part)
     traces: list[BaseTraceType] = []
     for color, group in by_color.items():
@@ -294,6 +301,40 @@ def _meshes(
                 name="surfaces",
                 legendgroup="surfaces",
                 showlegend=legend and not traces,
+            )
+        )
+    return traces
+
+
+def _boxes(go: ModuleType, picture: Picture, boxes: Boxes | None, shift: Floats) -> list[BaseTraceType]:
+    """Return the boxes of a frame, one trace per class of all frames."""
+    labels = sorted({label for frame in picture.frames if frame.boxes for label in frame.boxes.label.tolist()})
+    traces = []
+    for label in labels:
+        own = None if boxes is None else boxes[boxes.label == label]
+        name = html.escape(plain(picture.class_name(label), most=LONGEST), quote=False)
+        points, told = np.full((1, 3), np.nan), [""]
+        if own is not None and len(own):
+            gaps = np.full((len(own), LINES, 1, 3), np.nan)  # between two lines
+            points = np.concatenate([lines(own) - shift, gaps], axis=2).reshape(-1, 3)
+            about = (
+                f"{name} {number}, " + " × ".join(f"{edge:.2f}" for edge in size) + f" m, {counted(count, 'point')}"
+                for number, size, count in zip(
+                    own.instance.tolist(), own.size.tolist(), own.points.tolist(), strict=True
+                )
+            )
+            told = [text for text in about for _ in range(3 * LINES)]
+        traces.append(
+            go.Scatter3d(
+                **_xyz(points),
+                mode="lines",
+                line={"color": picture.class_color(label), "width": 2},
+                name=name,
+                text=told,
+                hoverinfo="text",
+                legendgroup="boxes",
+                legendgrouptitle={"text": "boxes"},
+                showlegend=picture.colors.field != "label",
             )
         )
     return traces

@@ -14,10 +14,12 @@ from lidarsim._extras import import_extra
 from lidarsim._shown import plain
 from lidarsim._validation import Floats
 from lidarsim._views import register_view
+from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 from lidarsim.pointcloud import Fields, PointCloud, narrowed
 from lidarsim.scene import Scene
-from lidarsim.viewers._colors import BACKGROUND, NAME
+from lidarsim.viewers._boxes import LINES, lines
+from lidarsim.viewers._colors import NAME, _channels
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._picture import Picture, colored
 from lidarsim.viewers._surfaces import Surface, surfaces
@@ -128,7 +130,7 @@ def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middl
     if by_height:  # colours are interpolated linearly in a triangle, so it must not span many
         surface = surface.refined((colors.limits[1] - colors.limits[0]) / 16)
     parts = []
-    for number, (color, part) in enumerate(colored(surface, colors)):
+    for number, (color, part) in enumerate(colored(surface, picture)):
         material = o3d.visualization.rendering.MaterialRecord()
         material.shader = "defaultLitTransparency"
         channels = (255, 255, 255) if by_height else bytes.fromhex(color[1:])
@@ -139,6 +141,16 @@ def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middl
         several = f" ({number})" if number else ""
         parts.append({"name": f"{name}{several}{which}", "geometry": mesh, "material": material})
     return parts
+
+
+def _wireframe(o3d: ModuleType, boxes: Boxes, picture: Picture, middle: Floats) -> open3d.t.geometry.LineSet:
+    ends = lines(boxes).reshape(-1, 3) - middle
+    wires: open3d.t.geometry.LineSet = o3d.t.geometry.LineSet(
+        o3d.core.Tensor(ends), o3d.core.Tensor(np.arange(len(ends), dtype=np.int32).reshape(-1, 2))
+    )
+    colors = _channels([picture.class_color(label) for label in boxes.label.tolist()])
+    wires.line["colors"] = o3d.core.Tensor(np.repeat(_linear(colors), LINES, axis=0))
+    return wires
 
 
 def _linear(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
@@ -186,6 +198,9 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
             }
         )
         several = f", frame {number}" if len(picture.frames) > 1 else ""
+        if frame.boxes:
+            boxes = _wireframe(o3d, frame.boxes, picture, middle)
+            parts.append({"name": f"boxes{several}", "geometry": boxes, "is_visible": not number})
         for mover in frame.movers:
             parts += [{**part, "is_visible": not number} for part in _part(o3d, mover, several, picture, middle)]
     for surface in picture.surfaces:
@@ -214,7 +229,7 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
                 eye=view.eye - middle,
                 up=view.up,
                 field_of_view=float(np.degrees(view.angle)),
-                bg_color=(*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0),
+                bg_color=(*(channel / 255 for channel in bytes.fromhex(picture.theme.background[1:])), 1.0),
                 point_size=round(point_size or 3),
                 show_skybox=False,
                 show_ui=True,

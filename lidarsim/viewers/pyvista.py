@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from functools import cache
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +17,14 @@ import numpy.typing as npt
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
 from lidarsim._shown import counted, plain
+from lidarsim._validation import Floats
 from lidarsim._views import register_view
+from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
-from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, _channels
+from lidarsim.viewers._boxes import LINES, lines
+from lidarsim.viewers._colors import AXES, PATH, Coloring, _channels
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._picture import AXIS, Frame, Picture, colored, grid
 from lidarsim.viewers._surfaces import Surface, joined, surfaces
@@ -30,12 +34,18 @@ if TYPE_CHECKING:
 
 __all__ = ["check_screenshot", "draw"]
 
-PANEL = 260
-"""Greatest width of the legend, pixels; it is at most a quarter of the picture."""
+ROOM = 0.002
+"""Greatest share of the points that a legend may hide, and no box; otherwise it is beside the picture."""
+STILLS = {".png": "PNG", ".jpg": "JPG"}
+"""Kinds of pictures of a single frame by suffix."""
+QUALITY = 92
+"""Quality of JPG files: text stays sharp."""
 TURN = 90
 """Images of a film that circles a single frame once."""
 INSTANCED = 1000
 """Least number of triangles of a shared mesh to be drawn as instances; all other meshes are merged."""
+LONGEST = 22
+"""Greatest length of a text in the legend, characters."""
 FONT_FILE = 4
 """VTK's constant for a font from a file (``VTK_FONT_FILE``)."""
 SHADING: dict[str, Any] = {"smooth_shading": False, "ambient": 0.35, "diffuse": 0.65}
@@ -158,17 +168,16 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
         If a PNG is requested for several frames.
     """
     suffix = "" if path is None else Path(path).suffix.lower()
-    if suffix == ".png" and len(picture.frames) > 1:
+    if suffix in STILLS and len(picture.frames) > 1:
         raise ArgumentValueError(
             "save",
-            "one frame for a PNG",
+            f"one frame for a {STILLS[suffix]}",
             len(picture.frames),
             "GIF, MP4 and HTML (on the command line --gif, --mp4 and --html) show all",
         )
     if path is None:
         require_display()
     pv = import_extra("pyvista", "pyvista", "this view")
-    panel = min(PANEL, size[0] // 4)
     # Silences VTK's reports of each kind of window that it tries without success.
     with (
         pv.vtk_verbosity("off"),
@@ -176,30 +185,40 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
         closing(
             pv.Plotter(
                 shape=(1, 2),
-                col_weights=[size[0] - panel, panel],
                 border=False,
                 off_screen=path is not None,
                 window_size=list(size),
             )
         ) as plotter,
     ):
-        plotter.set_background(BACKGROUND)
+        plotter.set_background(picture.theme.background)
         plotter.enable_anti_aliasing("ssaa")
-        stage = _Stage(plotter, picture, (size[0] - panel) / size[1], point_size)
+        stage = _Stage(plotter, picture, point_size)
         _check_opengl(plotter, path)
         if path is None:
             last = len(picture.frames) - 1
             if last:
                 getattr(plotter, "widgets", plotter).add_slider_widget(
-                    lambda value: stage.show(round(value)), (0, last), value=0, title="frame", fmt="%.0f",
-                    color="white", pointa=(0.05, 0.11), pointb=(0.6, 0.11), interaction_event="always", style="modern",
-                )  # fmt: skip
+                    lambda value: stage.show(round(value) - 1),
+                    (1, last + 1),
+                    value=1,
+                    title="frame",
+                    fmt="%.0f",
+                    color=picture.theme.text,
+                    pointa=(0.05, 0.13),
+                    pointb=(0.6, 0.13),
+                    interaction_event="always",
+                    style="modern",
+                )
             plotter.show(title="lidarsim")
-        elif suffix == ".png":
+        elif suffix in STILLS:
             image = BytesIO()
             plotter.screenshot(image)
             with atomic_writer(path) as file:
-                file.write(image.getvalue())
+                if STILLS[suffix] == "PNG":
+                    file.write(image.getvalue())
+                else:
+                    _write_jpg(image, file)
         else:
             _write_film(path, stage.film(), picture.rate if len(picture.frames) > 1 else TURN / 6.0)
 
@@ -239,23 +258,36 @@ class _Stage:
     Graphics cards use float32, which is too coarse for map coordinates.
     """
 
-    def __init__(self, plotter: pyvista.Plotter, picture: Picture, aspect: float, point_size: float | None) -> None:
+    def __init__(self, plotter: pyvista.Plotter, picture: Picture, point_size: float | None) -> None:
         self.pv = import_extra("pyvista", "pyvista", "this view")
-        self.plotter, self.picture, self.aspect = plotter, picture, aspect
+        self.plotter, self.picture = plotter, picture
         self.added = 0
+        width, height = plotter.window_size
+        self.font = max(11, round(height / 50))
         self.seen = picture.seen()
         self.middle = self.seen.mean(axis=0)
         self.reach = float(np.linalg.norm(self.seen - self.middle, axis=1).max())
+        legend = _Legend(picture, self.font, height)
+        left, bottom, box_width, box_height = legend.place(picture, self.seen, (width, height))
+        beside = box_height == height
+        stage = width - box_width if beside else width
+        self.aspect = stage / height
+        plotter.renderers[0].viewport = (0.0, 0.0, stage / width, 1.0)
+        plotter.renderers[1].viewport = (
+            left / width, bottom / height, (left + box_width) / width, (bottom + box_height) / height
+        )  # fmt: skip
         plotter.subplot(0, 0)
-        spacing = self._grid()
+        self.spacing = self._grid()
         self._surfaces(picture.surfaces)
         if len(picture.path):
             plotter.add_lines(picture.path - self.middle, color=PATH, width=2, connected=True)
         most = max(len(frame.cloud) for frame in picture.frames)
         size = point_size or float(np.clip(5 * (100_000 / max(most, 1)) ** 0.25, 2.5, 10))
         self.actors = [self._frame(frame, size) for frame in picture.frames]
+        self.texts = [self._text((0.012, y), size) for y, size in ((0.03, self.font), (0.96, 1.2 * self.font))]
+        self.texts.append(self._text((0.5, 0.5), 1.2 * self.font, centred=True))
         plotter.subplot(0, 1)
-        self._panel(spacing, most)
+        self._draw(legend, (box_width, box_height))
         plotter.subplot(0, 0)
         self.show(0)
 
@@ -264,6 +296,11 @@ class _Stage:
         for number, actors in enumerate(self.actors):
             for actor in actors:
                 actor.SetVisibility(number == index)
+        frame = self.picture.frames[index]
+        _set_text(self.texts[0], self._caption(frame))
+        _set_text(self.texts[1], frame.title)
+        of_points = self.picture.has_points or not self.picture.every_surface
+        _set_text(self.texts[2], "no points" if of_points and not len(frame.cloud) else "")
         follows = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
         if index and not follows and not self.plotter.off_screen:
             return  # keep the user's view
@@ -271,6 +308,8 @@ class _Stage:
         camera = self.plotter.renderers[0].camera
         camera.position, camera.focal_point, camera.up = view.eye - self.middle, view.target - self.middle, view.up
         camera.view_angle = np.degrees(view.angle)
+        if view.half:
+            camera.parallel_projection, camera.parallel_scale = True, view.half
         renderer = self.plotter.renderers[0]
         # VTK's near clipping distance is a fraction of the far one: a far point must not hide all near ones.
         farthest = float(
@@ -300,6 +339,8 @@ class _Stage:
             points.point_data["rgb"] = self.picture.colors.rgb(cloud)
             round_dots = {"point_size": size, "render_points_as_spheres": True, "lighting": False}
             actors.append(self._add(points, scalars="rgb", rgb=True, copy_mesh=False, **round_dots))
+        if frame.boxes:
+            actors += self._boxes(frame.boxes)
         position = frame.pose[:3, 3] - self.middle
         inside = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
         shown = not inside and (self.picture.has_points or not self.picture.every_surface)
@@ -307,6 +348,32 @@ class _Stage:
             for axis, color in enumerate(AXES):
                 arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=AXIS * self.reach)
                 actors.append(self._add(arrow, color=color, lighting=False))
+        return actors
+
+    def _boxes(self, boxes: Boxes) -> list[pyvista.Actor]:
+        """Add boxes, and the names of their classes where these have room."""
+        ends = lines(boxes).reshape(-1, 3) - self.middle
+        wires = self.pv.line_segments_from_points(ends)
+        colors = [self.picture.class_color(label) for label in boxes.label.tolist()]
+        wires.cell_data["rgb"] = np.repeat(_channels(colors), LINES, axis=0)
+        height = self.plotter.window_size[1]
+        actors = [self._add(wires, scalars="rgb", rgb=True, lighting=False, line_width=max(2, round(height / 300)))]
+        names = [self._writable(self.picture.class_name(label), str(label)) for label in boxes.label.tolist()]
+        tops = boxes.center * [1, 1, 0] + boxes.corners.max(axis=1) * [0, 0, 1]
+        self.added += 1
+        actors.append(
+            self.plotter.add_point_labels(
+                tops - self.middle,
+                names,
+                name=f"names {self.added}",
+                font_size=self.font,
+                text_color=self.picture.theme.text,
+                font_file=None if all(map(str.isascii, names)) else _font()[0],
+                shape=None,
+                show_points=False,
+                always_visible=True,
+            )
+        )
         return actors
 
     def _surfaces(self, surfaces: Sequence[Surface]) -> list[pyvista.Actor]:
@@ -321,14 +388,14 @@ class _Stage:
         others: list[Surface] = []
         for group in groups.values():
             vertices, faces = group[0].vertices, group[0].faces
-            whole = all(len(colored(surface, colors)) == 1 for surface in group)
+            whole = all(len(colored(surface, self.picture)) == 1 for surface in group)
             if len(group) == 1 or len(faces) < INSTANCED or not whole or by_height:
                 others += group
                 continue
             centre = vertices.mean(axis=0)
             shared = _shaded(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
             for surface in group:
-                ((color, _),) = colored(surface, colors)
+                ((color, _),) = colored(surface, self.picture)
                 actor = self._add(shared, color=color, **look)
                 matrix = surface.matrix.copy()
                 matrix[:3, 3] += matrix[:3, :3] @ centre - self.middle
@@ -341,7 +408,7 @@ class _Stage:
             scale = {"cmap": colors.table, "clim": colors.limits, "interpolate_before_map": True}
             actors.append(self._add(_shaded(mesh), scalars="height", show_scalar_bar=False, **scale, **look))
         elif others:
-            parts = [part for surface in others for part in colored(surface, colors)]
+            parts = [part for surface in others for part in colored(surface, self.picture)]
             mesh = self.pv.PolyData.from_regular_faces(*joined([surface for _, surface in parts], self.middle))
             table = _channels([color for color, _ in parts])
             mesh.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for _, surface in parts], axis=0)
@@ -356,33 +423,47 @@ class _Stage:
         ends = [((x, ys[0], height), (x, ys[-1], height)) for x in xs] + [
             ((xs[0], y, height), (xs[-1], y, height)) for y in ys
         ]
-        self.plotter.add_lines(np.reshape(ends, (-1, 3)) - self.middle, color=GRID, width=1)
+        lines_of_grid = np.reshape(ends, (-1, 3)) - self.middle
+        self.plotter.add_lines(lines_of_grid, color=self.picture.theme.grid, width=1)
         return spacing
 
-    def _panel(self, spacing: float, most: int) -> None:
-        """Draw the legend beside the picture, where it covers no points."""
-        pv, colors, plotter = self.pv, self.picture.colors, self.plotter
-        renderer = plotter.renderers[1]
+    def _caption(self, frame: Frame) -> str:
+        """Return what there is to see, and the spacing of the grid."""
+        objects = len(self.picture.surfaces + frame.movers)
+        points, boxes = len(frame.cloud), 0 if frame.boxes is None else len(frame.boxes)
+        of_points = self.picture.has_points or not objects
+        parts = [counted(points, "point") if of_points else counted(objects, "object")]
+        if boxes:
+            parts.append(f"{boxes:,} box{'es' * (boxes != 1)}")
+        return ", ".join([*parts, f"grid {self.spacing:,g} m"])
+
+    def _text(self, position: tuple[float, float], size: float, *, centred: bool = False) -> pyvista.Text:
+        """Add an empty text at a position in the stage or the legend, in units of its width and height."""
+        text = self.plotter.add_text("", position=position, viewport=True, color=self.picture.theme.text, shadow=False)
+        looks = text.GetTextProperty()
+        looks.SetFontSize(round(size))
+        looks.SetVerticalJustificationToCentered()
+        if centred:
+            looks.SetJustificationToCentered()
+        return text
+
+    def _writable(self, name: str, other: str) -> str:
+        """Return a name, or `other` if the font lacks one of its characters."""
+        return plain(name if name.isascii() or _font()[1].issuperset(map(ord, name)) else other, most=LONGEST)
+
+    def _draw(self, legend: _Legend, size: tuple[int, int]) -> None:
+        """Draw the legend; its coordinates are pixels from its upper left corner."""
+        renderer = self.plotter.renderers[1]
         renderer.SetInteractive(False)
-        height = plotter.window_size[1]
-        wide = min(PANEL, plotter.window_size[0] // 4) / height
-        font = max(8, round(height / 60))
-        line = 2.4 * font / height
+        width, height = size
 
         def write(text: str, x: float, y: float) -> None:
-            actor = plotter.add_text(
-                text, position=(x, y), viewport=True, font_size=font, color="#e8eaed", shadow=False
-            )
-            actor.GetTextProperty().SetVerticalJustificationToCentered()
-            actor.GetTextProperty().SetFontSize(font)
-            if not text.isascii():
-                actor.GetTextProperty().SetFontFamily(FONT_FILE)
-                actor.GetTextProperty().SetFontFile(_font()[0])
+            _set_text(self._text((x / width, 1.0 - y / height), self.font), text)
 
         def fill(x: tuple[float, float], y: tuple[float, float], rgb: npt.NDArray[np.uint8]) -> None:
-            plane = pv.Plane(
-                center=(wide * sum(x) / 2, sum(y) / 2, 0),
-                i_size=wide * (x[1] - x[0]),
+            plane = self.pv.Plane(
+                center=(sum(x) / 2, height - sum(y) / 2, 0),
+                i_size=x[1] - x[0],
                 j_size=y[1] - y[0],
                 i_resolution=1,
                 j_resolution=len(rgb),
@@ -390,37 +471,103 @@ class _Stage:
             plane.cell_data["rgb"] = rgb
             self._add(plane, scalars="rgb", rgb=True, lighting=False)
 
-        top = 0.95
-        write(colors.title, 0.04, top)
-        shown = list(colors.names.items())
-        room = int(0.75 / line)
-        table = _channels(colors.table)
-        for number, (category, name) in enumerate(shown[:room]):
-            y = top - 1.2 * line - number * line
-            fill((0.04, 0.14), (y - 0.32 * line, y + 0.32 * line), table[number : number + 1])
-            seen = name.isascii() or _font()[1].issuperset(map(ord, name))
-            write(plain(name if seen else category, most=22), 0.19, y)
-        if len(shown) > room:
-            write(f"and {len(shown) - room} more", 0.19, top - 1.2 * line - room * line)
-        if colors.scaled:
-            low, high = 0.35, top - 1.5 * line
-            fill((0.04, 0.16), (low, high), table)
-            for value, text in colors.ticks().items():
-                y = low + (high - low) * float(colors.places(value))
-                fill((0.16, 0.19), (y - 0.001, y + 0.001), np.full((1, 3), 232, np.uint8))
-                write(text, 0.22, y)
-            for number, note in enumerate(colors.notes):
-                write(note, 0.04, low - (number + 1) * line)
-        elif colors.missing:
-            write(colors.notes[-1], 0.04, top - 1.5 * line)
-        write(f"grid {spacing:,g} m", 0.04, 0.04 + line)
-        objects, frames = len(self.picture.surfaces + self.picture.frames[0].movers), len(self.actors)
-        what = (frames, "frame") if frames > 1 else (most, "point") if most or not objects else (objects, "object")
-        write(counted(*what), 0.04, 0.04)
-        camera = renderer.camera  # in units of the panel's height
-        camera.parallel_projection, camera.parallel_scale = True, 0.5
-        camera.focal_point, camera.position, camera.up = (wide / 2, 0.5, 0.0), (wide / 2, 0.5, 1.0), (0.0, 1.0, 0.0)
+        font, line = self.font, legend.line
+        y = line
+        for row in legend.rows:
+            if row.color:
+                fill((font, 2 * font), (y - 0.35 * line, y + 0.35 * line), _channels([row.color]))
+            write(self._writable(row.text, row.other), (2.6 if row.color else 1.0) * font, y)
+            y += line
+            if row.bar is not None:
+                colors, high = row.bar, y + legend.bar - line
+                fill((font, 2.4 * font), (y - 0.5 * line, high), _channels(colors.table))
+                for value, text in colors.ticks().items():
+                    place = high - (high - y + 0.5 * line) * float(colors.places(value))
+                    fill((2.4 * font, 2.8 * font), (place - 0.5, place + 0.5), _channels([self.picture.theme.text]))
+                    write(text, 3.2 * font, place)
+                y = high + line
+        camera = renderer.camera
+        camera.parallel_projection, camera.parallel_scale = True, height / 2
+        middle = width / 2, height / 2
+        camera.focal_point, camera.position, camera.up = (*middle, 0.0), (*middle, 1.0), (0.0, 1.0, 0.0)
         renderer.ResetCameraClippingRange()
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A line of the legend; `other` is written if the font lacks a character of `text`, and a scale may follow."""
+
+    text: str
+    other: str = ""
+    color: str = ""
+    bar: Coloring | None = None
+
+
+class _Legend:
+    """The rows of a legend and its size, pixels."""
+
+    def __init__(self, picture: Picture, font: int, height: int) -> None:
+        colors, classes = picture.colors, picture.classes
+        self.line, self.font = 1.7 * font, font
+        rows = [_Row(colors.title, bar=colors if colors.scaled else None)]
+        rows += self._categories(colors, height)
+        rows += [_Row(note) for note in colors.notes if colors.scaled or note != colors.clipped]
+        labels = {label for frame in picture.frames if frame.boxes for label in frame.boxes.label.tolist()}
+        named = {label: name for label, name in classes.names.items() if label in labels}
+        if colors.field != "label" and named:
+            own = replace(classes, names=named, table=[classes.color(label) for label in named])
+            rows += [_Row(""), _Row("boxes"), *self._categories(own, height - 6 * self.line)]
+        self.rows = rows
+        self.bar = max(4 * self.line, min(12 * self.line, height - (len(rows) + 4) * self.line))
+        self.height = round((len(rows) + 0.8) * self.line + (self.bar if colors.scaled else 0))
+        texts = [row.text for row in rows]
+        texts += [f"  {text}" for text in colors.ticks().values()] if colors.scaled else []
+        self.width = round(font * (3.4 + 0.56 * max(len(plain(text, most=LONGEST)) for text in texts)))
+
+    def _categories(self, colors: Coloring, height: float) -> list[_Row]:
+        room = int(0.8 * height / self.line)
+        shown = [
+            _Row(name, str(category), color)
+            for (category, name), color in zip(colors.names.items(), colors.table, strict=False)
+        ]
+        left = len(shown) - room
+        return shown if left <= 1 else [*shown[:room], _Row(f"and {left} more")]
+
+    def place(self, picture: Picture, seen: Floats, size: tuple[int, int]) -> tuple[int, int, int, int]:
+        """Return left, bottom, width and height: in a corner without points, or beside the picture."""
+        width, height = size
+        if self.width <= width / 4 and self.height <= 0.9 * height:
+            view = picture.view(0, seen, width / height)
+            places = (view.places(seen, width / height) + 1.0) / 2 * [width, height]
+            boxes = picture.frames[0].boxes
+            middles = np.empty((0, 3)) if boxes is None else boxes.center
+            middles = (view.places(middles, width / height) + 1.0) / 2 * [width, height]
+            margin = self.font
+            for left in (width - self.width - margin, margin):
+                bottom = height - self.height - (margin if left > margin else 3 * margin)
+                hidden, boxed = (
+                    ((of > [left, bottom]) & (of < [left + self.width, bottom + self.height])).all(axis=1)
+                    for of in (places, middles)
+                )
+                if hidden.mean() <= ROOM and not boxed.any():
+                    return left, bottom, self.width, self.height
+        beside = min(self.width + self.font, width // 4)
+        return width - beside, 0, beside, height
+
+
+def _set_text(actor: pyvista.Text, text: str) -> None:
+    """Set a text, in a font that has its characters."""
+    actor.SetInput(text)
+    if not text.isascii():
+        actor.GetTextProperty().SetFontFamily(FONT_FILE)
+        actor.GetTextProperty().SetFontFile(_font()[0])
+
+
+def _write_jpg(image: BytesIO, file: BinaryIO) -> None:
+    from PIL import Image
+
+    with Image.open(image) as picture:
+        picture.convert("RGB").save(file, "JPEG", quality=QUALITY, subsampling=0)
 
 
 def _shaded(mesh: pyvista.PolyData) -> pyvista.PolyData:

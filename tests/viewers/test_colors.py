@@ -9,7 +9,18 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, Coloring, coloring
+from lidarsim.viewers._classes import SEMANTIC_KITTI, class_color
+from lidarsim.viewers._colors import (
+    BACKGROUND,
+    MISSING,
+    QUALITATIVE,
+    SEQUENTIAL,
+    Coloring,
+    Known,
+    coloring,
+    legible,
+    luminance,
+)
 
 
 def cloud(**fields: object) -> PointCloud:
@@ -98,9 +109,9 @@ def test_ticks_are_between_the_limits_and_as_many_as_one_reads(low: float, high:
 
 
 def test_classes_have_names_and_those_of_surfaces_are_among_them() -> None:
-    colors = coloring([cloud(label=[40, 10, 40, 81])], "label", {"label": {10: "car"}}, {"label": [7]})
+    colors = coloring([cloud(label=[40, 10, 40, 81])], "label", Known({"label": {10: "car"}}, {"label": [7]}))
     assert colors.names == {7: "7", 10: "car", 40: "40", 81: "81"}
-    assert colors.table == [QUALITATIVE[i] for i in (7, 10, 40, 81)]
+    assert colors.table == [QUALITATIVE[7], "#6496f5", QUALITATIVE[40], QUALITATIVE[81]]  # a car of SemanticKITTI
 
 
 def test_frames_share_their_colours() -> None:
@@ -133,11 +144,16 @@ def linear(colors: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
 
 def oklab(colors: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
     """Return colours in OKLab (B. Ottosson, 2020), in which 0.02 is about the least difference that one sees."""
+    return oklab_of_linear(linear(colors))
+
+
+def oklab_of_linear(light: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return linear light in OKLab."""
     to_cones = [[0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
                 [0.0883024619, 0.2817188376, 0.6299787005]]  # fmt: skip
     to_lab = [[0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
               [0.0259040371, 0.7827717662, -0.8086757660]]  # fmt: skip
-    lab: npt.NDArray[np.float64] = np.cbrt(linear(colors) @ np.transpose(to_cones)) @ np.transpose(to_lab)
+    lab: npt.NDArray[np.float64] = np.cbrt(light @ np.transpose(to_cones)) @ np.transpose(to_lab)
     return lab
 
 
@@ -252,7 +268,7 @@ def test_a_rig_without_scans_in_a_frame_does_not_hide_a_field() -> None:
 
 def test_names_are_legible() -> None:
     names = {1: "a\nb\x1b[31m", 2: " ", 3: "x" * 10_000, 4: "\ud800"}
-    found = coloring([cloud(label=[1, 2, 3, 4])], "label", {"label": names}).names
+    found = coloring([cloud(label=[1, 2, 3, 4])], "label", Known({"label": names})).names
     assert found == {1: r"a\nb\x1b[31m", 2: "2", 3: "x" * 39 + "…", 4: r"\ud800"}
 
 
@@ -260,3 +276,62 @@ def test_names_are_legible() -> None:
 def test_what_is_no_name_of_a_field(color_by: object) -> None:
     with pytest.raises(TypeError, match=r"^color_by: expected the name of a field, got "):
         coloring([cloud()], color_by)  # type: ignore[arg-type]
+
+
+# Machado, Oliveira and Fernandes, A physiologically-based model for simulation of color vision deficiency, 2009: linear
+# RGB as people without L, M or S cones see it.
+DEFICIENCIES = {
+    "normal": np.eye(3),
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+COMMON = ("road", "sidewalk", "building", "vegetation", "ground", "person", "car", "pole", "sign")
+
+
+@pytest.mark.parametrize("vision", DEFICIENCIES)
+def test_common_classes_differ_for_every_kind_of_vision(vision: str) -> None:
+    colors = [legible(str(class_color(name))) for name in COMMON]
+    seen = linear(np.array([list(bytes.fromhex(color[1:])) for color in colors], np.uint8))
+    lab = oklab_of_linear(np.clip(seen @ np.transpose(DEFICIENCIES[vision]), 0, 1))
+    apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(COMMON), 1)]
+    assert apart.min() >= 0.07  # 0.02 is about the least difference that one sees
+
+
+def test_classes_have_the_colours_of_their_sets_or_of_their_meaning() -> None:
+    assert class_color("road", 40) == "#ff00ff"  # SemanticKITTI's
+    assert class_color("road", 8) == class_color("Road") == class_color("main road") == class_color("asphalt")
+    assert class_color("vehicle.car") == "#ff9e00"  # nuScenes'
+    assert class_color("high vegetation") == "#00aa00"  # QGIS's
+    assert class_color("thing") is None
+    assert class_color("tree, road") is None
+    for name in ("vegetation", "oak tree", "static.vegetation", "medium vegetation"):
+        red, green, blue = bytes.fromhex(str(class_color(name))[1:])
+        assert green > max(red, blue), name
+
+
+def test_a_label_without_a_name_has_that_of_its_objects() -> None:
+    points = cloud(label=[40, 10, 40, 81])
+    known = Known({"label": {10: "van"}}, objects={10: "first", 40: "road", 81: "ball, cone, 3 more"})
+    colors = coloring([points], "label", known)
+    assert colors.names == {10: "van", 40: "road", 81: "ball, cone, 3 more"}
+    meant = [legible(str(class_color(name))) for name in ("van", "road")]  # not the road of SemanticKITTI
+    assert colors.table == [*meant, QUALITATIVE[81]]
+
+
+def test_integers_of_few_values_have_a_legend() -> None:
+    colors = coloring([cloud(ring=[0, 3, 3, 7])], "ring")
+    assert (colors.names, colors.scaled) == ({0: "0", 3: "3", 7: "7"}, False)
+    many = PointCloud(xyz=np.zeros((13, 3)), ring=np.arange(13))
+    assert coloring([many], "ring").scaled
+
+
+@pytest.mark.parametrize("background", ["#14181d", "#ffffff"])
+def test_all_classes_show_on_the_background(background: str) -> None:
+    names = [name for name, _ in SEMANTIC_KITTI.values()] + list(COMMON)
+    for color in [class_color(name, label) for label, (name, _) in SEMANTIC_KITTI.items()] + [
+        class_color(name) for name in names
+    ]:
+        if color is not None:
+            low, high = sorted((luminance(legible(color, background)), luminance(background)))
+            assert (high + 0.05) / (low + 0.05) >= 3.0

@@ -15,7 +15,7 @@ from lidarsim import io
 from lidarsim.errors import LidarsimError, MissingExtraError
 from lidarsim.pointcloud import CANONICAL, PointCloud, narrowed
 from lidarsim.viewers import open3d as view
-from lidarsim.viewers._colors import category_color
+from lidarsim.viewers._colors import QUALITATIVE
 
 assert io, "the formats register themselves on import"
 
@@ -196,7 +196,7 @@ def test_show_gives_the_viewer_coloured_points(monkeypatch: pytest.MonkeyPatch) 
     for color, label in zip(colors, (5, 5, 9), strict=True):  # in linear light
         assert color.dtype == np.float32
         encoded = np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055)
-        assert bytes(np.round(255 * encoded).astype(np.uint8)).hex() == category_color(label)[1:]
+        assert bytes(np.round(255 * encoded).astype(np.uint8)).hex() == QUALITATIVE[label][1:]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
@@ -256,7 +256,7 @@ def test_faces_have_the_colours_of_their_labels(monkeypatch: pytest.MonkeyPatch)
     parts = drawn(monkeypatch, scene, color_by="label")
     sides = [part for name, part in parts.items() if name.startswith(r"0 two\n\ud800")]
     assert [bytes(round(255 * c) for c in part["material"].base_color[:3]).hex() for part in sides] == [
-        category_color(label)[1:] for label in (3, 8)
+        QUALITATIVE[label][1:] for label in (3, 8)
     ]
     assert [len(part["geometry"].triangle.indices) for part in sides] == [1, 1]
 

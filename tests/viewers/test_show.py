@@ -20,10 +20,15 @@ import lidarsim as ls
 from lidarsim._shown import plain
 from lidarsim._views import Looks
 from lidarsim.viewers import _display, html
+from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import MISSING, QUALITATIVE, coloring
 from lidarsim.viewers._picture import Frame, Picture, View
 
 SIZE = (320, 200)
+COLORS = [
+    list(bytes.fromhex(color[1:])) for color in (class_color("road"), QUALITATIVE[7], class_color("house")) if color
+]
+"""Colours of the labels in `street`: by the meaning of the objects' names, and by number."""
 
 
 def street() -> ls.Scene:
@@ -106,8 +111,7 @@ def test_plot_is_show(scans: list[ls.Scan], tmp_path: Path) -> None:
     assert others == [first] * 3
     street().plot(save=tmp_path / "e.png", size=SIZE)
     image = np.asarray(Image.open(tmp_path / "e.png").convert("RGB")).astype(int)
-    for label in (40, 7, 50):  # the legend has the classes of the surfaces
-        color = np.array(list(bytes.fromhex(QUALITATIVE[label][1:])))
+    for color in COLORS:  # the legend has the classes of the surfaces
         assert (np.abs(image[:, 240:] - color) < 9).all(axis=-1).sum() > 20
 
 
@@ -145,8 +149,7 @@ def test_films_play_all_frames(suffix: str, scans: list[ls.Scan], tmp_path: Path
                 film.seek(number)
                 images.append(np.asarray(film.convert("RGB")).astype(int))
         assert np.abs(images[0] - images[1]).mean() > 0.1
-        for label in (40, 7, 50):  # no class loses its colour to the palette
-            color = list(bytes.fromhex(QUALITATIVE[label][1:]))
+        for color in COLORS:  # no class loses its colour to the palette
             assert np.abs(images[0][:, 240:] - color).max(axis=-1).min() <= 8
     else:
         import imageio_ffmpeg
@@ -231,8 +234,8 @@ def test_a_window_chooses_its_frame_by_a_slider(scans: list[ls.Scan], monkeypatc
 
     def look(plotter: Any, **_options: Any) -> None:
         (((choose, ends), options),) = sliders
-        assert (ends, options["value"]) == ((0, 2), 0)
-        for value in (0, 1.7, 0.2):
+        assert (ends, options["value"]) == ((1, 3), 1)
+        for value in (1, 2.7, 1.2):
             choose(value)
             actors = plotter.renderers[0].actors.items()
             visible.append({name for name, actor in actors if actor.GetVisibility()})
@@ -259,12 +262,15 @@ def test_a_window_chooses_its_frame_by_a_slider(scans: list[ls.Scan], monkeypatc
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"camera": "above"}, "camera: expected behind, birds-eye, first-person, orbit or three points, got 'above'"),
+        (
+            {"camera": "above"},
+            "camera: expected behind, birds-eye, first-person, orbit, top or three points, got 'above'",
+        ),
         ({"viewer": "paraview"}, "viewer: expected 'pyvista' or 'open3d', got 'paraview'"),
         ({"size": (0, 100)}, "size[0]: expected an integer from 16 to 16384, got 0"),
         ({"pose": [np.eye(4)] * 2}, "pose: expected one for each of the 3 frames, got 2"),
         ({"color_by": "smell"}, "color_by: expected one of height, range, "),
-        ({"save": "a.bmp"}, "a.bmp: unknown extension '.bmp', expected .gif, .html, .mp4 or .png"),
+        ({"save": "a.bmp"}, "a.bmp: unknown extension '.bmp', expected .gif, .html, .jpg, .mp4 or .png"),
     ],
 )
 def test_bad_arguments(options: Any, message: str, scans: list[ls.Scan]) -> None:
@@ -468,9 +474,8 @@ def test_a_browser_shows_and_turns_the_page(scans: list[ls.Scan], tmp_path: Path
         after = seen()
         browser.close()
     assert errors == []
-    for label in (40, 7, 50):
-        color = np.array(list(bytes.fromhex(QUALITATIVE[label][1:])))
-        assert (np.abs(before - color) < 9).all(axis=-1).sum() > 30, label
+    for color in COLORS:
+        assert (np.abs(before - color) < 9).all(axis=-1).sum() > 30, color
     assert (np.abs(before - after).max(axis=-1) > 30).mean() > 0.02  # it turned
 
 
