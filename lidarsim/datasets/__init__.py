@@ -167,34 +167,27 @@ def generate(
         moment_of(deskew, 1.0)  # only checks it
     one_of("frame", frame, ("sensor", "world"))
     _check_client(client)
-    texts = isinstance(overrides, Sequence) and not isinstance(overrides, str | bytes)
-    if not texts or not all(isinstance(text, str) for text in overrides):
-        raise ArgumentTypeError("overrides", "a sequence of strings", shown(overrides))
+    _check_texts(overrides)
     most = {"sequences": recipes.MOST, "frames": recipes.MOST, "seed": 2**64 - 1, "shard_frames": recipes.MOST**2}
     given: dict[str, Any] = {"sequences": sequences, "frames": frames, "seed": seed, "shard_frames": shard_frames}
     for name, value in given.items():
         if value is not None:
             given[name] = integer(name, value, at_least=int(name != "seed"), at_most=most[name])
     names = named_labels("class_names", class_names)
-    if splits is not None and not isinstance(splits, Mapping):
-        raise ArgumentTypeError("splits", "a mapping from names to shares or lists of sequences", shown(splits))
+    given["splits"] = _splits(splits)
     chosen = None if layout is None else layout_of(layout)
     if callable(recipe):
         if overrides:
             raise ArgumentValueError("overrides", "none with a function", shown(overrides))
         defaults = {"sequences": 1, "frames": 1, "seed": 0}
         settings = {key: defaults.get(key) if value is None else value for key, value in given.items()}
-        settings |= {"layout": chosen or layout_of("shards"), "splits": splits}
+        settings["layout"] = chosen or layout_of("shards")
         made = recipes.from_function(recipe, names, deskew, frame, **settings)
     else:
         for name, value, default in (("deskew", deskew, None), ("frame", frame, "sensor")):
             if value != default:
                 hint = f"use overrides=['run.cloud.{name}=…']"
                 raise ArgumentValueError(name, f"{default} with a YAML recipe", shown(value), hint)
-        if splits is not None:
-            given["splits"] = {
-                name: [*part] if isinstance(part, tuple | range) else part for name, part in splits.items()
-            }
         if chosen is not None:
             given["layout"] = chosen.model_dump()
         if class_names is not None:
@@ -215,6 +208,21 @@ def _part(part: object) -> tuple[int, int]:
         raise wrong("part", "(i, n), part i of n", shown(part))
     count = integer("part[1]", part[1], at_least=1)
     return integer("part[0]", part[0], at_least=0, at_most=count - 1), count
+
+
+def _check_texts(overrides: Sequence[str]) -> None:
+    texts = isinstance(overrides, Sequence) and not isinstance(overrides, str | bytes)
+    if not texts or not all(isinstance(text, str) for text in overrides):
+        raise ArgumentTypeError("overrides", "a sequence of strings", shown(overrides))
+
+
+def _splits(splits: object) -> dict[str, Any] | None:
+    """Return splits in plain types; their values are checked with the recipe."""
+    if splits is None:
+        return None
+    if not isinstance(splits, Mapping) or not all(isinstance(name, str) for name in splits):
+        raise ArgumentTypeError("splits", "a mapping from names to shares or lists of sequences", shown(splits))
+    return {name: [*part] if isinstance(part, tuple | range) else part for name, part in splits.items()}
 
 
 def _check_client(client: object) -> None:

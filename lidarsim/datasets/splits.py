@@ -21,7 +21,7 @@ from lidarsim._files import check_names
 from lidarsim._shown import counted
 from lidarsim._validation import shown
 from lidarsim.datasets.draws import Stream
-from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.errors import ArgumentValueError
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
@@ -57,7 +57,7 @@ class Splits:
         if self._lists:
             return self._lists[sequence]
         place = (self._offset + sequence * GOLDEN) % 2**64 / 2**64
-        return next((name for name, end in self._ends.items() if place < end), next(reversed(self.given)))
+        return next((name for name, end in self._ends.items() if place < end), [*self.given][-1])
 
     def sequences(self, count: int) -> dict[str, list[int]]:
         """Return the numbers of each split's sequences, of `count` in all."""
@@ -80,13 +80,15 @@ class Splits:
         return Stream(self.seed, "splits", 0).word()
 
 
-def check_splits(splits: object, sequences: int, place: Place | None = None) -> dict[str, float | list[int]]:
+def check_splits(
+    splits: Mapping[str, object] | None, sequences: int, place: Place | None = None
+) -> dict[str, float | list[int]]:
     """Return the splits after checking them.
 
     Parameters
     ----------
-    splits : object
-        The value to check.
+    splits : mapping of str to object, or None
+        The values to check.
     sequences : int
         Number of sequences.
     place : Place, optional
@@ -96,7 +98,7 @@ def check_splits(splits: object, sequences: int, place: Place | None = None) -> 
     ------
     ConfigError
         If they are wrong and there is a place.
-    TypeError, ValueError
+    ValueError
         If they are wrong and there is none.
     """
 
@@ -105,10 +107,8 @@ def check_splits(splits: object, sequences: int, place: Place | None = None) -> 
             return (place / key if key else place).error(f"expected {expected}, got {got}")
         return ArgumentValueError(f"splits.{key}" if key else "splits", expected, got)
 
-    if splits is None:
+    if not splits:
         return {}
-    if not isinstance(splits, Mapping) or not all(isinstance(name, str) for name in splits):
-        raise ArgumentTypeError("splits", "a mapping from names to shares or lists of sequences", shown(splits))
     try:
         check_names("splits", splits)
     except ArgumentValueError as error:
@@ -119,7 +119,7 @@ def check_splits(splits: object, sequences: int, place: Place | None = None) -> 
     for name, part in splits.items():
         if isinstance(part, int | float) and not isinstance(part, bool) and 0 < part <= 1:
             parts[name] = float(part)
-        elif isinstance(part, list | tuple | range) and all(type(number) is int for number in part):
+        elif isinstance(part, list) and all(type(number) is int for number in part):
             parts[name] = [*part]
         else:
             raise wrong(name, "a share, 0 to 1, or a list of the numbers of sequences", shown(part))

@@ -3,8 +3,8 @@
 ``training/velodyne/000000.bin`` holds the points of a frame, ``training/label_2/000000.txt`` its boxes, one per line,
 ``training/calib/000000.txt`` the calibration, and ``ImageSets/train.txt`` the frames of a split. Frames are numbered
 through all sequences; those of the split ``test`` are in ``testing``, with labels, which KITTI keeps to itself. Without
-splits, all frames are in ``train``. ``trainval.txt`` has those of ``train`` and ``val``. With a rig, all of these are in
-a folder per sensor.
+splits, all frames are in ``train``. ``trainval.txt`` has those of ``train`` and ``val``. With a rig, each sensor has a
+folder with all of these.
 
 KITTI labels what its camera sees, so there is a virtual camera in the sensor's origin, which looks along x, with y to
 its left and z up: an ideal pinhole with KITTI's resolution and focal length, the principal point in the middle of the

@@ -28,6 +28,7 @@ import dataclasses
 import hashlib
 import itertools
 import json
+import re
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -52,6 +53,9 @@ if TYPE_CHECKING:
 
 VERSION, COLORS, LABELS = "v1.0-lidarsim", "colormap.json", "lidarseg"
 POINTS, SWEEPS, MAPS = "samples", "sweeps", "maps"
+NOISE = {0: "noise"}
+"""Name of label 0, unless it has another."""
+
 SPLIT = "lidarsim_"
 """Prefix of the names of splits: the kit has nuScenes' own scenes under names such as train."""
 
@@ -118,9 +122,11 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
         """Raise `ValueError` if two categories have one name: the kit finds them by it."""
         super().check_classes(class_names)
         seen: dict[str, int] = {}
-        for label, name in _categories(class_names).items():
-            if not name or not name.isprintable():
-                raise ArgumentValueError(f"class_names[{label}]", "printable text in nuscenes", shown(name))
+        for label, name in (NOISE | {**class_names}).items():
+            own = re.fullmatch(r"class_(0|[1-9][0-9]*)", name)
+            if not name or not name.isprintable() or (own and own[1] != str(label)):
+                expected = "printable text in nuscenes, and no other label's class_…"
+                raise ArgumentValueError(f"class_names[{label}]", expected, shown(name))
             if (other := seen.setdefault(name, label)) != label:
                 raise ArgumentValueError(f"class_names[{label}]", f"another name than label {other} has", shown(name))
 
@@ -188,7 +194,7 @@ def _color(label: int) -> list[int]:
 
 def _categories(names: Mapping[int, str]) -> dict[int, str]:
     """Return the name of each label from 0 to the greatest: the kit needs consecutive indices."""
-    known = {0: "noise", **names}
+    known = NOISE | {**names}
     return {label: class_name(label, known) for label in range(max(known) + 1)}
 
 
