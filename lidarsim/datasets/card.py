@@ -131,7 +131,11 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
     layout, total = recipe.layout, recipe.sequences * recipe.frames
     found = box_statistics(layout, summary.records(), in_world=run.cloud["frame"] == "world")
     count = sum(part.count for part in found.values())
-    names = {key: f"{escaped(class_name(key[0], recipe.class_names))} | {escaped(key[1])}" for key in found}
+    split = " | split" if summary.splits else ""
+    names = {
+        (label, part): escaped(class_name(label, recipe.class_names)) + (f" | {escaped(part)}" if split else "")
+        for label, part in found
+    }
     mean = [
         (names[key], f"{part.count:,}", f"{part.count / count:.2%}", f"{part.count / total:.3g}",
          *(f"{value / part.count:.2f}" for value in part.size), f"{part.distance / part.count:.1f}",
@@ -141,7 +145,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
     head = "boxes", "share", "a frame", "length", "width", "height", "distance", "points"
     text = f"## Boxes\n\n{count:,} box{'es' * (count != 1)}, {_filter(layout.kept)}."
     text += " Means: length, width, height and distance from the sensor in m, and points on a thing.\n\n"
-    text += _rows(("class | split", *head), mean)
+    text += _rows((f"class{split}", *head), mean)
     whole = [f"{low:g}" if high - low == 1 else f"{low:g} – {high - 1:g}" for low, high in itertools.pairwise(POINTS)]
     spans = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
     shares = [f"{low:.0%} – {high:.0%}" for low, high in itertools.pairwise(VISIBILITY)]
@@ -155,7 +159,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
         used = [index for index in range(len(bins)) if any(row[index] for row in table.values())] or [0]
         kept = range(used[0], used[-1] + 1)
         rows = [(names[key], *(f"{row[index]:,}" for index in kept)) for key, row in table.items()]
-        text += f"\nBoxes by {title}:\n\n" + _rows(("class | split", *(bins[index] for index in kept)), rows)
+        text += f"\nBoxes by {title}:\n\n" + _rows((f"class{split}", *(bins[index] for index in kept)), rows)
     return text
 
 
@@ -172,8 +176,8 @@ def _filter(kept: BoxFilter | None) -> str:
 
 
 def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table whose first item has two cells, and whose other columns are numbers."""
-    lines = ["| " + " | ".join(head) + " |", "|---|---" + "|---:" * (len(head) - 1) + "|"]
+    """Return a table of numbers with a name per row, which may have several cells."""
+    lines = ["| " + " | ".join(head) + " |", "|---" * (1 + head[0].count("|")) + "|---:" * (len(head) - 1) + "|"]
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
 
 
