@@ -280,7 +280,7 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
             place.at(keys).file(node.value)
     source = Document(str(path.parent), _run(place / "run", root), settings, root, loaded)
     names = labelled(settings.class_names, place / "class_names")
-    splits = Splits(check_splits(settings.splits, settings.sequences, place / "splits"), settings.seed)
+    splits = Splits(check_splits(settings.splits, settings.sequences, place / "splits"))
     with (place / "run").refusals():
         made = _recipe(source, settings, names, splits)
     with (place / "layout").refusals():
@@ -371,7 +371,7 @@ def from_function(
     except TypeError as error:
         raise ArgumentTypeError("recipe", "a function of a generator and a number", f"one with {told(error)}") from None
     known = Settings.model_construct(**settings)
-    splits = Splits(check_splits(known.splits, known.sequences), known.seed)
+    splits = Splits(check_splits(known.splits, known.sequences))
     if deskew is None:
         deskew = False if known.layout.kept is None else "start"
     made_of = fingerprint(function)  # before a call, which may change its values

@@ -1,9 +1,8 @@
 """Splits of a data set by sequence, such as train and val.
 
-With shares, sequence n belongs to the split in whose interval ``frac(a + n φ)`` lies, where the intervals divide 0 to 1
-in the order and by the shares of the splits, φ = (√5 − 1)/2, and the seed of the data set draws a. This depends on the
-number of the sequence only, so more sequences do not move the others, and it spreads evenly: of any run of sequences,
-each split gets its share to within a few.
+With shares, the intervals of the splits divide 0 to 1 in their order, and sequence n belongs to that of ``frac(n φ)``,
+φ = (√5 − 1)/2. This depends on the number of the sequence only, so more sequences do not move the others, and it
+spreads evenly: of ten sequences, shares of 0.8 and 0.2 get eight and two, the fourth and the ninth.
 
 Source: D. E. Knuth, The Art of Computer Programming 3, 6.4 (Fibonacci hashing).
 """
@@ -20,7 +19,6 @@ from typing import TYPE_CHECKING
 from lidarsim._files import check_names
 from lidarsim._shown import counted
 from lidarsim._validation import shown
-from lidarsim.datasets.draws import Stream
 from lidarsim.errors import ArgumentValueError
 
 if TYPE_CHECKING:
@@ -43,12 +41,9 @@ class Splits:
     ----------
     given : dict of str to float or list of int
         Shares or sequences of the splits; empty for none.
-    seed : int
-        Seed of the data set.
     """
 
     given: Parts = field(default_factory=dict)
-    seed: int = 0
 
     def of(self, sequence: int) -> str:
         """Return the split of a sequence; empty without splits."""
@@ -56,7 +51,7 @@ class Splits:
             return ""
         if self._lists:
             return self._lists[sequence]
-        place = (self._offset + sequence * GOLDEN) % 2**64 / 2**64
+        place = sequence * GOLDEN % 2**64 / 2**64
         return next((name for name, end in self._ends.items() if place < end), [*self.given][-1])
 
     def sequences(self, count: int) -> dict[str, list[int]]:
@@ -74,10 +69,6 @@ class Splits:
     def _ends(self) -> dict[str, float]:
         shares = (share for share in self.given.values() if isinstance(share, float))
         return dict(zip(self.given, accumulate(shares), strict=True))
-
-    @cached_property
-    def _offset(self) -> int:
-        return Stream(self.seed, "splits", 0).word()
 
 
 def check_splits(
@@ -131,7 +122,7 @@ def check_splits(
         return parts
     # A share is rounded by at most 2⁻⁵⁴, since it is at most 1, and their exact sum, close to 1, by at most 2⁻⁵³.
     if abs(math.fsum(shares) - 1.0) > len(shares) * 2.0**-54 + 2.0**-53:
-        raise wrong("", "shares that sum to 1", f"{math.fsum(shares):g}")
+        raise wrong("", "shares that sum to 1", repr(math.fsum(shares)))
     return parts
 
 
