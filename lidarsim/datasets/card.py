@@ -128,7 +128,9 @@ def _listed(numbers: Sequence[int]) -> str:
 
 def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
     """Return the section on boxes."""
-    layout, total = recipe.layout, recipe.sequences * recipe.frames
+    layout = recipe.layout
+    frames = {name: len(numbers) * recipe.frames for name, numbers in summary.splits.items()}
+    frames[""] = recipe.sequences * recipe.frames
     found = box_statistics(layout, summary.records(), in_world=run.cloud["frame"] == "world")
     count = sum(part.count for part in found.values())
     split = " | split" if summary.splits else ""
@@ -137,7 +139,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
         for label, part in found
     }
     mean = [
-        (names[key], f"{part.count:,}", f"{part.count / count:.2%}", f"{part.count / total:.3g}",
+        (names[key], f"{part.count:,}", f"{part.count / count:.2%}", f"{part.count / frames[key[1]]:.3g}",
          *(f"{value / part.count:.2f}" for value in part.size), f"{part.distance / part.count:.1f}",
          f"{part.points / part.count:.1f}")
         for key, part in found.items()
@@ -146,7 +148,8 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
     text = f"## Boxes\n\n{count:,} box{'es' * (count != 1)}, {_filter(layout.kept)}."
     text += " Means: length, width, height and distance from the sensor in m, and points on a thing.\n\n"
     text += _rows((f"class{split}", *head), mean)
-    whole = [f"{low:g}" if high - low == 1 else f"{low:g} – {high - 1:g}" for low, high in itertools.pairwise(POINTS)]
+    *few, (most, _) = itertools.pairwise(POINTS)
+    whole = [*(f"{low:g}" if high - low == 1 else f"{low:g} – {high - 1:g}" for low, high in few), f"{most:g} or more"]
     spans = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
     shares = [f"{low:.0%} – {high:.0%}" for low, high in itertools.pairwise(VISIBILITY)]
     histograms: dict[str, tuple[list[str], Callable[[BoxStatistics], Iterable[int]]]] = {

@@ -176,7 +176,18 @@ def test_the_recipes_that_come_along(path: Path, tmp_path: Path) -> None:
 
 
 def test_there_are_recipes() -> None:
-    assert len(RECIPES) == 3
+    assert len(RECIPES) == 4
+
+
+def test_the_recipe_for_a_detector(tmp_path: Path) -> None:
+    path = next(path for path in RECIPES if path.stem == "detection")
+    ls.generate(path, tmp_path / "out", sequences=4, frames=1, pictures=0)
+    sets = {file.stem: file.read_text().split() for file in (tmp_path / "out/ImageSets").iterdir()}
+    assert {name: len(numbers) for name, numbers in sets.items()} == {"train": 3, "val": 1, "trainval": 4, "test": 0}
+    lines = [line for file in (tmp_path / "out").rglob("label_2/*.txt") for line in file.read_text().splitlines()]
+    names = [line.split()[0] for line in lines]
+    assert {*names} == {"Car", "Pedestrian"}
+    assert min(names.count("Car"), names.count("Pedestrian")) > 4
 
 
 STREET = Path(__file__).parents[2] / "configs" / "recipes" / "street.yaml"

@@ -31,8 +31,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -88,6 +89,23 @@ class Numbered(Noted):
     number: Number
 
 
+@dataclass(frozen=True)
+class _Upright:
+    """A box that is upright in the frame of the sensor, with its heading, rad."""
+
+    center: Floats
+    size: Floats
+    axes: Floats
+    yaw: float
+
+
+def _upright(box: Annotation) -> _Upright:
+    """Return the upright box of the same centre and heading around a box."""
+    turn, yaw = box.matrix[:3, :3], math.atan2(box.rotation[3], box.rotation[0])
+    axes = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    return _Upright(np.array(box.center), np.abs(axes.T @ turn) @ box.size, axes, yaw)
+
+
 class Kitti(Layout):
     """Points and boxes for detectors that learn from KITTI."""
 
@@ -109,10 +127,17 @@ are black, and only tell their size.
     def check_classes(self, class_names: Mapping[int, str]) -> None:
         """Raise `ValueError` if a class name cannot stand in a label."""
         super().check_classes(class_names)
+        labels = self.boxes.labels(class_names)
         for label, name in class_names.items():
+            if labels is not None and label not in labels:
+                continue
             if not name.isprintable() or re.fullmatch(r"\S+", name) is None or name == IGNORED:
                 expected = f"printable text without spaces, and not {IGNORED}, in kitti"
                 raise ArgumentValueError(f"class_names[{label}]", expected, shown(name))
+
+    def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
+        """Yield the boxes that the camera sees."""
+        return (pair for pair in super().annotations(frame) if self._view(_upright(pair[1])) is not None)
 
     def names(self, run: Run, sequences: int) -> set[str]:
         """Return a folder per sensor of a rig, or the names for a single sensor."""
@@ -146,15 +171,12 @@ are black, and only tell their size.
 
     def _label(self, box: Annotation, names: Mapping[int, str]) -> str:
         """Return the line of a box; empty if the camera does not see it."""
-        turn, yaw = box.matrix[:3, :3], math.atan2(box.rotation[3], box.rotation[0])
-        upright = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-        size = np.abs(upright.T @ turn) @ box.size
-        corners = box.center + (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * size @ upright.T
-        camera = self.camera
-        view = seen(corners @ TO_CAMERA[:3, :3].T, camera.projection, camera.width, camera.height)
+        upright = _upright(box)
+        view = self._view(upright)
         if view is None:
             return ""
         rectangle, truncation = view
+        size, yaw = upright.size, upright.yaw
         x, y, z = (TO_CAMERA[:3, :3] @ (box.center - np.array([0.0, 0.0, size[2] / 2]))).tolist()
         length, width, height = size.tolist()
         rotation = _wrapped(-yaw - math.pi / 2)
@@ -163,6 +185,11 @@ are black, and only tell their size.
         occlusion = 3 if box.visibility is None else sum(box.visibility < least for least in OCCLUSION)
         name = class_name(box.label, names)
         return f"{name} {truncation!r} {occlusion} {' '.join(map(repr, numbers))}\n"
+
+    def _view(self, box: _Upright) -> tuple[tuple[float, ...], float] | None:
+        """Return the rectangle around what the camera sees of a box, and the share that it does not; see `seen`."""
+        corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * box.size @ box.axes.T + box.center
+        return seen(corners @ TO_CAMERA[:3, :3].T, self.camera.projection, self.camera.width, self.camera.height)
 
     def _calibration(self, record: Record) -> str:
         body_to_sensor = np.linalg.inv(record.matrix) @ record.body_matrix
