@@ -137,6 +137,7 @@ def test_without_a_run(recipe: Path) -> None:
 
 
 def test_a_function_has_a_generator_of_its_own_a_sequence() -> None:
+    from lidarsim.datasets.layouts import layout_of
     from lidarsim.datasets.recipe import from_function
 
     drawn = {}
@@ -145,7 +146,7 @@ def test_a_function_has_a_generator_of_its_own_a_sequence() -> None:
         drawn.setdefault(sequence, []).append(rng.uniform())
         return ls.Scene(), ls.Lidar.preset("velodyne-vlp16"), None
 
-    settings = {"sequences": 3, "frames": 2, "seed": 1, "layout": "shards", "shard_frames": None}
+    settings = {"sequences": 3, "frames": 2, "seed": 1, "layout": layout_of("shards"), "shard_frames": None}
     made = from_function(scenes, {}, **settings)
     for sequence in (2, 0, 1, 2):
         made.source.run(sequence)
