@@ -16,6 +16,8 @@ import lidarsim as ls
 
 NAMES = {1: "human.pedestrian.adult", 2: "vehicle.car", 3: "vehicle.truck", 9: "barrier", 40: "flat.road"}
 RATE = 20.0
+LATE = 0.02
+"""Offset of the second sensor, s."""
 
 
 def pose(x: float, y: float, z: float, yaw: float = 0.0) -> np.ndarray:
@@ -39,7 +41,7 @@ def drive(*_: object) -> Any:
     ego = ls.Trajectory(span, [pose(30 * t, 0, 0, 0.1 * t) for t in span])
     top = ls.Lidar(ls.patterns.Spinning(np.radians(np.linspace(-25, 10, 36)), columns=720, rate=RATE))
     side = ls.Lidar(ls.patterns.Spinning(np.radians(np.linspace(-15, 15, 16)), columns=720, rate=RATE / 2))
-    return scene, ls.Rig({"top": (top, pose(1, 0, 1.8)), "lidar_side": (side, pose(3, 1, 0.9, 0.5))}), ego
+    return scene, ls.Rig({"top": (top, pose(1, 0, 1.8)), "lidar_side": (side, pose(3, 1, 0.9, 0.5), LATE)}), ego
 
 
 FRAMES, EVERY = 14, 5
@@ -82,7 +84,7 @@ def test_sweeps_and_key_frames(sweeps: Path) -> None:
     index = tables(sweeps)
     keys = [*range(0, FRAMES, EVERY)]
     assert len(index["sample"]) == len(keys)
-    for channel, every in (("LIDAR_TOP", 1), ("LIDAR_SIDE", 2)):
+    for channel, every, late in (("LIDAR_TOP", 1, 0.0), ("LIDAR_SIDE", 2, LATE)):
         own = [
             row for row in index["sample_data"].values()
             if index["sensor"][index["calibrated_sensor"][row["calibrated_sensor_token"]]["sensor_token"]]["channel"]
@@ -94,7 +96,8 @@ def test_sweeps_and_key_frames(sweeps: Path) -> None:
             chain.append(index["sample_data"][chain[-1]["next"]])
             assert chain[-1]["prev"] == chain[-2]["token"]
         assert len(chain) == len(own) == len(range(0, FRAMES, every))
-        assert {*np.diff([row["timestamp"] for row in chain])} == {round(every * 1e6 / RATE)}
+        starts = [frame / RATE + (0.0 if frame in keys else late) for frame in range(0, FRAMES, every)]
+        assert [row["timestamp"] - chain[0]["timestamp"] for row in chain] == [round(1e6 * start) for start in starts]
         samples = [*index["sample"].values()]
         for frame, row in zip(range(0, FRAMES, every), chain, strict=True):
             assert row["is_key_frame"] == (frame in keys)
