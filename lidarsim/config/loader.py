@@ -238,6 +238,7 @@ _EXPECTED = {
     "dict_type": "a mapping",
     "finite_number": "a finite number",
     "float_type": "a number",
+    "greater_than": "a value > {gt}",
     "greater_than_equal": "a value >= {ge}",
     "int_from_float": "an integer",
     "int_type": "an integer",

@@ -373,6 +373,7 @@ class Object(Part, Placement):
 
     name: str = ""
     label: int = 0
+    instance: int | None = None
     material: str | None = None
     reflectivity: Numbers = 1.0
     reflectivity_per: Literal["object", "face", "vertex"] = "object"
@@ -388,6 +389,8 @@ class Object(Part, Placement):
 
     def add_at(self, pose: Floats | Trajectory, scale: float, scene: Scene, place: Place) -> None:
         """Add the object to `scene` at a pose or on a trajectory, scaled by `scale`."""
+        if self.instance is not None:
+            raise (place / "instance").error("expected none, since each copy is an instance of its own")
         sized = np.diag([*np.ones(3) * scale * np.asarray(self.scale), 1.0])
         if isinstance(pose, Trajectory):
             self._add(self.build(place), scene, place, transform=sized, motion=pose)
@@ -400,7 +403,7 @@ class Object(Part, Placement):
         if inner is not None:
             transform = inner if transform is None else transform @ inner
         more = {"transform": transform, "motion": motion, "shape": shape, "material": material, **more}
-        construct(scene.add, self, ["name", "label"], place, **more)
+        construct(scene.add, self, ["name", "label", "instance"], place, **more)
 
     def _material(self, place: Place) -> Material:
         """Return the material, whose own keys override those of the library's."""

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from lidarsim._shown import counted
-from lidarsim._validation import integer, named_labels, shown
+from lidarsim._validation import integer, named_labels, one_of, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 
 if TYPE_CHECKING:
@@ -70,7 +70,9 @@ def generate(
     layout: str | dict[str, Any] | None = None,
     shard_frames: int | None = None,
     class_names: dict[int, str] | None = None,
-    deskew: Deskew = False,
+    splits: Mapping[str, float | Sequence[int]] | None = None,
+    frame: Literal["sensor", "world"] = "sensor",
+    deskew: Deskew | None = None,
     pictures: int = 3,
 ) -> Generated:
     """Make a data set, or resume an incomplete one.
@@ -102,14 +104,22 @@ def generate(
     seed : int, optional
         Seed of all draws and all noise. Default: that of the recipe; 0 for a function.
     layout : str or dict, optional
-        ``"semantickitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with this as ``type`` and the
-        layout's options. Default: that of the recipe; ``"shards"`` for a function.
+        ``"semantickitti"``, ``"kitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with this as ``type``
+        and the layout's options. Default: that of the recipe; ``"shards"`` for a function.
     shard_frames : int, optional
         Number of frames made at a time. Default: as many as fire 40 million pulses, but at most 1/32 of all.
     class_names : dict of int to str, optional
         Class names by label; they replace those of the recipe and override those of the scene.
-    deskew : bool, {"start", "middle", "end"} or float
-        How the points of a function's runs are deskewed, as in `Scan.point_cloud`. A YAML recipe has ``run.cloud``.
+    splits : dict of str to float or sequence of int, optional
+        Splits of the sequences by name: shares that sum to 1, such as ``{"train": 0.8, "val": 0.2}``, or lists of the
+        numbers of their sequences. Default: those of the recipe; none for a function.
+    frame : {"sensor", "world"}
+        Coordinates of the points of a function's runs, as in `Scan.point_cloud`; "world" only in ``"shards"``. A YAML
+        recipe has ``run.cloud.frame``.
+    deskew : bool, {"start", "middle", "end"} or float, optional
+        How the points of a function's runs are deskewed, as in `Scan.point_cloud`. Default: "start" in a layout with
+        boxes, else False. In a layout with boxes, the points of moving things are moved along. A YAML recipe has
+        ``run.cloud.deskew``.
     pictures : int
         Number of frames that the data card shows; none without PyVista.
 
@@ -153,28 +163,31 @@ def generate(
         raise ArgumentTypeError("recipe", "a path or a function", shown(recipe))
     part = _part(part)
     pictures = integer("pictures", pictures, at_least=0)
-    moment_of(deskew, 1.0)  # only checks it
+    if deskew is not None:
+        moment_of(deskew, 1.0)  # only checks it
+    one_of("frame", frame, ("sensor", "world"))
     _check_client(client)
-    texts = isinstance(overrides, Sequence) and not isinstance(overrides, str | bytes)
-    if not texts or not all(isinstance(text, str) for text in overrides):
-        raise ArgumentTypeError("overrides", "a sequence of strings", shown(overrides))
+    _check_texts(overrides)
     most = {"sequences": recipes.MOST, "frames": recipes.MOST, "seed": 2**64 - 1, "shard_frames": recipes.MOST**2}
     given: dict[str, Any] = {"sequences": sequences, "frames": frames, "seed": seed, "shard_frames": shard_frames}
     for name, value in given.items():
         if value is not None:
             given[name] = integer(name, value, at_least=int(name != "seed"), at_most=most[name])
     names = named_labels("class_names", class_names)
+    given["splits"] = _splits(splits)
     chosen = None if layout is None else layout_of(layout)
     if callable(recipe):
         if overrides:
             raise ArgumentValueError("overrides", "none with a function", shown(overrides))
         defaults = {"sequences": 1, "frames": 1, "seed": 0}
         settings = {key: defaults.get(key) if value is None else value for key, value in given.items()}
-        made = recipes.from_function(recipe, names, deskew, layout=chosen or layout_of("shards"), **settings)
+        settings["layout"] = chosen or layout_of("shards")
+        made = recipes.from_function(recipe, names, deskew, frame, **settings)
     else:
-        if deskew is not False:
-            hint = "use overrides=['run.cloud.deskew=…']"
-            raise ArgumentValueError("deskew", "False with a YAML recipe", shown(deskew), hint)
+        for name, value, default in (("deskew", deskew, None), ("frame", frame, "sensor")):
+            if value != default:
+                hint = f"use overrides=['run.cloud.{name}=…']"
+                raise ArgumentValueError(name, f"{default} with a YAML recipe", shown(value), hint)
         if chosen is not None:
             given["layout"] = chosen.model_dump()
         if class_names is not None:
@@ -195,6 +208,21 @@ def _part(part: object) -> tuple[int, int]:
         raise wrong("part", "(i, n), part i of n", shown(part))
     count = integer("part[1]", part[1], at_least=1)
     return integer("part[0]", part[0], at_least=0, at_most=count - 1), count
+
+
+def _check_texts(overrides: Sequence[str]) -> None:
+    texts = isinstance(overrides, Sequence) and not isinstance(overrides, str | bytes)
+    if not texts or not all(isinstance(text, str) for text in overrides):
+        raise ArgumentTypeError("overrides", "a sequence of strings", shown(overrides))
+
+
+def _splits(splits: object) -> dict[str, Any] | None:
+    """Return splits in plain types; their values are checked with the recipe."""
+    if splits is None:
+        return None
+    if not isinstance(splits, Mapping) or not all(isinstance(name, str) for name in splits):
+        raise ArgumentTypeError("splits", "a mapping from names to shares or lists of sequences", shown(splits))
+    return {name: [*part] if isinstance(part, tuple | range) else part for name, part in splits.items()}
 
 
 def _check_client(client: object) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -13,37 +13,47 @@ from typing import TYPE_CHECKING
 from lidarsim._shown import counted
 from lidarsim._validation import short
 from lidarsim.datasets.engine import RANGES
+from lidarsim.datasets.layouts import class_name
+from lidarsim.datasets.statistics import POINTS, VISIBILITY, BoxStatistics, box_statistics
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
 from lidarsim.rig import Rig
+from lidarsim.scan import moment_of
 from lidarsim.viewers import show
 
 if TYPE_CHECKING:
     from lidarsim.datasets.engine import Plan
+    from lidarsim.datasets.layouts import Summary
+    from lidarsim.datasets.layouts._layout import BoxFilter
+    from lidarsim.datasets.recipe import Recipe
+    from lidarsim.run import Run
     from lidarsim.sensor import Lidar
 
 __all__ = ["write"]
 
 BAR = 40
+LISTED = 20
+"""Greatest number of ranges of sequences that are listed for a split."""
+
 SPECIAL = re.compile(r"[\\`*\[\]<>&!|~$^{}]|(?<![^\W_])_|_(?![^\W_])|(?<=www)\.|:(?=//)|@", re.IGNORECASE)
 """Characters with a meaning in Markdown, HTML and tables; underscores only at the edge of a word."""
 
 
-def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures: int) -> None:
+def write(plan: Plan, summary: Summary, ranges: Sequence[int], pictures: int) -> None:
     """Write the card, with pictures of evenly spaced frames; without PyVista there are none.
 
     Parameters
     ----------
     plan : Plan
         The data set and its store.
-    labels : mapping of int to int
-        Number of points by label.
+    summary : Summary
+        Its records, classes and splits.
     ranges : sequence of int
         Number of points in each bin of `RANGES`.
     pictures : int
         Number of pictures.
     """
-    recipe = plan.recipe
+    recipe, labels = plan.recipe, summary.labels
     points = sum(ranges)
     names = recipe.class_names
     classes = [(f"{label} | {escaped(names.get(label, ''))}", count) for label, count in sorted(labels.items())]
@@ -59,14 +69,16 @@ def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures
 Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, and
 `lidarsim generate --verify -o FOLDER` checks them.
 
-Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}.
+Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, run)}
 {recipe.layout.reading}
-## Classes
+{_splits(recipe, summary)}## Classes
 
 {_table("label | name", classes, points)}
 ## Ranges
 
 {_table("range", list(zip(spans, ranges, strict=True))[used[0] : used[-1] + 1], points)}"""
+    if recipe.layout.kept is not None:
+        text += "\n" + _boxes(recipe, run, summary)
     if drawn := _pictures(plan, pictures):
         text += "\n## Frames\n" + "".join(f"\n![{about}]({name})\n\n{about}\n" for name, about in drawn)
     plan.store.write("README.md", text.encode())
@@ -76,6 +88,100 @@ def escaped(text: str) -> str:
     """Return Markdown that shows `text` literally, on one line."""
     shown = short("".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text))
     return SPECIAL.sub(r"\\\g<0>", shown)
+
+
+def _coordinates(recipe: Recipe, run: Run) -> str:
+    """Return in words what the coordinates of the points are."""
+    frame, deskew = run.cloud["frame"], run.cloud["deskew"]
+    moment = moment_of(deskew, 1.0)
+    if frame == "world":
+        text = "Points are in world coordinates"
+    elif moment is None:
+        text = "Points are in the sensor frame at the moment of their pulse, not deskewed"
+    else:
+        when = deskew if isinstance(deskew, str) else "start" if deskew is True else f"{moment:g} s after the start"
+        text = f"Points are deskewed to the sensor frame at the {when}{' of the scan' if frame == 'sensor' else ''}"
+    if recipe.layout.kept is None:
+        return f"{text}."
+    if moment is None:
+        return f"{text}. Each box is where its points are on average, and points of fast things may lie outside."
+    return f"{text}, and points of moving things are moved along to that moment, which is also that of the boxes."
+
+
+def _splits(recipe: Recipe, summary: Summary) -> str:
+    """Return the section on splits; empty without splits."""
+    if not summary.splits:
+        return ""
+    rows = [
+        f"| {escaped(name)} | {len(numbers):,} | {len(numbers) * recipe.frames:,} | {_listed(numbers)} |\n"
+        for name, numbers in summary.splits.items()
+    ]
+    return "## Splits\n\n| split | sequences | frames | which |\n|---|---:|---:|---|\n" + "".join(rows) + "\n"
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    """Return numbers as text, with ranges; abbreviated if long."""
+    runs = [list(group) for _, group in itertools.groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
+    texts = [f"{run[0][1]}" + (f" – {run[-1][1]}" if len(run) > 1 else "") for run in runs]
+    return ", ".join(texts[:LISTED]) + (", …" if len(texts) > LISTED else "")
+
+
+def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
+    """Return the section on boxes."""
+    layout = recipe.layout
+    frames = {name: len(numbers) * recipe.frames for name, numbers in summary.splits.items()}
+    frames[""] = recipe.sequences * recipe.frames
+    found = box_statistics(layout, summary.records(), in_world=run.cloud["frame"] == "world")
+    count = sum(part.count for part in found.values())
+    split = " | split" if summary.splits else ""
+    names = {
+        (label, part): escaped(class_name(label, recipe.class_names)) + (f" | {escaped(part)}" if split else "")
+        for label, part in found
+    }
+    mean = [
+        (names[key], f"{part.count:,}", f"{part.count / count:.2%}", f"{part.count / frames[key[1]]:.3g}",
+         *(f"{value / part.count:.2f}" for value in part.size), f"{part.distance / part.count:.1f}",
+         f"{part.points / part.count:.1f}")
+        for key, part in found.items()
+    ]  # fmt: skip
+    head = "boxes", "share", "a frame", "length", "width", "height", "distance", "points"
+    text = f"## Boxes\n\n{count:,} box{'es' * (count != 1)}, {_filter(layout.kept)}."
+    text += " Means: length, width, height and distance from the sensor in m, and points on a thing.\n\n"
+    text += _rows((f"class{split}", *head), mean)
+    *few, (most, _) = itertools.pairwise(POINTS)
+    whole = [*(f"{low:g}" if high - low == 1 else f"{low:g} – {high - 1:g}" for low, high in few), f"{most:g} or more"]
+    spans = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
+    shares = [f"{low:.0%} – {high:.0%}" for low, high in itertools.pairwise(VISIBILITY)]
+    histograms: dict[str, tuple[list[str], Callable[[BoxStatistics], Iterable[int]]]] = {
+        "distance": (spans, lambda part: part.distances.tolist()),
+        "points on a thing": (whole, lambda part: part.numbers.tolist()),
+        "visibility": (shares, lambda part: part.visibilities.tolist()),
+    }
+    for title, (bins, counts) in histograms.items():
+        table = {key: [*counts(part)] for key, part in found.items()}
+        used = [index for index in range(len(bins)) if any(row[index] for row in table.values())] or [0]
+        kept = range(used[0], used[-1] + 1)
+        rows = [(names[key], *(f"{row[index]:,}" for index in kept)) for key, row in table.items()]
+        text += f"\nBoxes by {title}:\n\n" + _rows((f"class{split}", *(bins[index] for index in kept)), rows)
+    return text
+
+
+def _filter(kept: BoxFilter | None) -> str:
+    """Return a filter of boxes in words."""
+    if kept is None:
+        return ""
+    parts = [f"of things with at least {counted(kept.min_points, 'point')}"]
+    if kept.max_range_m is not None:
+        parts.append(f"within {kept.max_range_m:g} m")
+    if kept.classes is not None:
+        parts.append(f"of the classes {', '.join(escaped(str(name)) for name in kept.classes)}")
+    return ", ".join(parts)
+
+
+def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of numbers with a name per row, which may have several cells."""
+    lines = ["| " + " | ".join(head) + " |", "|---" * (1 + head[0].count("|")) + "|---:" * (len(head) - 1) + "|"]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
 
 
 def _sensor(lidar: Lidar) -> str:

@@ -105,10 +105,10 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                     run = recipe.source.run(sequence, step[0])
                     recipe.layout.check(run)
                     seed, first = run.seed, run.frames.start
-                    measured = dataclasses.replace(run, frames=range(first + step.start, first + step.stop)).measured()
+                    scans = dataclasses.replace(run, frames=range(first + step.start, first + step.stop)).scans()
                     for frame in step:
                         points = 0
-                        for sample in samples(run, sequence, frame, next(measured)):
+                        for sample in samples(recipe, run, sequence, frame, next(scans)):
                             records.append(dataclasses.replace(sample.record, extra=write(sample)))
                             values, counts = np.unique(sample.cloud.label, return_counts=True)
                             labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -39,9 +39,10 @@ from lidarsim.datasets.fingerprint import fingerprint, name_of
 from lidarsim.datasets.layouts import AnyLayout, Layout
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.datasets.sources import hashes, located, paths
+from lidarsim.datasets.splits import Splits, check_splits
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.rig import Rig
-from lidarsim.run import Deskew, Run
+from lidarsim.run import CloudArguments, Deskew, Run
 from lidarsim.scene import Scene
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
@@ -73,6 +74,7 @@ class Settings(Model):
     shard_frames: Annotated[int, Field(ge=1)] | None = None
     layout: AnyLayout
     class_names: dict[str, str] = Field(default={})
+    splits: dict[str, Any] = Field(default={})
     vary: dict[str, Draw] = Field(default={})
     scatter: dict[str, Scatter] = Field(default={})
 
@@ -112,6 +114,8 @@ class Recipe:
         File layout.
     class_names : dict of int to str
         Class names by label: those of the scene, overridden by those of the recipe.
+    splits : Splits
+        Splits of the sequences.
     """
 
     source: Source
@@ -121,6 +125,7 @@ class Recipe:
     shard_frames: int
     layout: Layout
     class_names: dict[int, str]
+    splits: Splits
 
     @property
     def shards(self) -> int:
@@ -143,6 +148,7 @@ class Recipe:
             "shard_frames": self.shard_frames,
             "layout": self.layout.model_dump(),
             "class_names": {str(label): name for label, name in sorted(self.class_names.items())},
+            "splits": dict(self.splits.given),
             **self.source.resolved(),
         }
 
@@ -217,6 +223,9 @@ class Document:
         for path, value in others:
             node = replace(node, path, value)
         run = built(node, self.loaded)
+        cloud = entries(entries(node)["cloud"][1]) if "cloud" in entries(node) else {}
+        if settings.layout.kept is not None and cloud.keys().isdisjoint({"deskew", "deskew_s"}):
+            run = dataclasses.replace(run, cloud={"frame": run.cloud["frame"], "deskew": "start"})
         frames = range(run.frames.start, run.frames.start + settings.frames)
         return dataclasses.replace(run, seed=noise_seed(settings.seed, sequence), frames=frames)
 
@@ -271,8 +280,11 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
             place.at(keys).file(node.value)
     source = Document(str(path.parent), _run(place / "run", root), settings, root, loaded)
     names = labelled(settings.class_names, place / "class_names")
+    splits = Splits(check_splits(settings.splits, settings.sequences, place / "splits"))
     with (place / "run").refusals():
-        made = _recipe(source, settings, names)
+        made = _recipe(source, settings, names, splits)
+    with (place / "layout").refusals():
+        made.layout.check_classes(made.class_names)
     if made.shards > MOST_SHARDS:
         raise (place / "shard_frames").error(f"expected at most {MOST_SHARDS:,} shards, got {made.shards:,}")
     return made
@@ -295,13 +307,13 @@ MakeRun = Callable[[np.random.Generator, int], tuple[Scene, "Lidar | Rig", "Traj
 
 @dataclass(frozen=True)
 class Function:
-    """Runs from a function; `made_of` is its fingerprint, and `deskew` is that of its points."""
+    """Runs from a function; `made_of` is its fingerprint, and `cloud` tells the coordinates of its points."""
 
     function: MakeRun
     frames: int
     seed: int
     made_of: dict[str, str]
-    deskew: Deskew = False
+    cloud: CloudArguments
     by_frame: bool = False
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
@@ -317,26 +329,32 @@ class Function:
         if not isinstance(pose, Trajectory):
             pose = np.eye(4) if pose is None else validated("recipe's pose", pose)
         seed = noise_seed(self.seed, sequence)
-        return Run(scene, sensor, pose, seed, range(self.frames), {"frame": "sensor", "deskew": self.deskew})
+        return Run(scene, sensor, pose, seed, range(self.frames), self.cloud)
 
     def resolved(self) -> dict[str, Any]:
-        """Return the name of the function, and how its points are deskewed."""
-        return {"function": name_of(self.function)} | ({"deskew": self.deskew} if self.deskew is not False else {})
+        """Return the name of the function, and the coordinates of its points."""
+        return {"function": name_of(self.function), "cloud": dict(self.cloud)}
 
     def files(self) -> dict[str, str]:
         """Return the hashes of the function's code and of the values that it takes from outside."""
         return dict(self.made_of)
 
 
-def from_function(function: MakeRun, class_names: dict[int, str], deskew: Deskew = False, **settings: Any) -> Recipe:
-    """Return the recipe of a function with settings that were checked before.
+def from_function(
+    function: MakeRun,
+    class_names: dict[int, str],
+    deskew: Deskew | None = None,
+    frame: Literal["sensor", "world"] = "sensor",
+    **settings: Any,
+) -> Recipe:
+    """Return the recipe of a function with settings that were checked before, except `splits`.
 
     Raises
     ------
     TypeError
         If the function does not take a generator and a number, or depends on a value that cannot be hashed.
     ValueError
-        If there are too many shards.
+        If there are too many shards, or the splits or the class names cannot be used.
     """
     kinds: dict[str, Callable[[object], bool]] = {
         "class": inspect.isclass,
@@ -353,18 +371,24 @@ def from_function(function: MakeRun, class_names: dict[int, str], deskew: Deskew
     except TypeError as error:
         raise ArgumentTypeError("recipe", "a function of a generator and a number", f"one with {told(error)}") from None
     known = Settings.model_construct(**settings)
+    splits = Splits(check_splits(known.splits, known.sequences))
+    if deskew is None:
+        deskew = False if known.layout.kept is None else "start"
     made_of = fingerprint(function)  # before a call, which may change its values
-    made = _recipe(Function(function, known.frames, known.seed, made_of, deskew), known, class_names)
+    source = Function(function, known.frames, known.seed, made_of, {"frame": frame, "deskew": deskew})
+    made = _recipe(source, known, class_names, splits)
+    made.layout.check_classes(made.class_names)
     if made.shards > MOST_SHARDS:
         raise ArgumentValueError("shard_frames", f"at most {MOST_SHARDS:,} shards", f"{made.shards:,}")
     return made
 
 
-def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> Recipe:
+def _recipe(source: Source, settings: Settings, class_names: dict[int, str], splits: Splits) -> Recipe:
     """Return the recipe after checking the run of its first frame."""
     run = source.run(0, 0)
-    if run.cloud["frame"] == "world":
-        raise ArgumentValueError("cloud.frame", "sensor, since a data set stores the poses separately", "world")
+    if run.cloud["frame"] == "world" and not settings.layout.in_world:
+        kind = settings.layout.type
+        raise ArgumentValueError("cloud.frame", f"sensor in {kind}, which stores the poses separately", "world")
     run.check_coverage()
     total, shard_frames = settings.sequences * settings.frames, settings.shard_frames
     if shard_frames is None:
@@ -383,4 +407,5 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
         shard_frames=min(shard_frames, total),
         layout=settings.layout,
         class_names=names,
+        splits=splits,
     )

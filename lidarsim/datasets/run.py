@@ -12,7 +12,7 @@ import numpy as np
 from lidarsim._validation import integer
 from lidarsim.datasets import Generated, card, manifest
 from lidarsim.datasets.engine import RANGES, Made, Plan, make
-from lidarsim.datasets.layouts import Files, Summary
+from lidarsim.datasets.layouts import Files, Summary, class_name
 from lidarsim.datasets.progress import Progress
 from lidarsim.datasets.store import open_store
 from lidarsim.errors import FileFormatError, LidarsimError
@@ -90,9 +90,11 @@ def _finish(plan: Plan, pictures: int) -> None:
     for part in manifest.parts(plan):
         labels.update({int(label): count for label, count in part.labels.items()})
         ranges += part.ranges
-    names = {label: f"class_{label}" for label in sorted(labels) if label} | recipe.class_names
+    boxed = {box.label for record in manifest.records(plan) for box in record.boxes}
+    names = {label: class_name(label, {}) for label in sorted(boxed.union(labels)) if label} | recipe.class_names
     tables = Files(plan.store)
-    summary = Summary(lambda: manifest.records(plan), dict(labels), names, plan.head.recipe)
+    splits = recipe.splits.sequences(recipe.sequences)
+    summary = Summary(lambda: manifest.records(plan), dict(labels), names, plan.head.recipe, splits)
     recipe.layout.finish(tables, summary)
-    card.write(plan, labels, ranges.tolist(), pictures)
+    card.write(plan, summary, ranges.tolist(), pictures)
     manifest.finish(plan, tables.entries)

@@ -101,7 +101,7 @@ def test_what_is_done_is_not_cast_again(
 ) -> None:
     out, cast = tmp_path / "out", []
     ls.generate(recipe, out, part=(1, 3), pictures=0)
-    monkeypatch.setattr(engine, "samples", lambda *key: cast.append(key[1:3]) or samples(*key))
+    monkeypatch.setattr(engine, "samples", lambda *key: cast.append(key[2:4]) or samples(*key))
     assert ls.generate(recipe, out, pictures=0).frames == 7
     assert cast == [(0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (2, 2), (2, 3)]
     assert tree(out) == whole
@@ -114,11 +114,11 @@ def test_a_shard_that_fails_is_told_and_the_rest_is_made(
 ) -> None:
     tried = []
 
-    def failing(run: object, sequence: int, frame: int, scans: object) -> object:
+    def failing(recipe: object, run: object, sequence: int, frame: int, scans: object) -> object:
         if (sequence, frame) == (1, 2):
             tried.append(frame)
             raise RuntimeError("no such frame")
-        return samples(run, sequence, frame, scans)  # type: ignore[arg-type]
+        return samples(recipe, run, sequence, frame, scans)  # type: ignore[arg-type]
 
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
@@ -140,11 +140,11 @@ def test_a_shard_that_fails_once_is_made_again(
 ) -> None:
     tried = []
 
-    def failing(run: object, sequence: int, frame: int, scans: object) -> object:
+    def failing(recipe: object, run: object, sequence: int, frame: int, scans: object) -> object:
         tried.append((sequence, frame))
         if len(tried) == 7:
             raise RuntimeError("once")
-        return samples(run, sequence, frame, scans)  # type: ignore[arg-type]
+        return samples(recipe, run, sequence, frame, scans)  # type: ignore[arg-type]
 
     monkeypatch.setattr(engine, "samples", failing)
     made = ls.generate(recipe, tmp_path / "out", pictures=0)
@@ -315,10 +315,10 @@ def test_ctrl_c_ends_the_workers(recipe: Path, tmp_path: Path, tree: Tree, drive
 def test_interrupted_and_gone_on(
     recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupting(run: object, sequence: int, frame: int, scans: object) -> object:
+    def interrupting(recipe: object, run: object, sequence: int, frame: int, scans: object) -> object:
         if (sequence, frame) == (1, 2):
             signal.raise_signal(signal.SIGINT)
-        return samples(run, sequence, frame, scans)  # type: ignore[arg-type]
+        return samples(recipe, run, sequence, frame, scans)  # type: ignore[arg-type]
 
     out = tmp_path / "out"
     with monkeypatch.context() as patch:

@@ -50,7 +50,11 @@ def words() -> Iterator[str]:
 
 MISTAKES: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"deskew": "begin"}, ValueError, "deskew: expected True, False, 'start'"),
-    ({"deskew": None}, TypeError, "deskew: expected True, False, 'start'"),
+    ({"deskew": [1]}, TypeError, "deskew: expected True, False, 'start'"),
+    ({"frame": "body"}, ValueError, "frame: expected 'sensor' or 'world', got 'body'"),
+    ({"frame": "world", "layout": "kitti"}, ValueError, "frame: expected sensor "),
+    ({"splits": {"train": 0.5}}, ValueError, r"expected shares that sum to 1, got 0\.5"),
+    ({"splits": [1]}, TypeError, r"splits: expected a mapping from names to shares or lists of sequences, got \[1\]"),
     ({"part": (0,)}, ValueError, r"part: expected \(i, n\), part i of n, got \(0,\)"),
     ({"part": (0, 1, 2)}, ValueError, r"part: expected \(i, n\)"),
     ({"part": "01"}, TypeError, r"part: expected \(i, n\), part i of n, got '01'"),

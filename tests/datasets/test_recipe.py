@@ -137,6 +137,7 @@ def test_without_a_run(recipe: Path) -> None:
 
 
 def test_a_function_has_a_generator_of_its_own_a_sequence() -> None:
+    from lidarsim.datasets.layouts import layout_of
     from lidarsim.datasets.recipe import from_function
 
     drawn = {}
@@ -145,7 +146,7 @@ def test_a_function_has_a_generator_of_its_own_a_sequence() -> None:
         drawn.setdefault(sequence, []).append(rng.uniform())
         return ls.Scene(), ls.Lidar.preset("velodyne-vlp16"), None
 
-    settings = {"sequences": 3, "frames": 2, "seed": 1, "layout": "shards", "shard_frames": None}
+    settings = {"sequences": 3, "frames": 2, "seed": 1, "layout": layout_of("shards"), "shard_frames": None}
     made = from_function(scenes, {}, **settings)
     for sequence in (2, 0, 1, 2):
         made.source.run(sequence)
@@ -176,7 +177,18 @@ def test_the_recipes_that_come_along(path: Path, tmp_path: Path) -> None:
 
 
 def test_there_are_recipes() -> None:
-    assert len(RECIPES) == 3
+    assert len(RECIPES) == 4
+
+
+def test_the_recipe_for_a_detector(tmp_path: Path) -> None:
+    path = next(path for path in RECIPES if path.stem == "detection")
+    ls.generate(path, tmp_path / "out", sequences=4, frames=1, pictures=0)
+    sets = {file.stem: file.read_text().split() for file in (tmp_path / "out/ImageSets").iterdir()}
+    assert {name: len(numbers) for name, numbers in sets.items()} == {"train": 3, "val": 1, "trainval": 4, "test": 0}
+    lines = [line for file in (tmp_path / "out").rglob("label_2/*.txt") for line in file.read_text().splitlines()]
+    names = [line.split()[0] for line in lines]
+    assert {*names} == {"Car", "Pedestrian"}
+    assert min(names.count("Car"), names.count("Pedestrian")) > 4
 
 
 STREET = Path(__file__).parents[2] / "configs" / "recipes" / "street.yaml"

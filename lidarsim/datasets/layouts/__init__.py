@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, TypeAdapter, ValidationError
 
-from lidarsim.datasets.layouts._layout import Files, Layout, Summary
+from lidarsim.datasets.layouts._layout import Files, Layout, Summary, class_name
 from lidarsim.datasets.layouts.bags import Bags
+from lidarsim.datasets.layouts.kitti import Kitti
 from lidarsim.datasets.layouts.nuscenes import NuScenes
 from lidarsim.datasets.layouts.semantickitti import SemanticKitti
 from lidarsim.datasets.layouts.shards import Shards
 from lidarsim.errors import ArgumentValueError
 
-__all__ = ["LAYOUTS", "AnyLayout", "Files", "Layout", "Summary", "layout_of"]
+__all__ = ["LAYOUTS", "AnyLayout", "Files", "Layout", "Summary", "class_name", "layout_of"]
 
 LAYOUTS: dict[str, type[Layout]] = {
     "bags": Bags,
+    "kitti": Kitti,
     "nuscenes": NuScenes,
     "semantickitti": SemanticKitti,
     "shards": Shards,

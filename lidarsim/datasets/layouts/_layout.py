@@ -9,20 +9,22 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import ConfigDict
+import numpy.typing as npt
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from lidarsim._files import check_names
-from lidarsim._validation import UINT32
+from lidarsim._validation import UINT32, Floats
 from lidarsim.config.schema import Model
-from lidarsim.datasets.samples import Record, Sample
+from lidarsim.datasets.samples import Annotation, Record, Sample
 from lidarsim.datasets.store import Store
 from lidarsim.errors import ArgumentValueError
 from lidarsim.rig import Rig
 
 if TYPE_CHECKING:
+    from lidarsim.boxes import Boxes
     from lidarsim.run import Run
     from lidarsim.scene import Scene
 
@@ -84,12 +86,74 @@ class Summary:
         Class names of all labels that points have or the recipe names.
     digest : str
         Hash of the recipe.
+    splits : dict of str to list of int
+        Sequences of each split; empty without splits.
     """
 
     records: Callable[[], Iterator[Record]]
     labels: dict[int, int]
     class_names: dict[int, str]
     digest: str
+    splits: dict[str, list[int]] = field(default_factory=dict)
+
+
+def class_name(label: int, names: Mapping[int, str]) -> str:
+    """Return the name of a class; ``class_10`` for a label 10 without one."""
+    return names.get(label, f"class_{label}")
+
+
+class BoxFilter(Model):
+    """Which boxes a data set has.
+
+    Attributes
+    ----------
+    min_points : int
+        Least number of points on a thing.
+    max_range_m : float or None
+        Greatest distance of the centre from the body of the rig, or from the sensor without a rig, m.
+    classes : list of str or int, or None
+        Names or labels of the classes.
+    """
+
+    min_points: Annotated[int, Field(ge=0)] = 1
+    max_range_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    classes: Annotated[list[str | Annotated[int, Field(ge=0, le=UINT32)]], Field(min_length=1)] | None = None
+
+    def labels(self, names: Mapping[int, str]) -> set[int] | None:
+        """Return the labels of the classes; None for all.
+
+        Raises
+        ------
+        ValueError
+            If there is no such class.
+        """
+        if self.classes is None:
+            return None
+        found: set[int] = set()
+        for name in self.classes:
+            labels = {label for label in names if names[label] == name} if isinstance(name, str) else {name}
+            if not labels:
+                known = ", ".join(map(repr, names.values())) or "none"
+                raise ArgumentValueError("boxes.classes", f"labels, or names among class_names ({known})", repr(name))
+            found |= labels
+        return found
+
+    def of(self, boxes: Boxes, origin: Floats, names: Mapping[int, str]) -> npt.NDArray[np.bool_]:
+        """Return which boxes to keep, without regard to their points; `origin` is that of the body in their frame."""
+        kept: npt.NDArray[np.bool_] = boxes.instance != 0  # the number for no thing
+        if (labels := self.labels(names)) is not None:
+            kept &= np.isin(boxes.label, sorted(labels))
+        if self.max_range_m is not None:
+            kept &= np.linalg.norm(boxes.center - origin, axis=1) <= self.max_range_m
+        return kept
+
+
+def _of_classes(value: object) -> object:
+    return {"classes": value} if isinstance(value, list) else value
+
+
+Kept = Annotated[BoxFilter, BeforeValidator(_of_classes)]
+"""A filter of boxes; a list stands for its `classes`."""
 
 
 class Noted(Model):
@@ -109,13 +173,35 @@ class Layout(Model):
         Greatest label that the files can hold.
     reading : str
         Text for the data card on how to read the data set, if that is not obvious.
+    in_world : bool
+        Whether the points may be in world coordinates.
     """
 
     noted: ClassVar[type[Noted]] = Noted
     greatest_label: ClassVar[int] = UINT32
     reading: ClassVar[str] = ""
+    in_world: ClassVar[bool] = False
 
     type: str
+
+    @property
+    def kept(self) -> BoxFilter | None:
+        """Filter of the boxes; None for a layout without boxes, in which points are not deskewed by default."""
+        return None
+
+    @property
+    def least_points(self) -> int:
+        """Least number of points of one sensor on a thing with a box."""
+        return 0 if self.kept is None else self.kept.min_points
+
+    def shares_stamp(self, frame: int) -> bool:
+        """Return whether all sensors of a frame have the stamp of the first, to which their points are deskewed."""
+        del frame
+        return False
+
+    def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
+        """Yield the boxes of a frame, each with a record whose frame of reference it is in."""
+        return ((record, box) for record in frame for box in record.boxes)
 
     def check(self, run: Run) -> None:
         """Raise `ValueError` if a sensor's name cannot be that of a file, or topic, of this layout."""
@@ -131,6 +217,11 @@ class Layout(Model):
             for label in given:
                 if label > most:
                     raise ArgumentValueError(argument, f"labels from 0 to {most} in {self.type}", label)
+
+    def check_classes(self, class_names: Mapping[int, str]) -> None:
+        """Raise `ValueError` if the files cannot hold a class name, or if a filter names no class."""
+        if self.kept is not None:
+            self.kept.labels(class_names)
 
     @abstractmethod
     def names(self, run: Run, sequences: int) -> set[str]:

@@ -1,29 +1,36 @@
-"""Tables of nuScenes with lidarseg, as its development kit reads them.
+"""Tables of nuScenes with lidarseg and boxes, as its development kit reads them.
 
-``v1.0-lidarsim/`` holds the tables, ``samples/LIDAR_TOP/`` the points, ``lidarseg/v1.0-lidarsim/`` a uint8 class per
-point. A sequence is a scene, and each frame a sample. The sensor of a run is LIDAR_TOP; sensors of a rig are LIDAR_ and
-their names. Points keep lidarsim's axes, x forward; ``calibrated_sensor`` accounts for this. The map is empty. The kit
-only knows the colours of nuScenes' own classes; for others it needs those in ``colormap.json``::
+``v1.0-lidarsim/`` holds the tables, ``samples/LIDAR_TOP/`` the points of key frames, ``sweeps/LIDAR_TOP/`` those of the
+frames between them, and ``lidarseg/v1.0-lidarsim/`` a uint8 class per point of key frames. A sequence is a scene. With
+``key_every: 10``, every tenth frame, the first included, is a key frame, that is, a sample; by default every frame is.
+The sensor of a run is LIDAR_TOP; sensors of a rig are LIDAR_ and their names. Points keep lidarsim's axes, x forward;
+``calibrated_sensor`` accounts for this. The map is empty. The kit only knows the colours of nuScenes' own classes; for
+others it needs those in ``colormap.json``::
 
     NuScenes("v1.0-lidarsim", folder, colormap=json.loads(Path(folder, "colormap.json").read_text()))
 
-Each instance with points in a frame gets an upright box at its pose at the time of the sample, with the heading of the
-x axis of its first object. Unbounded objects, objects with a label per face and instance 0 get none. Categories are
-the classes; the attribute is ``moving`` or ``still``. Visibility is a share of camera images: without cameras,
-``visibility_token`` is an empty string, which the schema uses where nothing is annotated; ``num_lidar_pts`` tells how
-well the lidars see an object. Points are deskewed only if the run says so: ``cloud: {deskew: start}`` moves them to the
-time of the sample.
+Each thing with points in a key frame has one annotation, the box of `Scan.boxes` at the time of the sample, with the
+points of all sensors. The points of a key frame are deskewed to that time for all sensors, and those of a sweep to its
+own; points of moving things are moved along. With ``cloud: {deskew: false}`` they are raw, and each box is where its
+points are on average. Categories are the classes. Attributes are nuScenes' own for classes named ``vehicle.…`` or
+``human.pedestrian.…``, and ``moving`` or ``still`` for others. Visibility is the share of the thing's pulses that reach
+it, for the sensor that sees it best.
+
+Splits are in ``v1.0-lidarsim/splits.json``, where the kit finds them by the names ``lidarsim_train`` and so on: it
+gives the scenes of nuScenes itself for ``train``.
 
 Format: https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import itertools
 import json
-import struct
-import zlib
-from collections.abc import Iterator
+import re
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from itertools import groupby
@@ -32,19 +39,26 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim._validation import Floats
-from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Noted, Summary, Write
-from lidarsim.datasets.samples import Number, Record, Sample
+from lidarsim._validation import Floats, shown
+from lidarsim.datasets.layouts._images import black_png
+from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Layout, Summary, Write, class_name
+from lidarsim.datasets.samples import Annotation, Record, Sample
+from lidarsim.errors import ArgumentValueError
 from lidarsim.io import nuscenes
 from lidarsim.io._units import fitting
-from lidarsim.scene import SceneObject
 from lidarsim.viewers._colors import QUALITATIVE
 
 if TYPE_CHECKING:
     from lidarsim.run import Run
 
 VERSION, COLORS, LABELS = "v1.0-lidarsim", "colormap.json", "lidarseg"
-POINTS, MAPS = "samples", "maps"
+POINTS, SWEEPS, MAPS = "samples", "sweeps", "maps"
+NOISE = {0: "noise"}
+"""Name of label 0, unless it has another."""
+
+SPLIT = "lidarsim_"
+"""Prefix of the names of splits: the kit has nuScenes' own scenes under names such as train."""
+
 START, APART = 1_577_836_800_000_000, 3_600_000_000
 """Time 0 of the first sequence, the start of 2020, and time between sequences, µs: the kit sorts scenes by their times,
 which must differ."""
@@ -52,33 +66,16 @@ which must differ."""
 VISIBILITY = {"1": (0, 40), "2": (40, 60), "3": (60, 80), "4": (80, 100)}
 """Visibility levels of nuScenes by token, %."""
 
-
-Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-Four = Annotated[list[float], Field(min_length=4, max_length=4)]
-
-
-class NotedBox(Noted):
-    """An instance with points in a frame."""
-
-    instance: Number
-    label: Annotated[int, Field(ge=0, le=255)]
-    points: Number
-    moving: bool
-    translation: Three
-    rotation: Four
-    size: Three
-
-
-class NotedBoxes(Noted):
-    """The boxes of a sample."""
-
-    boxes: list[NotedBox]
+MOTION = {
+    "human.pedestrian.": ("pedestrian.moving", "pedestrian.standing"),
+    "vehicle.": ("vehicle.moving", "vehicle.parked"),
+}
+"""Attributes of things that move and of those that do not, by the beginning of their class."""
 
 
 class NuScenes(Layout):
     """Tables of nuScenes with lidarseg and boxes."""
 
-    noted: ClassVar[type[Noted]] = NotedBoxes
     greatest_label: ClassVar[int] = 255
     reading: ClassVar[str] = f"""
 nuScenes' development kit only knows the colours of its own classes; those of this data set are in `{COLORS}`:
@@ -95,44 +92,98 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
 """
 
     type: Literal["nuscenes"]
-    boxes: list[int] | None = None
+    boxes: Kept = BoxFilter()
+    key_every: Annotated[int, Field(ge=1)] = 1
+
+    @property
+    def kept(self) -> BoxFilter:
+        """Filter of the boxes; its `min_points` is for all sensors together."""
+        return self.boxes
+
+    @property
+    def least_points(self) -> int:
+        """Least number of points of one sensor on a thing with a box."""
+        return min(self.boxes.min_points, 1)
+
+    def shares_stamp(self, frame: int) -> bool:
+        """Return whether a frame is a key frame."""
+        return frame % self.key_every == 0
+
+    def check(self, run: Run) -> None:
+        """Raise `ValueError` if a sensor's name cannot be that of a file, or two sensors have the same channel."""
+        super().check(run)
+        seen: dict[str, str] = {}
+        for sensor in run.lidars:
+            if (other := seen.setdefault(_channel(sensor), sensor)) != sensor:
+                expected = "names that differ in more than case and LIDAR_"
+                raise ArgumentValueError("sensors", expected, f"{other!r} and {sensor!r}")
+
+    def check_classes(self, class_names: Mapping[int, str]) -> None:
+        """Raise `ValueError` if two categories have one name: the kit finds them by it."""
+        super().check_classes(class_names)
+        seen: dict[str, int] = {}
+        for label, name in (NOISE | {**class_names}).items():
+            own = re.fullmatch(r"class_(0|[1-9][0-9]*)", name)
+            if not name or not name.isprintable() or (own and own[1] != str(label)):
+                expected = "printable text in nuscenes, and no other label's class_…"
+                raise ArgumentValueError(f"class_names[{label}]", expected, shown(name))
+            if (other := seen.setdefault(name, label)) != label:
+                raise ArgumentValueError(f"class_names[{label}]", f"another name than label {other} has", shown(name))
 
     def names(self, run: Run, sequences: int) -> set[str]:
         """Return the folders of tables, points, labels and maps, and the colours."""
         del run, sequences
-        return {VERSION, POINTS, LABELS, MAPS, COLORS}
+        return {VERSION, POINTS, LABELS, MAPS, COLORS} | ({SWEEPS} if self.key_every > 1 else set())
+
+    def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
+        """Yield one box per thing of a key frame, with the points of all sensors and the greatest visibility."""
+        merged: dict[int, tuple[Record, Annotation]] = {}
+        for record in frame:
+            for box in record.boxes if self.shares_stamp(record.frame) else ():
+                first, other = merged.get(box.instance, (record, None))
+                if other is not None:
+                    shares = [share for share in (other.visibility, box.visibility) if share is not None]
+                    points, best = other.points + box.points, max(shares, default=None)
+                    box = dataclasses.replace(other, points=points, visibility=best)  # noqa: PLW2901
+                merged[box.instance] = first, box
+        least = self.boxes.min_points
+        return (pair for _, pair in sorted(merged.items()) if pair[1].points >= least)
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield a function that writes the two files of a sample."""
+        """Yield a function that writes the files of a sample: points, and labels in key frames."""
         del shard
-        sample_of: tuple[int, int] | None = None
-        time = 0.0
 
         def write(sample: Sample) -> Extra:
-            nonlocal sample_of, time
-            if (sample.record.sequence, sample.record.frame) != sample_of:  # the first sensor's time counts
-                sample_of, time = (sample.record.sequence, sample.record.frame), sample.record.seconds
             record, fields = sample.record, {name: getattr(sample.cloud, name) for name in sample.cloud.fields}
             about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
             buffer = BytesIO()
             nuscenes.save(fields, buffer)
-            files.write(_points(record), buffer.getbuffer(), **about)
-            label = fitting("label", sample.cloud.label, np.uint8, "a class of lidarseg")
-            files.write(_labels(record), label.astype(np.uint8).tobytes(), **about)
-            return {"boxes": list(_boxes(sample, time, self.boxes))}
+            files.write(self.points(record), buffer.getbuffer(), **about)
+            if self.shares_stamp(record.frame):
+                label = fitting("label", sample.cloud.label, np.uint8, "a class of lidarseg")
+                files.write(_labels(record), label.astype(np.uint8).tobytes(), **about)
+            return {}
 
         yield write
 
+    def points(self, record: Record) -> str:
+        """Return the name of the file with the points of a sample or sweep."""
+        channel, folder = _channel(record.sensor), POINTS if self.shares_stamp(record.frame) else SWEEPS
+        return f"{folder}/{channel}/{_scene(record.sequence)}__{channel}__{record.frame:06}.pcd.bin"
+
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the tables, each in one pass over the samples."""
-        tables = _Tables(summary)
+        tables = _Tables(self, summary)
         for name in (
             *("attribute", "calibrated_sensor", "category", "ego_pose", "instance", "lidarseg", "log", "map", "sample"),
             *("sample_annotation", "sample_data", "scene", "sensor", "visibility"),
         ):
             files.write_json(f"{VERSION}/{name}.json", getattr(tables, name)())
-        files.write(f"{MAPS}/empty.png", _black_pixel())
+        if summary.splits:
+            splits = {SPLIT + name: [_scene(number) for number in numbers] for name, numbers in summary.splits.items()}
+            files.write(f"{VERSION}/splits.json", json.dumps(splits).encode() + b"\n")
+        files.write(f"{MAPS}/empty.png", black_png(1, 1))
         colors = {row["name"]: _color(row["index"]) for row in tables.category()}
         files.write(COLORS, json.dumps(colors).encode() + b"\n")
 
@@ -141,54 +192,28 @@ def _color(label: int) -> list[int]:
     return list(bytes.fromhex(QUALITATIVE[label % len(QUALITATIVE)][1:])) if label else [0, 0, 0]
 
 
-def _boxes(sample: Sample, time: float, labels: list[int] | None) -> Iterator[dict[str, Any]]:
-    """Yield the instances that have points, with their boxes at the given time."""
-    found, counts = np.unique(sample.cloud.instance, return_counts=True)
-    points = dict(zip(found.tolist(), counts.tolist(), strict=True))
-    parts: dict[int, list[SceneObject]] = {}
-    for item in sample.run.scene.objects:
-        if item.instance and item.instance in points:
-            parts.setdefault(item.instance, []).append(item)
-    for instance, items in sorted(parts.items()):
-        if not all(item.shape.bounded and isinstance(item.label, int) for item in items):
-            continue
-        if labels is None or items[0].label in labels:
-            yield {
-                "instance": instance, "label": items[0].label, "points": points[instance],
-                "moving": any(item.motion is not None for item in items), **_box(items, time),
-            }  # fmt: skip
+def _categories(names: Mapping[int, str]) -> dict[int, str]:
+    """Return the name of each label from 0 to the greatest: the kit needs consecutive indices."""
+    known = NOISE | {**names}
+    return {label: class_name(label, known) for label in range(max(known) + 1)}
 
 
-def _box(items: list[SceneObject], time: float) -> dict[str, list[float]]:
-    """Return the upright box around objects in the kit's format: width before length."""
-    places = [np.eye(4) if item.transform is None else item.transform for item in items]
-    for index, item in enumerate(items):
-        if item.motion is not None:
-            places[index] = item.motion.at(time).as_matrix() @ places[index]
-    yaw = np.arctan2(places[0][1, 0], places[0][0, 0])
-    turn = np.eye(4)
-    turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    bounds = np.array([item.shape._image(turn.T @ place).bounds() for item, place in zip(items, places, strict=True)])
-    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    length, width, height = (high - low).tolist()
-    return {
-        "translation": (turn[:3, :3] @ (low + high) / 2).tolist(),
-        "rotation": [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))],
-        "size": [width, length, height],
-    }
+def _attribute(category: str, *, moves: bool) -> str:
+    moving, still = next((pair for start, pair in MOTION.items() if category.startswith(start)), ("moving", "still"))
+    return moving if moves else still
 
 
 def _channel(sensor: str) -> str:
-    return f"LIDAR_{sensor.upper()}" if sensor else "LIDAR_TOP"
+    name = sensor.upper() or "TOP"
+    return name if name.startswith("LIDAR_") else f"LIDAR_{name}"
 
 
-def _points(record: Record) -> str:
-    channel = _channel(record.sensor)
-    return f"{POINTS}/{channel}/scene-{record.sequence:04}__{channel}__{record.frame:06}.pcd.bin"
+def _scene(sequence: int) -> str:
+    return f"scene-{sequence:04}"
 
 
 def _labels(record: Record) -> str:
-    name = f"scene-{record.sequence:04}__{_channel(record.sensor)}__{record.frame:06}"
+    name = f"{_scene(record.sequence)}__{_channel(record.sensor)}__{record.frame:06}"
     return f"{LABELS}/{VERSION}/{name}_lidarseg.bin"
 
 
@@ -206,8 +231,9 @@ def _placed(matrix: Floats) -> dict[str, list[float]]:
 class _Tables:
     """The rows of each table."""
 
-    def __init__(self, summary: Summary) -> None:
-        self.summary = summary
+    def __init__(self, layout: NuScenes, summary: Summary) -> None:
+        self.layout, self.summary = layout, summary
+        self.categories = _categories(summary.class_names)
 
     def token(self, *parts: object) -> str:
         text = "/".join(map(str, (self.summary.digest, *parts)))
@@ -220,18 +246,17 @@ class _Tables:
         for _, records in groupby(self.summary.records(), lambda record: record.sequence):
             yield list(records)
 
-    def frames(self, records: list[Record]) -> list[Record]:
-        """Return the first record of each frame."""
-        return [next(group) for _, group in groupby(records, lambda record: record.frame)]
+    def key_frames(self, records: list[Record]) -> list[Record]:
+        """Return the first record of each key frame."""
+        firsts = (next(group) for _, group in groupby(records, lambda record: record.frame))
+        return [record for record in firsts if self.layout.shares_stamp(record.frame)]
 
     def category(self) -> Iterator[dict[str, Any]]:
-        names = {0: "noise", **self.summary.class_names}
-        for label in range(max(names) + 1):  # the kit needs consecutive indices
-            name = names.get(label, f"class_{label}")
+        for label, name in self.categories.items():
             yield {"token": self.token("category", label), "name": name, "description": "", "index": label}
 
     def attribute(self) -> Iterator[dict[str, Any]]:
-        for name in ("moving", "still"):
+        for name in itertools.chain(*MOTION.values(), ("moving", "still")):
             yield {"token": self.token("attribute", name), "name": name, "description": ""}
 
     def visibility(self) -> Iterator[dict[str, Any]]:
@@ -239,49 +264,48 @@ class _Tables:
             about = f"visibility of whole object is between {low} and {high}%"
             yield {"token": token, "level": f"v{low}-{high}", "description": about}
 
-    def annotations(self, records: list[Record]) -> dict[int, list[dict[str, Any]]]:
-        """Return the boxes of each instance of a sequence, frame by frame, counting the points of all sensors."""
-        chains: dict[int, list[dict[str, Any]]] = {}
-        for record in records:
-            for box in record.extra["boxes"]:
-                chain = chains.setdefault(box["instance"], [])
-                if chain and chain[-1]["frame"] == record.frame:
-                    chain[-1]["points"] += box["points"]
-                else:
-                    token = self.token("sample_annotation", record.sequence, record.frame, box["instance"])
-                    chain.append({"token": token, "frame": record.frame, **box})
+    def chains(self, records: list[Record]) -> dict[int, list[tuple[Record, Annotation]]]:
+        """Return the boxes of each thing of a sequence in the order of time."""
+        chains: dict[int, list[tuple[Record, Annotation]]] = {}
+        for _, frame in groupby(records, lambda record: record.frame):
+            for record, box in self.layout.annotations(frame):
+                chains.setdefault(box.instance, []).append((record, box))
         return chains
+
+    def box(self, record: Record, box: Annotation) -> str:
+        return self.token("sample_annotation", record.sequence, record.frame, box.instance)
 
     def instance(self) -> Iterator[dict[str, Any]]:
         for records in self.sequences():
-            for number, chain in self.annotations(records).items():
+            for number, chain in self.chains(records).items():
                 yield {
                     "token": self.token("instance", records[0].sequence, number),
-                    "category_token": self.token("category", chain[0]["label"]),
+                    "category_token": self.token("category", chain[0][1].label),
                     "nbr_annotations": len(chain),
-                    "first_annotation_token": chain[0]["token"],
-                    "last_annotation_token": chain[-1]["token"],
+                    "first_annotation_token": self.box(*chain[0]),
+                    "last_annotation_token": self.box(*chain[-1]),
                 }
 
     def sample_annotation(self) -> Iterator[dict[str, Any]]:
         for records in self.sequences():
-            sequence = records[0].sequence
-            for number, chain in self.annotations(records).items():
-                tokens = ["", *(box["token"] for box in chain), ""]
-                for index, box in enumerate(chain):
+            for number, chain in self.chains(records).items():
+                tokens = ["", *itertools.starmap(self.box, chain), ""]
+                for index, (record, box) in enumerate(chain):
+                    attribute = _attribute(self.categories[box.label], moves=any(box.velocity))
+                    length, width, height = box.size
+                    seen = np.searchsorted([high for _, high in VISIBILITY.values()], 100 * (box.visibility or 0.0))
                     yield {
                         "token": tokens[index + 1],
-                        "sample_token": self.token("sample", sequence, box["frame"]),
-                        "instance_token": self.token("instance", sequence, number),
-                        "attribute_tokens": [self.token("attribute", "moving" if box["moving"] else "still")],
-                        "visibility_token": "",
-                        "translation": box["translation"],
-                        "size": box["size"],
-                        "rotation": box["rotation"],
-                        "num_lidar_pts": box["points"],
+                        "sample_token": self.token("sample", record.sequence, record.frame),
+                        "instance_token": self.token("instance", record.sequence, number),
+                        "attribute_tokens": [self.token("attribute", attribute)],
+                        "visibility_token": [*VISIBILITY][seen],
+                        "size": [width, length, height],
+                        "num_lidar_pts": box.points,
                         "num_radar_pts": 0,
                         "prev": tokens[index],
                         "next": tokens[index + 2],
+                        **_placed(record.matrix @ box.matrix),
                     }
 
     def log(self) -> Iterator[dict[str, Any]]:
@@ -313,20 +337,20 @@ class _Tables:
 
     def scene(self) -> Iterator[dict[str, Any]]:
         for records in self.sequences():
-            number = records[0].sequence
+            number, keys = records[0].sequence, self.key_frames(records)
             yield {
                 "token": self.token("scene", number),
                 "log_token": self.token("log"),
-                "nbr_samples": len(self.frames(records)),
-                "first_sample_token": self.token("sample", number, records[0].frame),
-                "last_sample_token": self.token("sample", number, records[-1].frame),
-                "name": f"scene-{number:04}",
+                "nbr_samples": len(keys),
+                "first_sample_token": self.token("sample", number, keys[0].frame),
+                "last_sample_token": self.token("sample", number, keys[-1].frame),
+                "name": _scene(number),
                 "description": "",
             }
 
     def sample(self) -> Iterator[dict[str, Any]]:
         for records in self.sequences():
-            frames = self.frames(records)
+            frames = self.key_frames(records)
             tokens = ["", *(self.token("sample", record.sequence, record.frame) for record in frames), ""]
             for index, record in enumerate(frames):
                 yield {
@@ -336,21 +360,23 @@ class _Tables:
 
     def sample_data(self) -> Iterator[dict[str, Any]]:
         for records in self.sequences():
+            keys = [record.frame for record in self.key_frames(records)]
             for name in sorted({record.sensor for record in records}):
                 own = [record for record in records if record.sensor == name]
                 tokens = ["", *(self.of(record, "sample_data") for record in own), ""]
                 for index, record in enumerate(own):
+                    following = keys[min(bisect_left(keys, record.frame), len(keys) - 1)]
                     yield {
                         "token": tokens[index + 1],
-                        "sample_token": self.token("sample", record.sequence, record.frame),
+                        "sample_token": self.token("sample", record.sequence, following),
                         "ego_pose_token": self.of(record, "ego_pose"),
                         "calibrated_sensor_token": self.token("calibrated_sensor", record.sequence, name),
                         "timestamp": _stamp(record),
                         "fileformat": "pcd",
-                        "is_key_frame": True,
+                        "is_key_frame": self.layout.shares_stamp(record.frame),
                         "height": 0,
                         "width": 0,
-                        "filename": _points(record),
+                        "filename": self.layout.points(record),
                         "prev": tokens[index],
                         "next": tokens[index + 2],
                     }
@@ -362,15 +388,7 @@ class _Tables:
             }  # fmt: skip
 
     def lidarseg(self) -> Iterator[dict[str, Any]]:
-        for record in self.summary.records():
+        keys = (record for record in self.summary.records() if self.layout.shares_stamp(record.frame))
+        for record in keys:
             token = self.of(record, "sample_data")
             yield {"token": token, "sample_data_token": token, "filename": _labels(record)}
-
-
-def _black_pixel() -> bytes:
-    """Return a PNG of one black pixel, since the kit opens a map."""
-    chunks = (b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0)), (b"IDAT", zlib.compress(b"\0\0")), (b"IEND", b"")
-    parts = (
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)

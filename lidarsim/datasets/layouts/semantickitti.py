@@ -2,7 +2,8 @@
 
 ``sequences/00/velodyne/000000.bin`` holds the points, ``labels/000000.label`` their classes and instances,
 ``poses.txt`` the poses in a camera frame, relative to the first, ``calib.txt`` the rotation from sensor to camera,
-``times.txt`` the times since the first in s, and ``semantic-kitti.yaml`` the classes. With a rig, all of these are in a
+``times.txt`` the times since the first in s, and ``semantic-kitti.yaml`` the classes and the splits: ``val`` is called
+``valid`` there, and without splits all sequences are in ``train``. With a rig, all of these are in a
 folder per sensor. File k, counting from 0, belongs to line k of ``poses.txt`` and ``times.txt``, as readers of KITTI
 expect: a sensor that is slower than the rig counts its own frames. ``seconds`` in ``manifest.jsonl`` is the time that
 all sensors share.
@@ -85,7 +86,7 @@ class SemanticKitti(Layout):
             for sensor in sorted({record.sensor for record in records}):
                 sensors.add(sensor)
                 _finish(files, [record for record in records if record.sensor == sensor])
-        text = yaml.safe_dump(_classes(summary.class_names, sequences), sort_keys=False).encode()
+        text = yaml.safe_dump(_classes(summary.class_names, _splits(summary, sequences)), sort_keys=False).encode()
         for sensor in sorted(sensors):
             files.write(f"{_root(sensor)}{CLASSES}", text)
 
@@ -128,7 +129,13 @@ def _finish(files: Files, records: list[Record]) -> None:
     files.write(f"{folder}/calib.txt", "".join(rows).encode())
 
 
-def _classes(names: dict[int, str], sequences: list[int]) -> dict[str, object]:
+def _splits(summary: Summary, sequences: list[int]) -> dict[str, list[int]]:
+    """Return the splits by the kit's names, of which it needs three."""
+    given = {"valid" if name == "val" else name: numbers for name, numbers in summary.splits.items()}
+    return {"train": [] if given else sequences, "valid": [], "test": []} | given
+
+
+def _classes(names: dict[int, str], splits: dict[str, list[int]]) -> dict[str, object]:
     """Return the classes in the kit's format; colours are blue, green, red."""
     labels = {0: "unlabeled", **names}
     learnt = {label: index for index, label in enumerate(sorted(labels))}
@@ -139,7 +146,7 @@ def _classes(names: dict[int, str], sequences: list[int]) -> dict[str, object]:
         "learning_map": learnt,
         "learning_map_inv": {index: label for label, index in learnt.items()},
         "learning_ignore": {index: label == 0 for label, index in learnt.items()},
-        "split": {"train": sequences, "valid": [], "test": []},
+        "split": splits,
     }
 
 

@@ -2,7 +2,10 @@
 
 ``shards/000000.tar`` holds, for each sample, ``<sequence>_<frame>.npz`` with its points and ``….json`` with its numbers
 and pose; with a rig ``….<sensor>.npz``. ``index.parquet`` has one row per sample: the place of its archive in the tar,
-and everything in the JSON.
+and everything in the JSON except boxes.
+
+With ``boxes: true``, or a filter of boxes, the JSON has ``boxes``, and ``boxes.parquet`` has one row per box, as in
+`lidarsim.Boxes`, in the frame of the points of its sample; ``rotation`` has the rows of the matrix.
 
 Format: https://github.com/webdataset/webdataset.
 """
@@ -19,10 +22,10 @@ from itertools import islice
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from lidarsim._extras import import_extra
-from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Noted, Summary, Write
+from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Layout, Noted, Summary, Write, class_name
 from lidarsim.datasets.samples import Number, Record, Sample
 from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError
@@ -33,7 +36,7 @@ if TYPE_CHECKING:
 
 FIELDS = ("intensity", "time", "ring", "label", "object_id")
 ROWS = 1 << 16
-FOLDER, INDEX = "shards", "index.parquet"
+FOLDER, INDEX, BOXES = "shards", "index.parquet", "boxes.parquet"
 
 
 class Located(Noted):
@@ -44,18 +47,32 @@ class Located(Noted):
     size: Number
 
 
+def _switched(value: object) -> object:
+    return {True: {}, False: None}[value] if isinstance(value, bool) else value
+
+
 class Shards(Layout):
-    """Tar files of NumPy archives, and a Parquet index. `xyz` is float32; `fields` lists the other fields."""
+    """Tar files of NumPy archives, a Parquet index and, if there are to be, boxes.
+
+    `xyz` is float32, and float64 in world coordinates; `fields` lists the other fields.
+    """
 
     noted: ClassVar[type[Noted]] = Located
+    in_world: ClassVar[bool] = True
 
     type: Literal["shards"]
     fields: list[str] = Field(default=list(FIELDS))
+    boxes: Annotated[Kept | None, BeforeValidator(_switched)] = None
+
+    @property
+    def kept(self) -> BoxFilter | None:
+        """Filter of the boxes; None for no boxes."""
+        return self.boxes
 
     def names(self, run: Run, sequences: int) -> set[str]:
-        """Return the folder of shards, and their index."""
+        """Return the folder of shards, and the tables."""
         del run, sequences
-        return {FOLDER, INDEX}
+        return {FOLDER, INDEX} | ({BOXES} if self.boxes else set())
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
@@ -76,7 +93,8 @@ class Shards(Layout):
             npz.save(self._arrays(sample), buffer)
             base = ".".join(filter(None, (f"{record.sequence:06}_{record.frame:06}", record.sensor)))
             offset = add(f"{base}.npz", buffer.getvalue())
-            add(f"{base}.json", json.dumps(_said(record)).encode())
+            boxes = {"boxes": [dataclasses.asdict(box) for box in record.boxes]} if self.boxes else {}
+            add(f"{base}.json", json.dumps(_said(record) | boxes).encode())
             about["samples"] += 1
             about["points"] += record.points
             return {"shard": name, "offset": offset, "size": buffer.tell()}
@@ -89,27 +107,42 @@ class Shards(Layout):
         for name in self.fields:
             if name not in cloud.fields:
                 raise FileFormatError(f"fields: expected some of {', '.join(cloud.fields)}, got {name!r}")
-        arrays = {"xyz": cloud.xyz.astype(np.float32)}
+        in_world = sample.run.cloud["frame"] == "world"
+        arrays = {"xyz": cloud.xyz if in_world else cloud.xyz.astype(np.float32)}
         return arrays | {name: getattr(cloud, name) for name in self.fields if name != "xyz"}
 
     def finish(self, files: Files, summary: Summary) -> None:
-        """Write the index."""
+        """Write the tables."""
         arrow = import_extra("pyarrow", "cluster", "the index of shards")
-        parquet = import_extra("pyarrow.parquet", "cluster", "the index of shards")
-        numbers = {
-            "sequence": arrow.int64(),
-            "frame": arrow.int64(),
-            "seconds": arrow.float64(),
-            "points": arrow.int64(),
-        }
-        numbers |= {"offset": arrow.int64(), "size": arrow.int64()}
-        texts = dict.fromkeys(("shard", "key", "sensor"), arrow.string())
-        schema = arrow.schema({**texts, **numbers, "pose": arrow.list_(arrow.float64(), 12)})
-        with files.local(INDEX) as path, parquet.ParquetWriter(path, schema) as writer:
-            samples = summary.records()
-            while records := list(islice(samples, ROWS)):
-                rows = [{**_said(record), **record.extra, "key": _key(record)} for record in records]
-                writer.write_table(arrow.Table.from_pylist(rows, schema=schema))
+        whole, real, text = arrow.int64(), arrow.float64(), arrow.string()
+        located = {"key": text, "split": text, "sequence": whole, "frame": whole, "sensor": text}
+        numbers = {"seconds": real, "points": whole, "pose": arrow.list_(real, 12)}
+        place = {"shard": text, "offset": whole, "size": whole}
+        _write_table(files, INDEX, located | numbers | place, (_row(record) for record in summary.records()))
+        if not self.boxes:
+            return
+        three = dict.fromkeys(("center", "size", "velocity"), arrow.list_(real, 3))
+        things = {"instance": whole, "label": whole, "name": text, **three, "rotation": arrow.list_(real, 9)}
+        seen = {"points": whole, "visibility": real, "truncation": real, "time": real}
+        boxes = (
+            _row(record) | dataclasses.asdict(box) | {"name": class_name(box.label, summary.class_names)}
+            for record in summary.records()
+            for box in record.boxes
+        )
+        _write_table(files, BOXES, located | things | seen, boxes)
+
+
+def _write_table(files: Files, name: str, columns: dict[str, Any], rows: Iterator[dict[str, Any]]) -> None:
+    arrow = import_extra("pyarrow", "cluster", "the tables of shards")
+    parquet = import_extra("pyarrow.parquet", "cluster", "the tables of shards")
+    schema = arrow.schema(columns)
+    with files.local(name) as path, parquet.ParquetWriter(path, schema) as writer:
+        while part := list(islice(rows, ROWS)):
+            writer.write_table(arrow.Table.from_pylist(part, schema=schema))
+
+
+def _row(record: Record) -> dict[str, Any]:
+    return {**_said(record), **record.extra, "key": _key(record)}
 
 
 def _key(record: Record) -> str:
@@ -117,4 +150,5 @@ def _key(record: Record) -> str:
 
 
 def _said(record: Record) -> dict[str, Any]:
-    return {key: value for key, value in dataclasses.asdict(record).items() if key not in {"body", "extra"}}
+    names = ("sequence", "frame", "sensor", "split", "seconds", "points", "pose")
+    return {name: getattr(record, name) for name in names}

@@ -1,0 +1,225 @@
+"""KITTI's object detection, as OpenPCDet and MMDetection3D read it.
+
+``training/velodyne/000000.bin`` holds the points of a frame, ``training/label_2/000000.txt`` its boxes, one per line,
+``training/calib/000000.txt`` the calibration, and ``ImageSets/train.txt`` the frames of a split. Frames are numbered
+through all sequences; those of the split ``test`` are in ``testing``, with labels, which KITTI keeps to itself. Without
+splits, all frames are in ``train``. ``trainval.txt`` has those of ``train`` and ``val``. With a rig, each sensor has a
+folder with all of these.
+
+KITTI labels what its camera sees, so there is a virtual camera in the sensor's origin, which looks along x, with y to
+its left and z up: an ideal pinhole with KITTI's resolution and focal length, the principal point in the middle of the
+image. All of P0 to P3 are its projection. A label has:
+
+- the class; a class without a name, say 10, is ``class_10``,
+- truncation: share of the box's volume outside of the view of the camera. Boxes wholly outside have no label,
+- occlusion, from the share of the thing's pulses that reach it: 0 from 0.8, 1 from 0.4, 2 below, 3 if no pulse would,
+- alpha, the bearing of the camera relative to the thing,
+- the rectangle of the image, in pixels, around what of the box is in view,
+- height, width and length, the middle of its bottom in the frame of the camera, and rotation_y about its y axis, which
+  points down. If a thing is tilted towards the sensor, these are of the upright box of the same heading around its box.
+
+A frame without labels has one line DontCare of no area, since OpenPCDet does not read empty files. There are no images;
+``image_2`` has a black one per frame, because both packages read the size of the image from it.
+
+Points are deskewed to the start of the frame unless the run says otherwise, and points of moving things are moved
+along. With ``cloud: {deskew: false}``, each box is where its points are on average.
+
+Format: https://www.cvlibs.net/datasets/kitti/eval_object.php, the object development kit, readme.txt.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from lidarsim._validation import shown
+from lidarsim.config.schema import Model
+from lidarsim.datasets.layouts._camera import seen
+from lidarsim.datasets.layouts._images import black_png
+from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Layout, Noted, Summary, Write, class_name
+from lidarsim.datasets.samples import Annotation, Number, Record, Sample
+from lidarsim.errors import ArgumentValueError
+from lidarsim.io import kitti
+from lidarsim.rig import Rig
+
+if TYPE_CHECKING:
+    from lidarsim._validation import Floats
+    from lidarsim.run import Run
+
+SETS, TRAINING, TESTING = "ImageSets", "training", "testing"
+SPLITS = ("train", "val", "test")
+"""Splits that both packages read, even if they are empty."""
+
+IGNORED = "DontCare"
+NOTHING = f"{IGNORED} -1 -1 -10 0 0 0 0 -1 -1 -1 -1000 -1000 -1000 -10\n"
+"""A label that says nothing about no pixel."""
+
+TO_CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""Sensor to camera, whose x points right, y down and z forward."""
+
+OCCLUSION = (0.8, 0.4)
+"""Least visibility of things that are fully visible (0), and partly occluded (1)."""
+
+
+class Camera(Model):
+    """A virtual camera: width and height of its image and its focal length, all in pixels."""
+
+    width: Annotated[int, Field(ge=1, le=16384)] = 1242
+    height: Annotated[int, Field(ge=1, le=16384)] = 375
+    focal: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 721.5377
+
+    @property
+    def projection(self) -> Floats:
+        """Frame of the camera to pixels, shape (3, 4)."""
+        focal, column, row = self.focal, self.width / 2, self.height / 2
+        return np.array([[focal, 0.0, column, 0.0], [0.0, focal, row, 0.0], [0.0, 0.0, 1.0, 0.0]])
+
+
+class Numbered(Noted):
+    """Number of a sample among those of all sequences."""
+
+    number: Number
+
+
+@dataclass(frozen=True)
+class _Upright:
+    """A box that is upright in the frame of the sensor, with its heading, rad."""
+
+    center: Floats
+    size: Floats
+    axes: Floats
+    yaw: float
+
+
+def _upright(box: Annotation) -> _Upright:
+    """Return the upright box of the same centre and heading around a box."""
+    turn, yaw = box.matrix[:3, :3], math.atan2(box.rotation[3], box.rotation[0])
+    axes = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    return _Upright(np.array(box.center), np.abs(axes.T @ turn) @ box.size, axes, yaw)
+
+
+class Kitti(Layout):
+    """Points and boxes for detectors that learn from KITTI."""
+
+    noted: ClassVar[type[Noted]] = Numbered
+    reading: ClassVar[str] = """
+Labels are of what a virtual camera sees that looks along the sensor's x axis. There are no images: those in `image_2`
+are black, and only tell their size.
+"""
+
+    type: Literal["kitti"]
+    boxes: Kept = BoxFilter()
+    camera: Camera = Camera()
+
+    @property
+    def kept(self) -> BoxFilter:
+        """Filter of the boxes."""
+        return self.boxes
+
+    def check_classes(self, class_names: Mapping[int, str]) -> None:
+        """Raise `ValueError` if a class name cannot stand in a label."""
+        super().check_classes(class_names)
+        labels = self.boxes.labels(class_names)
+        for label, name in class_names.items():
+            if labels is not None and label not in labels:
+                continue
+            if not name.isprintable() or re.fullmatch(r"\S+", name) is None or name == IGNORED:
+                expected = f"printable text without spaces, and not {IGNORED}, in kitti"
+                raise ArgumentValueError(f"class_names[{label}]", expected, shown(name))
+
+    def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
+        """Yield the boxes that the camera sees."""
+        return (pair for pair in super().annotations(frame) if self._view(_upright(pair[1])) is not None)
+
+    def names(self, run: Run, sequences: int) -> set[str]:
+        """Return a folder per sensor of a rig, or the names for a single sensor."""
+        del sequences
+        return set(run.sensor) if isinstance(run.sensor, Rig) else {SETS, TRAINING, TESTING}
+
+    @contextmanager
+    def writer(self, files: Files, shard: int) -> Iterator[Write]:
+        """Yield a function that writes the four files of a sample."""
+        del shard
+        image = black_png(self.camera.width, self.camera.height)
+
+        def write(sample: Sample) -> Extra:
+            record = sample.record
+            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
+            buffer = BytesIO()
+            kitti.save({name: getattr(sample.cloud, name) for name in sample.cloud.fields}, buffer)
+            labels = "".join(filter(None, (self._label(box, sample.class_names) for box in record.boxes)))
+            parts: dict[str, bytes | memoryview] = {
+                "velodyne/{}.bin": buffer.getbuffer(),
+                "label_2/{}.txt": (labels or NOTHING).encode(),
+                "calib/{}.txt": self._calibration(record).encode(),
+                "image_2/{}.png": image,
+            }
+            folder = f"{_root(record.sensor)}{TESTING if record.split == 'test' else TRAINING}"
+            for name, data in parts.items():
+                files.write(f"{folder}/{name.format(_name(sample.number))}", data, **about)
+            return {"number": sample.number}
+
+        yield write
+
+    def _label(self, box: Annotation, names: Mapping[int, str]) -> str:
+        """Return the line of a box; empty if the camera does not see it."""
+        upright = _upright(box)
+        view = self._view(upright)
+        if view is None:
+            return ""
+        rectangle, truncation = view
+        size, yaw = upright.size, upright.yaw
+        x, y, z = (TO_CAMERA[:3, :3] @ (box.center - np.array([0.0, 0.0, size[2] / 2]))).tolist()
+        length, width, height = size.tolist()
+        rotation = _wrapped(-yaw - math.pi / 2)
+        alpha = _wrapped(rotation - math.atan2(x, z))
+        numbers = (alpha, *rectangle, height, width, length, x, y, z, rotation)
+        occlusion = 3 if box.visibility is None else sum(box.visibility < least for least in OCCLUSION)
+        name = class_name(box.label, names)
+        return f"{name} {truncation!r} {occlusion} {' '.join(map(repr, numbers))}\n"
+
+    def _view(self, box: _Upright) -> tuple[tuple[float, ...], float] | None:
+        """Return the rectangle around what the camera sees of a box, and the share that it does not; see `seen`."""
+        corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * box.size @ box.axes.T + box.center
+        return seen(corners @ TO_CAMERA[:3, :3].T, self.camera.projection, self.camera.width, self.camera.height)
+
+    def _calibration(self, record: Record) -> str:
+        body_to_sensor = np.linalg.inv(record.matrix) @ record.body_matrix
+        matrices = {f"P{index}": self.camera.projection for index in range(4)}
+        matrices |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": TO_CAMERA[:3], "Tr_imu_to_velo": body_to_sensor[:3]}
+        return "".join(
+            f"{name}: {' '.join(f'{value:.12e}' for value in rows.flat)}\n" for name, rows in matrices.items()
+        )
+
+    def finish(self, files: Files, summary: Summary) -> None:
+        """Write the frames of each split."""
+        parts: dict[str, dict[str, list[int]]] = {}
+        for record in summary.records():
+            sets = parts.setdefault(record.sensor, {name: [] for name in (*SPLITS, *summary.splits)})
+            sets[record.split or SPLITS[0]].append(record.extra["number"])
+        for sensor, sets in sorted(parts.items()):
+            both = {} if "trainval" in sets else {"trainval": sorted(sets["train"] + sets["val"])}
+            for name, numbers in (sets | both).items():
+                lines = "".join(f"{_name(number)}\n" for number in numbers)
+                files.write(f"{_root(sensor)}{SETS}/{name}.txt", lines.encode())
+
+
+def _name(number: int) -> str:
+    return f"{number:06}"
+
+
+def _root(sensor: str) -> str:
+    return f"{sensor}/" if sensor else ""
+
+
+def _wrapped(angle: float) -> float:
+    """Return an angle from −π to π, rad."""
+    return math.remainder(angle, 2 * math.pi)
