@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Protocol, Self
 from weakref import WeakKeyDictionary
 
@@ -67,6 +67,8 @@ class Boxes(Pickled):
         Moment of the box, s.
     class_names : mapping of int to str
         Names of labels, from the scene.
+    in_sensor_frame : bool
+        Whether the boxes are in a sensor frame that is not the world; `lidarsim.show` compares it with that of points.
     """
 
     center: Floats
@@ -80,6 +82,7 @@ class Boxes(Pickled):
     truncation: Floats
     time: Floats
     class_names: Mapping[int, str] = field(default_factory=dict)
+    in_sensor_frame: bool = False
 
     def __len__(self) -> int:
         """Return the number of boxes."""
@@ -108,8 +111,8 @@ class Boxes(Pickled):
     def __getitem__(self, index: slice | npt.ArrayLike) -> Self:
         """Return the boxes that a slice, a mask or an array of indices selects."""
         which = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
-        own = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        return type(self)(**{name: value if name == "class_names" else value[which] for name, value in own.items()})
+        own: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        return replace(self, **{name: value[which] for name, value in own.items() if isinstance(value, np.ndarray)})
 
     @property
     def yaw(self) -> Floats:
@@ -229,6 +232,7 @@ def boxes_of(
         truncation=truncation,
         time=time,
         class_names=dict(scan.class_names),
+        in_sensor_frame=not in_world,
     )
 
 

@@ -310,8 +310,12 @@ class Scan(Pickled, Plotted):
         return moment
 
     def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
-        elsewhere = frame == "sensor" and (isinstance(self.pose, Trajectory) or self.pose.tolist() != _IDENTITY)
-        return PointCloud._of(_native.points_of(self, path, frame, moment), self.class_names, in_sensor_frame=elsewhere)
+        fields = _native.points_of(self, path, frame, moment)
+        return PointCloud._of(fields, self.class_names, in_sensor_frame=self._is_elsewhere(frame))
+
+    def _is_elsewhere(self, frame: str) -> bool:
+        """Return whether a frame is not the world."""
+        return frame == "sensor" and (isinstance(self.pose, Trajectory) or self.pose.tolist() != _IDENTITY)
 
     def _move_along(self, cloud: PointCloud, frame: str, moment: float) -> None:
         """Move the points and normals on moving objects to where they are at a moment."""
@@ -396,7 +400,7 @@ class Scan(Pickled, Plotted):
         world = self._scanned()
         if moment is not None:
             world.check_motions(moment, moment)
-        return boxes_of(self, world, self._path(), moment, in_world=frame == "world", min_points=least)
+        return boxes_of(self, world, self._path(), moment, in_world=not self._is_elsewhere(frame), min_points=least)
 
     def image(
         self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None

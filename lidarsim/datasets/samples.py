@@ -198,7 +198,6 @@ def _annotations(boxes: Boxes) -> tuple[Annotation, ...]:
     """
     reach = np.abs(boxes.center).max(axis=1, initial=0.0) + np.linalg.norm(boxes.size, axis=1)
     size = boxes.size + 2.0 * np.sqrt(3.0) * 2.0 * UNIT32 * reach[:, None]
-    truncation = getattr(boxes, "truncation", np.zeros(len(boxes)))
     seen = [None if np.isnan(share) else share for share in boxes.visibility.tolist()]
     three = zip(boxes.center.tolist(), size.tolist(), boxes.velocity.tolist(), strict=True)
     return tuple(
@@ -221,7 +220,7 @@ def _annotations(boxes: Boxes) -> tuple[Annotation, ...]:
             three,
             boxes.rotation.reshape(-1, 9).tolist(),
             seen,
-            truncation.tolist(),
+            boxes.truncation.tolist(),
             boxes.time.tolist(),
             strict=True,
         )

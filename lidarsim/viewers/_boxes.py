@@ -37,4 +37,5 @@ def moved(boxes: Boxes, pose: Floats) -> Boxes:
         center=boxes.center @ turn.T + pose[:3, 3],
         rotation=turn @ boxes.rotation,
         velocity=boxes.velocity @ turn.T,
+        in_sensor_frame=False,
     )

@@ -252,6 +252,12 @@ def _boxes(boxes: Boxes | Sequence[Boxes | None] | None, count: int) -> Sequence
 
 
 def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None) -> Frame:
+    in_sensor_frame = isinstance(what, PointCloud) and what._in_sensor_frame
+    if boxes is not None and boxes.in_sensor_frame != in_sensor_frame:
+        places = "boxes in the sensor frame, as the points", "boxes in world coordinates"
+        expected, got = places if in_sensor_frame else places[::-1]
+        hint = f"scan.boxes(frame={'sensor' if in_sensor_frame else 'world'!r})"
+        raise ArgumentValueError("boxes", expected, got.removesuffix(", as the points"), hint)
     if isinstance(what, PointCloud):
         if pose is not None and what._in_sensor_frame:
             what, boxes = what.transformed(pose), boxes and moved(boxes, pose)

@@ -173,3 +173,24 @@ def test_a_plan_has_no_perspective(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(low, high, atol=1e-12)
     assert low[0, 0] > 0 > low[1, 0]  # y grows to the left
     assert np.abs(view.places(picture.seen(), 1.5)).max() <= 1.0
+
+
+def test_boxes_and_points_are_in_the_same_coordinates(tmp_path: Path) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Box((1, 4, 3), center=(15, 2, 0)), label=1)
+    pose = np.eye(4)
+    pose[:3, 3] = (10, 0, 0)
+    scan = ls.Lidar.preset("velodyne-vlp16").scan(scene, pose)
+    inside, outside = scan.boxes(), scan.boxes(frame="world")
+    assert (inside.in_sensor_frame, outside.in_sensor_frame, inside[:1].in_sensor_frame) == (True, False, True)
+    for what in (scan, scan.point_cloud("world")):
+        with pytest.raises(
+            ValueError, match=r"^boxes: expected boxes in world coordinates, got boxes in the sensor fr"
+        ):
+            ls.show(what, boxes=inside, save=tmp_path / "a.html")
+    with pytest.raises(ValueError, match=r"^boxes: expected boxes in the sensor frame, as the points, got boxes in wo"):
+        ls.show(scan.point_cloud(), boxes=outside, save=tmp_path / "a.html")
+    assert not list(tmp_path.iterdir())
+    ls.show(scan.point_cloud(), boxes=inside, pose=pose, save=tmp_path / "a.html")
+    at_rest = ls.Lidar.preset("velodyne-vlp16").scan(scene)
+    ls.show(at_rest, boxes=at_rest.boxes(), save=tmp_path / "b.html")

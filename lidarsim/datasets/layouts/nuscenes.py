@@ -46,6 +46,7 @@ from lidarsim.datasets.samples import Annotation, Record, Sample
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io import nuscenes
 from lidarsim.io._units import fitting
+from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import QUALITATIVE
 
 if TYPE_CHECKING:
@@ -184,12 +185,13 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
             splits = {SPLIT + name: [_scene(number) for number in numbers] for name, numbers in summary.splits.items()}
             files.write(f"{VERSION}/splits.json", json.dumps(splits).encode() + b"\n")
         files.write(f"{MAPS}/empty.png", black_png(1, 1))
-        colors = {row["name"]: _color(row["index"]) for row in tables.category()}
+        colors = {row["name"]: _color(row["index"], row["name"]) for row in tables.category()}
         files.write(COLORS, json.dumps(colors).encode() + b"\n")
 
 
-def _color(label: int) -> list[int]:
-    return list(bytes.fromhex(QUALITATIVE[label % len(QUALITATIVE)][1:])) if label else [0, 0, 0]
+def _color(label: int, name: str) -> list[int]:
+    color = class_color(name) or QUALITATIVE[label % len(QUALITATIVE)]
+    return list(bytes.fromhex(color[1:])) if label else [0, 0, 0]
 
 
 def _categories(names: Mapping[int, str]) -> dict[int, str]:

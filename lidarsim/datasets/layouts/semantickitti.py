@@ -28,6 +28,7 @@ from lidarsim.errors import LidarsimError
 from lidarsim.io import kitti, semantickitti
 from lidarsim.io.trajectories.kitti import write as write_poses
 from lidarsim.rig import Rig
+from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import QUALITATIVE
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def _classes(names: dict[int, str], splits: dict[str, list[int]]) -> dict[str, o
     return {
         "name": "lidarsim",
         "labels": dict(sorted(labels.items())),
-        "color_map": {label: _color(label) if label else [0, 0, 0] for label in sorted(labels)},
+        "color_map": {label: _color(label, labels[label]) if label else [0, 0, 0] for label in sorted(labels)},
         "learning_map": learnt,
         "learning_map_inv": {index: label for label, index in learnt.items()},
         "learning_ignore": {index: label == 0 for label, index in learnt.items()},
@@ -150,5 +151,7 @@ def _classes(names: dict[int, str], splits: dict[str, list[int]]) -> dict[str, o
     }
 
 
-def _color(label: int) -> list[int]:
-    return list(bytes.fromhex(QUALITATIVE[label % len(QUALITATIVE)][1:]))[::-1]
+def _color(label: int, name: str) -> list[int]:
+    """Return blue, green and red, the order of the file."""
+    color = class_color(name, label) or QUALITATIVE[label % len(QUALITATIVE)]
+    return list(bytes.fromhex(color[1:]))[::-1]

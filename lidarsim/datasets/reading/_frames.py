@@ -201,13 +201,15 @@ def boxes_at(
         "instance": np.zeros(count, np.uint32),
         "points": np.zeros(count, np.int64),
         "visibility": np.full(count, np.nan),
+        "truncation": np.full(count, np.nan),
         "time": np.zeros(count),
     }
+    own: dict[str, Any] = {name: np.asarray(known.get(name, value), value.dtype) for name, value in unknown.items()}
     return Boxes(
         center=np.reshape(center, (-1, 3)).astype(np.float64),
         size=np.reshape(size, (-1, 3)).astype(np.float64),
         rotation=np.reshape(rotation, (-1, 3, 3)).astype(np.float64),
         label=np.array(label, np.uint32),
         class_names=dict(names),
-        **{name: np.asarray(known.get(name, value), value.dtype) for name, value in unknown.items()},
+        **own,
     )
