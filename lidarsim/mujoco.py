@@ -115,7 +115,7 @@ class World(Pickled):
             if body[geom]
         }
         self._moving = np.array([geom for geom in objects if _moves(model, int(body[geom]))], np.intp)
-        self._objects = [objects[geom] for geom in self._moving.tolist()]
+        self._objects = np.array([objects[geom] for geom in self._moving.tolist()], np.intp)
         self._poses = mjcf.poses(data, self._moving)
 
     @property
@@ -150,8 +150,8 @@ class World(Pickled):
             raise ArgumentValueError(
                 "data", "finite poses", f"one of {name!r} that is not", "is the simulation stable?"
             )
-        for i in np.flatnonzero((poses != self._poses).any(axis=(1, 2))).tolist():
-            self.scene.update(self._objects[i], transform=poses[i])
+        moved = (poses != self._poses).any(axis=(1, 2))
+        self.scene.update_transforms(self._objects[moved], poses[moved])
         self._poses = poses
 
     def pose(self, data: mujoco.MjData, *, site: str) -> Floats:

@@ -134,10 +134,7 @@ pub fn build<L: Send>(
     } else {
         ids.filter_map(&bounds).fold(nothing, unite)
     };
-    let center: Point = all.map(|side| {
-        let middle = side.middle();
-        if middle.is_finite() { middle } else { 0.0 }
-    });
+    let center = center_of(all);
     let item = |id| {
         job.poll();
         let bounds = bounds(id).map_or(Aabb::EMPTY, |bounds| Aabb::around(bounds, center));
@@ -162,6 +159,14 @@ pub fn build<L: Send>(
     };
     let leaves = collect(parts.leaves.len(), shared, leaf);
     Bvh::with(center, memory::copy(&parts.nodes), leaves)
+}
+
+/// The centre of a hierarchy with these bounds, which may be empty or unlimited.
+pub fn center_of(bounds: [Interval; 3]) -> Point {
+    bounds.map(|side| {
+        let middle = side.middle();
+        if middle.is_finite() { middle } else { 0.0 }
+    })
 }
 
 /// The values of `make` for the numbers below `count`, in order. If `shared`, all threads of the pool take

@@ -36,6 +36,34 @@ impl TriangleMesh {
         })
     }
 
+    /// The same faces over other vertices, with the hierarchy refitted to them: it has the same leaves, whose
+    /// triangles are taken anew. `None` if the number of vertices differs.
+    pub fn deformed(&self, vertices: Vec<Point>) -> Option<Self> {
+        if vertices.len() != self.vertices.len() {
+            return None;
+        }
+        let hierarchy = self.hierarchy();
+        let mesh = TriangleMesh {
+            vertices,
+            faces: memory::copy(&self.faces),
+            bounds: Once::new(),
+            dop: Once::new(),
+            hierarchy: Once::new(),
+        };
+        mesh.hierarchy.get_or_make(|| {
+            let bounds = mesh.bounds().unwrap_or(hierarchy.center().map(Interval::point));
+            hierarchy.remade(bounds, |leaf| mesh.leaf(leaf.ids()))
+        });
+        Some(mesh)
+    }
+
+    /// The leaf of some triangles, at least one, and its bounds.
+    fn leaf(&self, ids: &[u32]) -> (Leaf, [Interval; 3]) {
+        let corners = ids.iter().flat_map(|&id| self.corners(id));
+        let bounds = corners.fold([Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3], including);
+        (Leaf::new(ids, |id| self.triangle(id)), bounds)
+    }
+
     pub fn vertices(&self) -> &[Point] {
         &self.vertices
     }
@@ -99,10 +127,7 @@ impl TriangleMesh {
             let first = self.vertices[self.faces.first()?[0] as usize].map(Interval::point);
             Some(self.faces.chunks(1 << 16).fold(first, |bounds, faces| {
                 stop::poll();
-                let all = faces.iter().flatten().map(|&v| self.vertices[v as usize]);
-                all.fold(bounds, |b, v| {
-                    std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
-                })
+                faces.iter().flatten().map(|&v| &self.vertices[v as usize]).fold(bounds, including)
             }))
         })
     }
@@ -128,4 +153,9 @@ impl TriangleMesh {
             + self.faces.len() * size_of::<[u32; 3]>()
             + self.hierarchy.get().map_or(0, Bvh::bytes)
     }
+}
+
+/// The smallest bounds around others and a point.
+fn including(bounds: [Interval; 3], point: &Point) -> [Interval; 3] {
+    std::array::from_fn(|i| Interval { low: bounds[i].low.min(point[i]), high: bounds[i].high.max(point[i]) })
 }
