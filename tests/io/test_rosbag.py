@@ -682,7 +682,10 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
         ({"path": "a.bag"}, r"a.bag: unknown extension '.bag', expected .db3 or .mcap"),
         ({"sensors": {"/top": np.eye(4)}}, r"sensors: expected a name of letters, digits and _, got '/top'"),
         ({"sensors": {"top": np.zeros((4, 4))}}, r"sensors\['top'\]: expected a last row of"),
-        ({"layout": "pandar"}, "layout: expected one of velodyne, ouster, hesai, autoware, livox, got 'pandar'"),
+        (
+            {"layout": "pandar"},
+            "layout: expected one of velodyne, ouster, hesai, autoware, livox, laserscan, got 'pandar'",
+        ),
         ({"layout": {"top": "hesai"}}, "layout: expected names of the sensors lidar, got 'top'"),
         ({"rate": 0}, "rate: expected a finite number > 0, got 0"),
         ({"start": -1}, "start: expected a finite number >= 0, got -1"),

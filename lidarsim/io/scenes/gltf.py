@@ -159,9 +159,7 @@ class _Reader:
         self._rest = Pose(np.array([self._places[index] for index in range(len(nodes))]), self._skins)
         animations = animations_of(self._document, self._data)
         self._weighted = weights_animated(animations)
-        self.file.figure = figure_of(
-            animations, nodes, [index for index, _, _ in order], self._parents, self._rest
-        )
+        self.file.figure = figure_of(animations, nodes, [index for index, _, _ in order], self._parents, self._rest)
         drawn = set(shown_tops)
         for index, top, names in order:
             mesh = nodes[index].mesh
