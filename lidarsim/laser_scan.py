@@ -69,7 +69,7 @@ class LaserScan(Pickled):
 
 
 def laser_scan_of(scan: Scan, too_near: npt.NDArray[np.bool_]) -> LaserScan:
-    """Return a scan as documented in `lidarsim.Scan.laser_scan`; `too_near` tells the pulses below the minimum range."""
+    """Return a scan as documented in `lidarsim.Scan.laser_scan`; `too_near`: pulses below the minimum range."""
     pulses, lidar = scan.pulses, scan.lidar
     n = len(scan)
     rings = np.unique(pulses.ring)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,6 @@ from lidarsim._validation import Floats
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scene import Scene, SceneObject
 from lidarsim.shapes import Box, Polygon, Triangle, TriangleMesh
-
 
 __all__ = ["OccupancyGrid", "occupancy"]
 

@@ -390,7 +390,7 @@ class Scene(Pickled, Plotted):
         if given.ndim != 1 or (given.dtype.kind not in "iu" and given.size):
             raise ArgumentTypeError("ids", "integers of shape (m,)", f"{given.dtype} of shape {given.shape}")
         numbers: list[int] = given.tolist()
-        items = [self._item(number) for number in numbers]
+        items = [self._items.get(number) or self._item(number) for number in numbers]
         places = array("transforms", transforms, (len(items), 4, 4))
         wrong = (places[:, 3] != (0.0, 0.0, 0.0, 1.0)).any(axis=1)
         if wrong.any():

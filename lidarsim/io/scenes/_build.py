@@ -96,7 +96,7 @@ class Moved(Immutable):
                 transform = self.upright @ (np.eye(4) if skinned else pose.places[node]) @ copy
             vertices = mesh.vertices if bend is None else bend.at(pose)
             if not (np.isfinite(transform).all() and np.isfinite(vertices).all()):
-                where = f"animation {ascii(animation)}, nodes[{node}] at {time} s"
+                where = f"animation {animation!a}, nodes[{node}] at {time} s"
                 raise FileFormatError(f"{where}: expected a place within the range of float64")
             shape = mesh if bend is None else mesh.deformed(vertices)
             yield number, *_set_at(shape, transform)

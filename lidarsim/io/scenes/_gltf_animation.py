@@ -192,7 +192,7 @@ class Figure:
                     channels[node, name].at(time) if (node, name) in channels else value
                     for name, value in zip(WIDTHS, rest, strict=True)
                 )
-                own = local_matrix(*parts, f"animation {ascii(animation)}, rotation of nodes[{node}] at {time} s")
+                own = local_matrix(*parts, f"animation {animation!a}, rotation of nodes[{node}] at {time} s")
             else:
                 own = rest
             parent = self.parents[node]

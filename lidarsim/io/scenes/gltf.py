@@ -282,7 +282,7 @@ class _Reader:
         attribute, faces = self._attributes(primitive, where)
         vertices = attribute("POSITION", ["VEC3"])
         _check_finite(vertices, f"{where}.attributes.POSITION")
-        bend = self._bend(vertices, primitive, where, attribute, weights, index)
+        bend = self._bend(vertices, primitive, where, attribute, weights=weights, index=index)
         if bend is not None:
             vertices = bend.at(self._rest)
             if bend.skin is not None:
@@ -400,6 +400,7 @@ class _Reader:
         primitive: gltf.Primitive,
         where: str,
         attribute: Callable[..., Any],
+        *,
         weights: Sequence[float] | None,
         index: int,
     ) -> Bend | None:
