@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::build::{Aabb, PARALLEL, center_of};
+use super::build::{Aabb, PARALLEL, center_of, union};
 use super::node::{Node, WIDTH};
 use super::{Bvh, MAX_LEAF_SIZE};
 use crate::arith::number::Interval;
@@ -21,30 +21,31 @@ impl<L: Clone> Bvh<L> {
 }
 
 impl<L: Send + Sync> Bvh<L> {
-    /// The same hierarchy with each leaf made anew, with its bounds; `bounds` are those of all leaves.
-    #[must_use]
-    pub fn remade(&self, bounds: [Interval; 3], make: impl Fn(&L) -> (L, [Interval; 3]) + Sync) -> Self {
-        // Far from the old centre float32 boxes would be coarse.
-        let center = center_of(bounds);
+    /// The same hierarchy with each leaf made anew, with its bounds; and the bounds of all leaves, if there
+    /// are any.
+    pub fn remade(&self, make: impl Fn(&L) -> (L, [Interval; 3]) + Sync) -> (Self, Option<[Interval; 3]>) {
         let make = |leaf: &L| {
             stop::poll();
-            let (leaf, bounds) = make(leaf);
-            (leaf, Aabb::around(bounds, center))
+            make(leaf)
         };
         let count = self.leaves.len();
-        let (mut leaves, mut boxes) = (memory::with_capacity(count), memory::with_capacity(count));
+        let (mut leaves, mut bounds) = (memory::with_capacity(count), memory::with_capacity(count));
         // As for a build, waking other threads would take as long as the work.
         if count > PARALLEL / MAX_LEAF_SIZE {
-            parallel::run(|| self.leaves.par_iter().map(make).unzip_into_vecs(&mut leaves, &mut boxes));
+            let work = self.leaves.par_iter().with_min_len(PARALLEL / MAX_LEAF_SIZE).map(make);
+            parallel::run(|| work.unzip_into_vecs(&mut leaves, &mut bounds));
         } else {
             for leaf in &self.leaves {
                 let (leaf, around) = make(leaf);
                 leaves.push(leaf);
-                boxes.push(around);
+                bounds.push(around);
             }
         }
-        let nodes = fitted(&self.nodes, |leaf| Some(boxes[leaf]));
-        Bvh::with(center, nodes.unwrap_or_default(), leaves)
+        let all = bounds.iter().copied().reduce(union);
+        // Far from the old centre float32 boxes would be coarse.
+        let center = all.map_or(self.center(), center_of);
+        let nodes = fitted(&self.nodes, |leaf| Some(Aabb::around(bounds[leaf], center)));
+        (Bvh::with(center, nodes.unwrap_or_default(), leaves), all)
     }
 }
 
@@ -145,10 +146,8 @@ mod tests {
             };
             let box_of = |id: u32| Some(first[id as usize].map(Interval::point));
             let built = Bvh::new(count, box_of, MAX_LEAF_SIZE, |ids| ids.to_vec());
-            let remade = built.remade(bounds(&second), |ids| {
-                let points = of(&second, ids);
-                (ids.clone(), bounds(&points))
-            });
+            let (remade, all) = built.remade(|ids| (ids.clone(), bounds(&of(&second, ids))));
+            assert_eq!(format!("{all:?}"), format!("{:?}", Some(bounds(&second))));
             assert_eq!(remade.leaves, built.leaves);
             let points = |ids: &Vec<u32>| of(&second, ids);
             check(&Bvh {

@@ -42,26 +42,16 @@ impl TriangleMesh {
         if vertices.len() != self.vertices.len() {
             return None;
         }
-        let hierarchy = self.hierarchy();
-        let mesh = TriangleMesh {
-            vertices,
-            faces: memory::copy(&self.faces),
-            bounds: Once::new(),
-            dop: Once::new(),
-            hierarchy: Once::new(),
+        let triangle = |id: u32| {
+            let [a, b, c] = self.faces[id as usize].map(|v| vertices[v as usize]);
+            Triangle(a, b, c)
         };
-        mesh.hierarchy.get_or_make(|| {
-            let bounds = mesh.bounds().unwrap_or(hierarchy.center().map(Interval::point));
-            hierarchy.remade(bounds, |leaf| mesh.leaf(leaf.ids()))
-        });
-        Some(mesh)
-    }
-
-    /// The leaf of some triangles, at least one, and its bounds.
-    fn leaf(&self, ids: &[u32]) -> (Leaf, [Interval; 3]) {
-        let corners = ids.iter().flat_map(|&id| self.corners(id));
-        let bounds = corners.fold([Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3], including);
-        (Leaf::new(ids, |id| self.triangle(id)), bounds)
+        let (refitted, around) = self.hierarchy().remade(|leaf| Leaf::with_bounds(leaf.ids(), triangle));
+        let (bounds, hierarchy) = (Once::new(), Once::new());
+        bounds.get_or_make(|| around);
+        hierarchy.get_or_make(|| refitted);
+        let faces = memory::copy(&self.faces);
+        Some(TriangleMesh { vertices, faces, bounds, dop: Once::new(), hierarchy })
     }
 
     pub fn vertices(&self) -> &[Point] {
@@ -127,7 +117,10 @@ impl TriangleMesh {
             let first = self.vertices[self.faces.first()?[0] as usize].map(Interval::point);
             Some(self.faces.chunks(1 << 16).fold(first, |bounds, faces| {
                 stop::poll();
-                faces.iter().flatten().map(|&v| &self.vertices[v as usize]).fold(bounds, including)
+                let all = faces.iter().flatten().map(|&v| self.vertices[v as usize]);
+                all.fold(bounds, |b, v| {
+                    std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
+                })
             }))
         })
     }
@@ -153,9 +146,4 @@ impl TriangleMesh {
             + self.faces.len() * size_of::<[u32; 3]>()
             + self.hierarchy.get().map_or(0, Bvh::bytes)
     }
-}
-
-/// The smallest bounds around others and a point.
-fn including(bounds: [Interval; 3], point: &Point) -> [Interval; 3] {
-    std::array::from_fn(|i| Interval { low: bounds[i].low.min(point[i]), high: bounds[i].high.max(point[i]) })
 }
