@@ -1,9 +1,9 @@
 """Many worlds of robots in a warehouse: wheeled robots of MuJoCo, each with a Livox Mid-360 that scans at 10 Hz.
 
-Run it with the number of worlds, such as ``python robots.py 1000``; the default is 16. Each world has a robot of its own,
-with its own speed, in the same warehouse. The state of all worlds is one array, as a learner would have it. The lidar
-does not see the robot that carries it. The picture shows where the robots have driven and what some of them saw, above
-the true occupancy grid of the warehouse, which is also written as a map for ROS.
+Run it with the number of worlds, such as ``python robots.py 1000``; the default is 16. Each world has one robot, with a
+speed of its own, in the same warehouse. The states of all worlds are in one array, as a learner would have them. The
+lidar does not see the robot that carries it. The picture shows where the robots have driven and what some of them saw,
+above the true occupancy grid of the warehouse, which is also written as a map for ROS.
 """
 
 import sys

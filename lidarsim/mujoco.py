@@ -116,6 +116,7 @@ class World(Pickled):
             if body[geom]
         }
         self._instances = [(int(body[geom]), self.scene[number].instance) for geom, number in objects.items()]
+        self._sizes = {"geom_xpos": int(model.ngeom), "site_xpos": int(model.nsite)}
         self._moving = np.array([geom for geom in objects if _moves(model, int(body[geom]))], np.intp)
         self._objects = np.array([objects[geom] for geom in self._moving.tolist()], np.intp)
         self._poses = mjcf.poses(data, self._moving)
@@ -173,7 +174,7 @@ class World(Pickled):
             If these are not data of the model, or they have no poses yet, or one that is not finite; nothing is then
             moved.
         """
-        self._check(data)
+        self._check(data, "geom_xpos")
         self._move(mjcf.poses(data, self._moving))
 
     def move(self, xpos: npt.ArrayLike, xquat: npt.ArrayLike) -> None:
@@ -241,9 +242,9 @@ class World(Pickled):
 
     def _move(self, poses: Floats) -> None:
         """Move the objects of the moving geoms to these places, geom to world."""
-        wrong = ~np.isfinite(poses).all(axis=(1, 2))
-        if wrong.any():
-            name = self.scene[self._objects[int(np.argmax(wrong))]].name
+        if not np.isfinite(poses).all():
+            wrong = ~np.isfinite(poses).all(axis=(1, 2))
+            name = self.scene[int(self._objects[np.argmax(wrong)])].name
             raise ArgumentValueError(
                 "data", "finite poses", f"one of {name!r} that is not", "is the simulation stable?"
             )
@@ -271,7 +272,7 @@ class World(Pickled):
         TypeError, ValueError
             If these are not data of the model, or they have no poses yet, or the model has no such site.
         """
-        self._check(data)
+        self._check(data, "site_xpos")
         number = self._site(site)
         pose = np.eye(4)
         pose[:3, :3] = np.reshape(data.site_xmat[number], (3, 3))
@@ -316,16 +317,15 @@ class World(Pickled):
             raise ArgumentValueError("xquat", "quaternions other than zero", f"xquat{where} = 0")
         return positions, turns
 
-    def _check(self, data: Any) -> None:
+    def _check(self, data: Any, name: str) -> None:
+        """Check that these are data of the model with poses, by those of this name."""
         if not isinstance(data, mjcf.mujoco_module().MjData) and not _is_mjx(data):
             raise ArgumentTypeError("data", "a mujoco.MjData or a mujoco.mjx.Data", shown(data))
-        sizes = {"ngeom": data.geom_xpos.shape, "nsite": data.site_xpos.shape, "nbody": data.xpos.shape}
-        for name, size in sizes.items():
-            if size != (getattr(self.model, name), 3):
-                hint = "of many worlds? see World.move and World.poses" if len(size) > 2 else ""
-                expected = f"data of the model, {name} = {getattr(self.model, name)}"
-                raise ArgumentValueError("data", expected, size[0] if len(size) == 2 else size, hint)
-        if not np.any(data.xmat[0]):  # the world's orientation, which mj_kinematics sets
+        right, found = (self._sizes[name], 3), getattr(data, name).shape
+        if found != right:
+            hint = "of many worlds? see World.move and World.poses" if len(found) > 2 else ""
+            raise ArgumentValueError("data", f"data of the model, {name} of shape {right}", found, hint)
+        if data.xmat[0][0] == 0.0:  # of the world's orientation, which mj_kinematics sets
             raise ArgumentValueError("data", "data with poses", "none", "call mujoco.mj_forward(model, data) first")
 
     def __repr__(self) -> str:

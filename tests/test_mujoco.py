@@ -192,7 +192,11 @@ def test_bad_arguments() -> None:
             "model: expected a mujoco.MjModel or the path of a file, got 3",
         ),  # type: ignore[arg-type]
         (lambda: world.update(model), ArgumentTypeError, "data: expected a mujoco.MjData"),
-        (lambda: world.update(other), ArgumentValueError, "data: expected data of the model, ngeom = 10, got 1"),
+        (
+            lambda: world.update(other),
+            ArgumentValueError,
+            r"data: expected data of the model, geom_xpos of shape \(10, 3\), got \(1, 3\)",
+        ),
         (lambda: world.pose(other, site="lidar"), ArgumentValueError, "data: expected data of the model"),
         (
             lambda: world.update(fresh),

@@ -30,7 +30,7 @@ def passed(grid: ls.OccupancyGrid, curve: Floats) -> npt.NDArray[np.bool_]:
 def near(grid: ls.OccupancyGrid, curve: Floats, slack: float) -> npt.NDArray[np.bool_]:
     """The same, with cells that the curve misses by `slack` at most."""
     return np.logical_or.reduce(
-        [passed(grid, curve + (x, y)) for x, y in itertools.product((-slack, 0, slack), repeat=2)]
+        [passed(grid, curve + np.array([x, y])) for x, y in itertools.product((-slack, 0, slack), repeat=2)]
     )
 
 

@@ -447,7 +447,9 @@ def test_transforms_of_many_objects_at_once_are_those_set_one_by_one():
                 other.label,
                 other.instance,
             )
-            assert item.shape is old.shape and item.material is old.material and item.looks_like(old)
+            assert item.shape is old.shape
+            assert item.material is old.material
+            assert item.looks_like(old)
             assert (item is old) == (item.id not in chosen)
             np.testing.assert_array_equal(item.transform, other.transform)
         found, right = at_once.cast(origins, directions), one_by_one.cast(origins, directions)

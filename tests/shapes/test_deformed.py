@@ -68,7 +68,7 @@ def deformations(vertices: Floats, rng: np.random.Generator) -> dict[str, Floats
         "folded": folded,
         "turned": vertices[:, [2, 0, 1]],
         "scattered": rng.permutation(vertices),
-        "far away": vertices + (5e6, -3e5, 1e4),
+        "far away": vertices + np.array([5e6, -3e5, 1e4]),
         "small": vertices * 1e-12,
         "large": vertices * 1e12,
         "inside out": -vertices,
@@ -125,7 +125,7 @@ def test_a_scene_sees_the_shape_of_each_frame() -> None:
     ball = scene.add(ls.Sphere((5.0, -5.0, 9.0), 1.0))
     rng = np.random.default_rng(4)
     for shift in (0.0, 30.0, -30.0):
-        vertices = np.array(mesh.vertices) + rng.normal(scale=0.1, size=mesh.vertices.shape) + (shift, 0, 0)
+        vertices = np.array(mesh.vertices) + rng.normal(scale=0.1, size=mesh.vertices.shape) + np.array([shift, 0, 0])
         scene.update(flag, shape=mesh.deformed(vertices))
         anew = ls.Scene()
         anew.add(ls.TriangleMesh(vertices, mesh.faces), transform=scene[flag].transform)
