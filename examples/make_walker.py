@@ -1,12 +1,14 @@
 """A walking person: a GLB with a skin and an animation is made, and scanned at moments of its walk.
 
-The person is tubes around bones, in one mesh; a skin bends it at hips, knees, shoulders and elbows, as modelling programs
-write it. `Scene.animate` shows it at any time: the mesh is refitted, not built anew, and rays meet the triangles of that
-moment exactly. It walks through a street scene by handing its shape on at each scan.
+The person is one mesh of tubes around bones. A skin bends it at hips, knees, shoulders and elbows, as modelling
+programs write it. `Scene.animate` shows it at any time: the mesh is refitted, not built anew, and rays meet the
+triangles of that moment exactly. In the street, the person's shape and place are updated before each scan.
 """
 
 import json
 import struct
+from itertools import pairwise
+from pathlib import Path
 
 import matplotlib as mpl
 
@@ -17,34 +19,41 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 
-# Joints: name, parent, position (x forward, y up, z to the right), all in metres; glTF is y up.
+# Joints: name, parent and position (x forward, y up, z to the right, as in glTF), m.
 JOINTS = {
     "hips": (None, (0.0, 0.94, 0.0)),
     "chest": ("hips", (0.0, 1.25, 0.0)),
     "head": ("chest", (0.0, 1.52, 0.0)),
-    **{f"{side}_{name}": (parent.format(side), (x, y, sign * z)) for side, sign in (("left", -1), ("right", 1)) for
-       name, parent, x, y, z in (
-           ("thigh", "hips", 0.0, 0.90, 0.10), ("shin", "{}_thigh", 0.0, 0.49, 0.10), ("foot", "{}_shin", 0.0, 0.08, 0.10),
-           ("arm", "chest", 0.0, 1.42, 0.20), ("forearm", "{}_arm", 0.0, 1.15, 0.22), ("hand", "{}_forearm", 0.0, 0.9, 0.22),
-       )},
-}  # fmt: skip
+}
+for side, sign in (("left", -1), ("right", 1)):
+    JOINTS |= {
+        f"{side}_thigh": ("hips", (0.0, 0.90, 0.10 * sign)),
+        f"{side}_shin": (f"{side}_thigh", (0.0, 0.49, 0.10 * sign)),
+        f"{side}_foot": (f"{side}_shin", (0.0, 0.08, 0.10 * sign)),
+        f"{side}_arm": ("chest", (0.0, 1.42, 0.20 * sign)),
+        f"{side}_forearm": (f"{side}_arm", (0.0, 1.15, 0.22 * sign)),
+        f"{side}_hand": (f"{side}_forearm", (0.0, 0.90, 0.22 * sign)),
+    }
 NAMES = list(JOINTS)
 PLACES = {name: np.array(place) for name, (_, place) in JOINTS.items()}
-TUBES = [  # the joints along a tube, an end beyond the last, and radii there
-    (("hips", "chest", "head"), (0.0, 1.78, 0.0), (0.15, 0.17, 0.07, 0.10)),
-    *((tuple(f"{side}_{name}" for name in ("thigh", "shin", "foot")), (0.22, 0.03, z), (0.09, 0.06, 0.045, 0.04))
-      for side, z in (("left", -0.1), ("right", 0.1))),
-    *((tuple(f"{side}_{name}" for name in ("arm", "forearm", "hand")), (0.0, 0.74, z), (0.055, 0.045, 0.035, 0.03))
-      for side, z in (("left", -0.22), ("right", 0.22))),
-]  # fmt: skip
+# Tubes: the joints along it, its end beyond the last one, and the radii at all of these, m.
+TUBES = [(("hips", "chest", "head"), (0.0, 1.78, 0.0), (0.15, 0.17, 0.07, 0.10))]
+for side, sign in (("left", -1), ("right", 1)):
+    leg, arm = (
+        [f"{side}_{name}" for name in names] for names in (("thigh", "shin", "foot"), ("arm", "forearm", "hand"))
+    )
+    TUBES += [
+        (leg, (0.22, 0.03, 0.10 * sign), (0.09, 0.06, 0.045, 0.04)),
+        (arm, (0.0, 0.74, 0.22 * sign), (0.055, 0.045, 0.035, 0.03)),
+    ]
 RINGS, SIDES = 10, 12  # of each bone
 
 
 def tube(names, end, radii):
-    """Vertices, faces, joints and weights of a tube that follows bones; its ends are closed."""
+    """Return vertices, faces, joints and weights of a tube that follows bones; its ends are closed."""
     points = [*(PLACES[name] for name in names), np.array(end)]
     vertices, joints, weights = [], [], []
-    for k, (a, b) in enumerate(zip(points[:-1], points[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(points)):
         for share in np.linspace(0, 1, RINGS, endpoint=k == len(names) - 1):
             angles = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
             radius = radii[k] + share * (radii[k + 1] - radii[k])
@@ -57,18 +66,17 @@ def tube(names, end, radii):
     index = np.arange(len(vertices)).reshape(rings, SIDES)
     a, b, c, d = index[:-1], np.roll(index[:-1], -1, 1), np.roll(index[1:], -1, 1), index[1:]
     faces = [np.stack(part, -1).reshape(-1, 3) for part in ((a, c, b), (a, d, c))]
-    caps = [[(r[0], r[i + 1], r[i]) if first else (r[0], r[i], r[i + 1]) for i in range(1, SIDES - 1)]
-            for r, first in ((index[0], False), (index[-1], True))]  # fmt: skip
-    return np.array(vertices), np.concatenate([*faces, *map(np.array, caps)]), np.array(joints), np.array(weights)
+    faces += [[(ring[0], ring[i], ring[i + 1]) for i in range(1, SIDES - 1)] for ring in (index[0], index[-1, ::-1])]
+    return np.array(vertices), np.concatenate(faces), np.array(joints), np.array(weights)
 
 
 def turn(angle):
-    """Quaternion of a turn about the axis to the right, which swings a limb forward."""
+    """Return the quaternion of a turn about the axis to the right, which swings a limb forward."""
     return Rotation.from_rotvec([0, 0, angle]).as_quat()
 
 
 def swings(time):
-    """The angles of a stride of one second."""
+    """Return the angles of a stride of one second."""
     phase = 2 * np.pi * time
     angles = {"chest": -0.04, "hips": 0.0}
     for side, shift in (("left", 0.0), ("right", np.pi)):
@@ -83,7 +91,7 @@ blob, views, accessors = bytearray(), [], []
 
 
 def put(values, dtype, kind):
-    """Add an accessor."""
+    """Add an accessor, and return its number."""
     data = np.asarray(values, dtype).tobytes()
     blob.extend(bytes(-len(blob) % 4))
     views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(data)})
@@ -121,15 +129,22 @@ attributes = {
 primitive = {"attributes": attributes, "indices": put(faces.ravel(), "<u2", "SCALAR")}
 skin = {"joints": list(range(1, len(nodes))), "inverseBindMatrices": put(inverse.transpose(0, 2, 1), "<f4", "MAT4")}
 document = {
-    "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": nodes, "skins": [skin],
-    "meshes": [{"primitives": [primitive]}], "animations": [{"name": "walk", "channels": channels, "samplers": samplers}],
-    "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(blob)}],
-}  # fmt: skip
+    "asset": {"version": "2.0"},
+    "scene": 0,
+    "scenes": [{"nodes": [0]}],
+    "nodes": nodes,
+    "skins": [skin],
+    "meshes": [{"primitives": [primitive]}],
+    "animations": [{"name": "walk", "channels": channels, "samplers": samplers}],
+    "accessors": accessors,
+    "bufferViews": views,
+    "buffers": [{"byteLength": len(blob)}],
+}
 text, data = json.dumps(document).encode(), bytes(blob) + bytes(-len(blob) % 4)
 text += b" " * (-len(text) % 4)
-with open("walker.glb", "wb") as file:
-    file.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(data)))
-    file.write(struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data)
+head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(data))
+chunks = struct.pack("<I4s", len(text), b"JSON"), text, struct.pack("<I4s", len(data), b"BIN\0"), data
+Path("walker.glb").write_bytes(b"".join([head, *chunks]))
 
 # The person crosses the street at 1.3 m/s while a lidar watches.
 figure = ls.Scene.from_file("walker.glb", rules=[ls.Rule(label=30)])

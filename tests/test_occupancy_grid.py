@@ -114,6 +114,14 @@ def test_legs_within_a_cell_are_found_and_lying_faces_are_not() -> None:
     np.testing.assert_array_equal(grid.index([(0.525, 0.525), (1.525, 0.925)]), [[10, 10], [18, 30]])
 
 
+def test_round_posts_within_a_cell_are_found() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Cylinder((0.55, 0.35, 0), (0.55, 0.35, 1), 0.02))
+    scene.add(ls.Sphere((0.25, 0.75, 0.5), 0.02))
+    grid = ls.occupancy(scene, 0.1, 0.5, bounds=((0, 0), (1, 1)))
+    assert np.argwhere(grid.cells == 100).tolist() == [[3, 5], [7, 2]]
+
+
 def test_hits_of_a_scan_in_the_slice_are_in_occupied_cells() -> None:
     rng = np.random.default_rng(3)
     scene = ls.Scene()

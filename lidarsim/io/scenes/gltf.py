@@ -207,8 +207,8 @@ class _Reader:
         for number, copy in enumerate(copies):
             with np.errstate(over="ignore", invalid="ignore"):
                 transform = place @ copy
-            keys = [(key, number) for key in (index, index if parent is None else parent, top)]
-            self.file.add(Node(names, transform, parts, *keys, copy))
+            own, above, first = ((key, number) for key in (index, index if parent is None else parent, top))
+            self.file.add(Node(names, transform, parts, own, above, first, copy))
 
     def _copies(self, instancing: gltf.Instancing, index: int) -> Floats:
         """Return the transforms of the copies of a mesh by ``EXT_mesh_gpu_instancing``, shape (n, 4, 4)."""
