@@ -48,9 +48,10 @@ class Sampler(NamedTuple):
         """Return the value at a time, shape (w,): before the first time the first, after the last the last."""
         cubic = self.interpolation == "CUBICSPLINE"
         key = int(np.searchsorted(self.times, time, side="right")) - 1
-        points = self.values[:, 1] if cubic else self.values
+        points: Floats = self.values[:, 1] if cubic else self.values
         if key < 0 or key == len(self.times) - 1 or self.interpolation == "STEP":
-            return points[max(key, 0)]
+            found: Floats = points[max(key, 0)]
+            return found
         step = self.times[key + 1] - self.times[key]
         u = (time - self.times[key]) / step
         first, second = points[key], points[key + 1]
