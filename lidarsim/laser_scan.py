@@ -61,8 +61,7 @@ class LaserScan(Pickled):
     @property
     def angles(self) -> npt.NDArray[np.float64]:
         """Angle of each entry, rad: ndarray of float64, shape (n,)."""
-        angles: npt.NDArray[np.float64] = self.angle_min + self.angle_increment * np.arange(len(self.ranges))
-        return angles
+        return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
 
     def __len__(self) -> int:
         """Return the number of entries."""

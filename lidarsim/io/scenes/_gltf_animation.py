@@ -189,11 +189,12 @@ class Figure:
         places = self.rest.places.copy()
         for node, rest in self.local.items():
             if isinstance(rest, tuple):
-                parts = (
+                translation, rotation, scale = (
                     channels[node, name].at(time) if (node, name) in channels else value
                     for name, value in zip(WIDTHS, rest, strict=True)
                 )
-                own = local_matrix(*parts, f"animation {animation!a}, rotation of nodes[{node}] at {time} s")
+                where = f"animation {ascii(animation)}, rotation of nodes[{node}] at {time} s"
+                own = local_matrix(translation, rotation, scale, where)
             else:
                 own = rest
             parent = self.parents[node]
