@@ -193,7 +193,7 @@ class Figure:
                     channels[node, name].at(time) if (node, name) in channels else value
                     for name, value in zip(WIDTHS, rest, strict=True)
                 )
-                where = f"animation {ascii(animation)}, rotation of nodes[{node}] at {time} s"
+                where = f"animation {animation!a}, rotation of nodes[{node}] at {time} s"
                 own = local_matrix(translation, rotation, scale, where)
             else:
                 own = rest
