@@ -10,8 +10,10 @@ from lidarsim.cells import Cells
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
+from lidarsim.laser_scan import LaserScan
 from lidarsim.materials import Material, Texture
 from lidarsim.measurement import Beam, Detection, Measurement
+from lidarsim.occupancy_grid import OccupancyGrid, occupancy
 from lidarsim.pointcloud import PointCloud, register_format
 from lidarsim.rig import Rig, RigSensor
 from lidarsim.rules import Rule
@@ -50,9 +52,11 @@ __all__ = [
     "Disks",
     "Ellipsoid",
     "Hits",
+    "LaserScan",
     "Lidar",
     "Material",
     "Measurement",
+    "OccupancyGrid",
     "Plane",
     "PointCloud",
     "Polygon",
@@ -80,6 +84,7 @@ __all__ = [
     "io",
     "materials",
     "mujoco",
+    "occupancy",
     "patterns",
     "register_format",
     "register_lidar_reader",

@@ -112,7 +112,8 @@ class Boxes(Pickled):
         """Return the boxes that a slice, a mask or an array of indices selects."""
         which = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         own: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        return replace(self, **{name: value[which] for name, value in own.items() if isinstance(value, np.ndarray)})
+        chosen: dict[str, Any] = {name: value[which] for name, value in own.items() if isinstance(value, np.ndarray)}
+        return replace(self, **chosen)
 
     @property
     def yaw(self) -> Floats:

@@ -147,7 +147,7 @@ def scan(
     frames: Frames = None,
     layout: Annotated[
         str | None,
-        _option("--layout", "NAME", f"Point layout of a bag: {', '.join(rosbag.LAYOUTS)}; default: by vendor."),
+        _option("--layout", "NAME", f"Point layout of a bag: {', '.join(rosbag.NAMES)}; default: by vendor."),
     ] = None,
     cut: Annotated[
         str,

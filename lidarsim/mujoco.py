@@ -9,10 +9,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._files import PathLike
 from lidarsim._pickling import Pickled
-from lidarsim._validation import Floats, shown
+from lidarsim._validation import Floats, array, as_array, flag, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._build import scene_with
@@ -114,8 +115,10 @@ class World(Pickled):
             for geom, number in objects.items()
             if body[geom]
         }
+        self._instances = [(int(body[geom]), self.scene[number].instance) for geom, number in objects.items()]
+        self._sizes = {"geom_xpos": int(model.ngeom), "site_xpos": int(model.nsite)}
         self._moving = np.array([geom for geom in objects if _moves(model, int(body[geom]))], np.intp)
-        self._objects = [objects[geom] for geom in self._moving.tolist()]
+        self._objects = np.array([objects[geom] for geom in self._moving.tolist()], np.intp)
         self._poses = mjcf.poses(data, self._moving)
 
     @property
@@ -127,14 +130,43 @@ class World(Pickled):
         """
         return MappingProxyType(self._bodies)
 
+    def instances(self, body: str | int = 0, *, subtree: bool = True) -> list[int]:
+        """Return the instances of a body, such as those that a sensor on it does not see.
+
+        Parameters
+        ----------
+        body : str or int
+            Name or number of the body. Default: the world body.
+        subtree : bool
+            Whether those of all bodies below it belong to it: of a robot's base, all of the robot.
+
+        Returns
+        -------
+        list of int
+            Numbers of `SceneObject.instance`, ascending; empty if the bodies have no objects.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the model has no such body.
+        """
+        root = self._number("body", body)
+        parents = self.model.body_parentid
+        chosen = {root}
+        if flag("subtree", subtree):
+            for number in range(root + 1, self.model.nbody):  # each body comes after its parent
+                if int(parents[number]) in chosen:
+                    chosen.add(number)
+        return sorted({instance for number, instance in self._instances if number in chosen})
+
     def update(self, data: mujoco.MjData) -> None:
         """Move all objects to where their geoms are.
 
         Parameters
         ----------
-        data : mujoco.MjData
-            Data of the model. Poses are those of its last ``mj_forward`` or ``mj_kinematics``: after ``mj_step`` alone
-            they are one step old.
+        data : mujoco.MjData or mujoco.mjx.Data
+            Data of the model, of one world. Poses are those of its last ``mj_forward`` or ``mj_kinematics``: after
+            ``mj_step`` alone they are one step old.
 
         Raises
         ------
@@ -142,16 +174,82 @@ class World(Pickled):
             If these are not data of the model, or they have no poses yet, or one that is not finite; nothing is then
             moved.
         """
-        self._check(data)
-        poses = mjcf.poses(data, self._moving)
-        wrong = ~np.isfinite(poses).all(axis=(1, 2))
-        if wrong.any():
-            name = self.scene[self._objects[int(np.argmax(wrong))]].name
+        self._check(data, "geom_xpos")
+        self._move(mjcf.poses(data, self._moving))
+
+    def move(self, xpos: npt.ArrayLike, xquat: npt.ArrayLike) -> None:
+        """Move all objects to where these bodies are: as `update`, from the poses of one of many worlds.
+
+        Parameters
+        ----------
+        xpos : array_like, shape (nbody, 3)
+            Positions of the bodies, m, as ``data.xpos``.
+        xquat : array_like, shape (nbody, 4)
+            Their orientations w, x, y, z, as ``data.xquat``; of any length but zero.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a shape is wrong, a number is not finite or a quaternion is zero; nothing is then moved.
+        """
+        positions, turns = self._body_poses(xpos, xquat, ())
+        body = self.model.geom_bodyid[self._moving]
+        local = self.model.geom_pos[self._moving], self.model.geom_quat[self._moving]
+        self._move(_placed(positions[body], turns[body], *local))
+
+    def poses(self, xpos: npt.ArrayLike, xquat: npt.ArrayLike, *, site: str) -> Floats:
+        """Return where a site is in many worlds: the poses of a sensor on it, as for `Lidar.scan`.
+
+        Parameters
+        ----------
+        xpos : array_like, shape (..., nbody, 3)
+            Positions of the bodies of each world, m: ``data.xpos`` of MJX, or of many data, stacked.
+        xquat : array_like, shape (..., nbody, 4)
+            Their orientations w, x, y, z, as ``data.xquat``; of any length but zero.
+        site : str
+            Name of the site; see `pose`.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., 4, 4)
+            Sensor to world.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a shape is wrong, a number is not finite, a quaternion is zero, or the model has no such site.
+
+        Examples
+        --------
+        >>> import mujoco
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> model = mujoco.MjModel.from_xml_string('''
+        ... <mujoco><worldbody><geom type="plane" size="0 0 1"/>
+        ...   <body name="robot"><freejoint/><geom size="0.1"/><site name="lidar" pos="0 0 0.2"/></body>
+        ... </worldbody></mujoco>''')
+        >>> world = ls.mujoco.World(model)
+        >>> xpos, xquat = np.zeros((1000, 2, 3)), np.tile([1.0, 0, 0, 0], (1000, 2, 1))
+        >>> xpos[:, 1, 0] = np.arange(1000)
+        >>> world.poses(xpos, xquat, site="lidar")[7, :3, 3]
+        array([7. , 0. , 0.2])
+        """
+        number = self._site(site)
+        positions, turns = self._body_poses(xpos, xquat, (...,))
+        body = int(self.model.site_bodyid[number])
+        local = self.model.site_pos[number], self.model.site_quat[number]
+        return _placed(positions[..., body, :], turns[..., body, :], *local)
+
+    def _move(self, poses: Floats) -> None:
+        """Move the objects of the moving geoms to these places, geom to world."""
+        if not np.isfinite(poses).all():
+            wrong = ~np.isfinite(poses).all(axis=(1, 2))
+            name = self.scene[int(self._objects[np.argmax(wrong)])].name
             raise ArgumentValueError(
                 "data", "finite poses", f"one of {name!r} that is not", "is the simulation stable?"
             )
-        for i in np.flatnonzero((poses != self._poses).any(axis=(1, 2))).tolist():
-            self.scene.update(self._objects[i], transform=poses[i])
+        moved = (poses != self._poses).any(axis=(1, 2))
+        self.scene.update_transforms(self._objects[moved], poses[moved])
         self._poses = poses
 
     def pose(self, data: mujoco.MjData, *, site: str) -> Floats:
@@ -174,28 +272,60 @@ class World(Pickled):
         TypeError, ValueError
             If these are not data of the model, or they have no poses yet, or the model has no such site.
         """
-        self._check(data)
-        module = mjcf.mujoco_module()
-        if not isinstance(site, str):
-            raise ArgumentTypeError("site", "the name of a site", shown(site))
-        number = module.mj_name2id(self.model, module.mjtObj.mjOBJ_SITE, site)
-        if number < 0:
-            names = (module.mj_id2name(self.model, module.mjtObj.mjOBJ_SITE, k) for k in range(self.model.nsite))
-            known = ", ".join(filter(None, names)) or "none"
-            raise ArgumentValueError("site", "the name of a site of the model", shown(site), f"it has {known}")
+        self._check(data, "site_xpos")
+        number = self._site(site)
         pose = np.eye(4)
-        pose[:3, :3] = data.site_xmat[number].reshape(3, 3)
+        pose[:3, :3] = np.reshape(data.site_xmat[number], (3, 3))
         pose[:3, 3] = data.site_xpos[number]
         return pose
 
-    def _check(self, data: Any) -> None:
-        if not isinstance(data, mjcf.mujoco_module().MjData):
-            raise ArgumentTypeError("data", "a mujoco.MjData", shown(data))
-        sizes = {"ngeom": len(data.geom_xpos), "nsite": len(data.site_xpos), "nbody": len(data.xpos)}
-        for name, size in sizes.items():
-            if size != getattr(self.model, name):
-                raise ArgumentValueError("data", f"data of the model, {name} = {getattr(self.model, name)}", size)
-        if not data.xmat[0].any():  # the world's orientation, which mj_kinematics sets
+    def _site(self, site: object) -> int:
+        """Return the number of a site."""
+        if not isinstance(site, str):
+            raise ArgumentTypeError("site", "the name of a site", shown(site))
+        return self._number("site", site)
+
+    def _number(self, kind: str, name: str | int) -> int:
+        """Return the number of a body or site of the model, by its name or number."""
+        module = mjcf.mujoco_module()
+        which = getattr(module.mjtObj, f"mjOBJ_{kind.upper()}")
+        count: int = getattr(self.model, f"n{kind}")
+        if not isinstance(name, str):
+            return integer(kind, name, at_least=0, at_most=count - 1)
+        number: int = module.mj_name2id(self.model, which, name)
+        if number < 0:
+            names = (module.mj_id2name(self.model, which, k) for k in range(count))
+            known = ", ".join(filter(None, names)) or "none"
+            raise ArgumentValueError(kind, f"the name of a {kind} of the model", shown(name), f"it has {known}")
+        return number
+
+    def _body_poses(self, xpos: npt.ArrayLike, xquat: npt.ArrayLike, before: tuple[Any, ...]) -> tuple[Floats, Floats]:
+        """Return positions and quaternions of all bodies after checking them; `before` is (...,) for many worlds."""
+        found = []
+        for name, value, width in (("xpos", xpos, 3), ("xquat", xquat, 4)):
+            given = as_array(name, value, "numbers")
+            worlds = given.shape[:-2] if before else ()
+            if given.ndim < 2:
+                worlds = ()
+            found.append(array(name, given, (*worlds, self.model.nbody, width)))
+        positions, turns = found
+        if positions.shape[:-1] != turns.shape[:-1]:
+            raise ArgumentValueError("xquat", f"shape {(*positions.shape[:-1], 4)}, as of xpos", turns.shape)
+        zero = np.argwhere(~turns.any(axis=-1))
+        if len(zero):
+            where = "".join(f"[{i}]" for i in zero[0])
+            raise ArgumentValueError("xquat", "quaternions other than zero", f"xquat{where} = 0")
+        return positions, turns
+
+    def _check(self, data: Any, name: str) -> None:
+        """Check that these are data of the model with poses, by those of this name."""
+        if not isinstance(data, mjcf.mujoco_module().MjData) and not _is_mjx(data):
+            raise ArgumentTypeError("data", "a mujoco.MjData or a mujoco.mjx.Data", shown(data))
+        right, found = (self._sizes[name], 3), getattr(data, name).shape
+        if found != right:
+            hint = "of many worlds? see World.move and World.poses" if len(found) > 2 else ""
+            raise ArgumentValueError("data", f"data of the model, {name} of shape {right}", found, hint)
+        if data.xmat[0][0] == 0.0:  # of the world's orientation, which mj_kinematics sets
             raise ArgumentValueError("data", "data with poses", "none", "call mujoco.mj_forward(model, data) first")
 
     def __repr__(self) -> str:
@@ -210,6 +340,25 @@ class World(Pickled):
         world = cls.__new__(cls)
         vars(world).update(contents)
         return world
+
+
+def _is_mjx(data: object) -> bool:
+    """Return whether this is data of MJX, without importing it."""
+    return type(data).__module__.startswith("mujoco.mjx") and hasattr(data, "geom_xmat")
+
+
+def _placed(positions: Floats, turns: Floats, position: Floats, turn: Floats) -> Floats:
+    """Return poses (..., 4, 4) of what has a position and a quaternion in bodies of these poses."""
+    from scipy.spatial.transform import Rotation
+
+    shape = positions.shape[:-1]
+    bodies = Rotation.from_quat(turns.reshape(-1, 4), scalar_first=True)
+    locals_ = Rotation.from_quat(turn, scalar_first=True)
+    placed = np.zeros((*shape, 4, 4))
+    placed[..., :3, :3] = (bodies * locals_).as_matrix().reshape(*shape, 3, 3)
+    placed[..., :3, 3] = positions + bodies.apply(position).reshape(*shape, 3)
+    placed[..., 3, 3] = 1.0
+    return placed
 
 
 def _moves(model: mujoco.MjModel, body: int) -> bool:

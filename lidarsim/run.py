@@ -268,7 +268,7 @@ class Run:
         output : path-like
             The file, ``.mcap`` or ``.db3``.
         layout : str, optional
-            Layout of the points, one of `lidarsim.io.rosbag.LAYOUTS`. Default: the layout of each sensor's vendor.
+            Layout of the points, one of `lidarsim.io.rosbag.NAMES`. Default: the layout of each sensor's vendor.
         cut : {"pattern", "driver"} or float
             Where messages begin: with each frame of the pattern, where the driver of the layout cuts, or at an azimuth,
             rad; see `lidarsim.io.rosbag.Writer`.

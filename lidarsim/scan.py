@@ -22,6 +22,7 @@ from lidarsim._validation import Floats, Transform, as_array, integer, one_of, r
 from lidarsim._views import Plotted
 from lidarsim.boxes import Boxes, boxes_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.laser_scan import LaserScan, laser_scan_of
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
 from lidarsim.patterns._pulses import pulses_of
@@ -401,6 +402,33 @@ class Scan(Pickled, Plotted):
         if moment is not None:
             world.check_motions(moment, moment)
         return boxes_of(self, world, self._path(), moment, in_world=not self._is_elsewhere(frame), min_points=least)
+
+    def laser_scan(self) -> LaserScan:
+        """Return the scan of a 2D lidar as ROS's ``sensor_msgs/LaserScan`` has it.
+
+        Returns
+        -------
+        LaserScan
+            The first return of each pulse, in the order of increasing angle, whichever way the sensor turns.
+
+        Raises
+        ------
+        ValueError
+            If this is no scan of a 2D lidar: its pulses are of one ring, from the middle of the sensor, in its plane
+            z = 0 and in equal steps of azimuth.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Plane((1, 0, 0), 5.0))
+        >>> found = ls.Lidar.preset("sick-lms111").scan(scene).laser_scan()
+        >>> len(found), round(found.angle_min, 4), round(found.angle_increment, 6), found.range_max
+        (541, -2.3562, 0.008727, 20.0)
+        >>> found.ranges[[0, 270]].round(2)
+        array([inf,  5.], dtype=float32)
+        """
+        return laser_scan_of(self, self.status == Status.below_min_range)
 
     def image(
         self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None

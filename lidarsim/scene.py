@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +21,14 @@ from lidarsim._validation import (
     UINT32,
     Floats,
     Transform,
+    array,
     as_array,
     integer,
     named_labels,
     one_or_each,
     placement,
     rays,
+    real,
     shown,
     t_range,
 )
@@ -132,6 +134,14 @@ class _Changes(TypedDict, total=False):
     material: Material | None
     transform: Transform | None
     motion: Trajectory | None
+
+
+class Animations(Protocol):
+    """How the animations of a file move the objects of its scene."""
+
+    @property
+    def durations(self) -> dict[str, float]: ...
+    def at(self, animation: str, time: float, /) -> Iterable[tuple[int, Shape, Floats | None]]: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -241,6 +251,7 @@ class Scene(Pickled, Plotted):
         self._items: dict[int, SceneObject] = {}
         self._next = 0
         self._kept: Snapshot | None = None
+        self._animations: Animations | None = None
         self._changed()
 
     def add(
@@ -352,6 +363,53 @@ class Scene(Pickled, Plotted):
         self._items[item.id] = _checked(**(item._contents() | given), like=like)
         self._changed()
 
+    def update_transforms(self, ids: npt.ArrayLike, transforms: npt.ArrayLike) -> None:
+        """Change the transforms of many objects at once, as after a step of a physics engine.
+
+        Parameters
+        ----------
+        ids : array_like of int, shape (m,)
+            Ids of the objects, each of them once.
+        transforms : array_like, shape (m, 4, 4)
+            Transform of each, as in `add`.
+
+        Raises
+        ------
+        KeyError
+            If there is no such object.
+        TypeError, ValueError
+            If an id is there twice, or a transform is not finite or not invertible; nothing is then changed.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> balls = [scene.add(ls.Sphere((0, 0, 0), 1.0)) for _ in range(2)]
+        >>> places = np.tile(np.eye(4), (2, 1, 1))
+        >>> places[:, 0, 3] = 5.0, 9.0
+        >>> scene.update_transforms(balls, places)
+        >>> scene.cast_all([[0, 0, 0]], [[1, 0, 0]], most=4).t
+        array([[ 4.,  6.,  8., 10.]])
+        """
+        given = as_array("ids", ids, "integers of shape (m,)")
+        if given.ndim != 1 or (given.dtype.kind not in "iu" and given.size):
+            raise ArgumentTypeError("ids", "integers of shape (m,)", f"{given.dtype} of shape {given.shape}")
+        numbers: list[int] = given.tolist()
+        items = [self._items.get(number) or self._item(number) for number in numbers]
+        places = array("transforms", transforms, (len(items), 4, 4))
+        wrong = (places[:, 3] != (0.0, 0.0, 0.0, 1.0)).any(axis=1)
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            got = f"transforms[{i}] with {tuple(places[i, 3].tolist())}"
+            raise ArgumentValueError("transforms", "a last row of (0, 0, 0, 1)", got)
+        changed = dict(zip(numbers, core.placed(items, places), strict=True))
+        if len(changed) < len(numbers):
+            twice = next(number for number in numbers if numbers.count(number) > 1)
+            raise ArgumentValueError("ids", "each id once", f"{twice} twice")
+        self._items.update(changed)  # at once, for the threads that cast
+        self._changed()
+
     def remove(self, object_id: int) -> None:
         """Remove an object; the others keep their ids.
 
@@ -394,6 +452,8 @@ class Scene(Pickled, Plotted):
         unit: float | None = None,
         rules: Sequence[Rule] = (),
         reflectivity: float | Material | Literal["color"] | None = None,
+        time: float | None = None,
+        animation: str | None = None,
     ) -> Scene:
         """Read a scene from a file, whose kind is determined by its content.
 
@@ -416,6 +476,10 @@ class Scene(Pickled, Plotted):
             Reflectivity or material of the parts for which no rule gives one; "color" for the luminance of the base
             colours: factor × texture × vertex colours of glTF, ``Kd`` and ``map_Kd`` of OBJ, the diffuse colour of DAE.
             Default: a perfect diffuser.
+        time : float, optional
+            Time of the animation, s, whose pose the scene shows first; see `animate`. Default: the pose without any.
+        animation : str, optional
+            Name of the animation; see `animate`.
 
         Returns
         -------
@@ -438,9 +502,9 @@ class Scene(Pickled, Plotted):
 
         Notes
         -----
-        Skins are read in their rest pose, morph targets of glTF with the default weights; cameras, lights and
-        animations are passed over. What else is left out, such as points, lines and nodes scaled to nothing, is
-        reported to the logger ``lidarsim``.
+        Without a time, skins are read in their rest pose, and morph targets of glTF with the default weights. `animate`
+        plays the animations of glTF; those of other formats, cameras and lights are passed over. What else is left out,
+        such as points, lines and nodes scaled to nothing, is reported to the logger ``lidarsim``.
         """
         options = Options.checked(up, unit, rules, reflectivity)
         path = Path(path)
@@ -455,7 +519,68 @@ class Scene(Pickled, Plotted):
             if name not in known:
                 expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
                 raise ArgumentTypeError(name, expected, shown(value))
-        return read(path, **given)
+        scene = read(path, **given)
+        if time is not None or animation is not None:
+            scene.animate(0.0 if time is None else time, animation=animation)
+        return scene
+
+    @property
+    def animations(self) -> Mapping[str, float]:
+        """Duration of each animation of the file that the scene was read from: read-only mapping of name to s."""
+        return MappingProxyType({} if self._animations is None else self._animations.durations)
+
+    def animate(self, time: float, *, animation: str | None = None) -> None:
+        """Move all objects to where an animation of the scene's file has them at a time.
+
+        Nodes, skins and morph targets follow the samplers of the file, glTF. Casts are exact for the vertices and
+        transforms of that moment, which stay until the next call, also during a scan.
+
+        Parameters
+        ----------
+        time : float
+            Time in the animation, s. Before its first and after its last keyframe, it stands still; to loop it, take
+            the remainder: ``time % scene.animations[name]``.
+        animation : str, optional
+            Its name, one of `animations`; those without a name have their number. Default: the first.
+
+        Raises
+        ------
+        FileFormatError
+            If the file has something at a place that is not finite at that time.
+        TypeError, ValueError
+            If the time is not finite, or the scene has no such animation; nothing is then moved.
+
+        Notes
+        -----
+        The shapes and transforms of objects that animations move are set, whatever they were; other objects and other
+        properties stay, objects that were removed stay removed, and objects may be added. To put a figure into another
+        scene, add its objects there, and hand their shapes on:
+
+        >>> import lidarsim as ls
+        >>> def put(figure, scene, **options):  # options: motion=…, label=…
+        ...     return {item.id: scene.add(item.shape, transform=item.transform, **options) for item in figure}
+        >>> def show(figure, scene, ids, time):
+        ...     figure.animate(time)
+        ...     for item in figure:
+        ...         scene.update(ids[item.id], shape=item.shape, transform=item.transform)
+        """
+        moment = real("time", time)
+        known = self.animations
+        if animation is not None and not isinstance(animation, str):
+            raise ArgumentTypeError("animation", "the name of an animation", shown(animation))
+        if self._animations is None or (animation is not None and animation not in known):
+            names = ", ".join(plain(name, most=60) for name in known)
+            expected = f"one of {names}" if known else "a scene from a glTF file with animations"
+            got = "a scene without" if animation is None else shown(animation)
+            raise ArgumentValueError("animation", expected, got)
+        changed = {}
+        for number, shape, transform in self._animations.at(animation or next(iter(known)), moment):
+            item = self._items.get(number)
+            if item is not None:
+                fields = item._contents() | {"shape": shape, "transform": transform}
+                changed[number] = _checked(**fields, like=item)
+        self._items.update(changed)  # at once, for the threads that cast
+        self._changed()
 
     @property
     def class_names(self) -> Mapping[int, str]:
@@ -759,7 +884,8 @@ class Scene(Pickled, Plotted):
         return "\n".join((f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", *lines))
 
     def _contents(self) -> dict[str, Any]:
-        return {"class_names": dict(self._class_names), "objects": self.objects, "next": self._next}
+        contents = {"class_names": dict(self._class_names), "objects": self.objects, "next": self._next}
+        return contents if self._animations is None else contents | {"animations": self._animations}
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
@@ -768,6 +894,7 @@ class Scene(Pickled, Plotted):
         scene._class_names = contents["class_names"]
         scene._items = {item.id: item for item in contents["objects"]}
         scene._next = contents["next"]
+        scene._animations = contents.get("animations")
         return scene
 
 

@@ -144,7 +144,10 @@ MUTANTS = [
     Mutant("polytope: sums that overflow", "if largest < LARGEST {", "if largest < f64::INFINITY {"),
     Mutant("boxes rounded down", "(x as f32).next_down()", "(x as f32)"),
     Mutant("boxes rounded up", "(x as f32).next_up()", "(x as f32)"),
-    Mutant("grid of a leaf", "(error as f32).next_up()", "(0.5 * error) as f32"),
+    Mutant("grid of a leaf", "(errors.into_iter().fold(0.0, larger) as f32).next_up()", "0.0"),
+    Mutant(
+        "boxes of a refitted mesh", "Aabb::around(bounds[leaf], center)", "Aabb::around(bounds[leaf], self.center())"
+    ),
     Mutant("midpoint below", "Ordering::Less => below,", "Ordering::Less => near,", ROUNDING),
     Mutant("midpoint above", "Ordering::Greater => above,", "Ordering::Greater => near,", ROUNDING),
     Mutant(

@@ -250,7 +250,7 @@ def test_the_layout_of_a_bag(capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert lidarsim("scan", "run.yaml", "-o", "b.mcap", "--layout", "pandar") == 2
     assert capsys.readouterr().err.startswith(
-        "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox"
+        "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox, laserscan"
     )
     assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--layout", "livox") == 2
     assert capsys.readouterr().err == "lidarsim: layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"

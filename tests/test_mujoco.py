@@ -192,7 +192,11 @@ def test_bad_arguments() -> None:
             "model: expected a mujoco.MjModel or the path of a file, got 3",
         ),  # type: ignore[arg-type]
         (lambda: world.update(model), ArgumentTypeError, "data: expected a mujoco.MjData"),
-        (lambda: world.update(other), ArgumentValueError, "data: expected data of the model, ngeom = 10, got 1"),
+        (
+            lambda: world.update(other),
+            ArgumentValueError,
+            r"data: expected data of the model, geom_xpos of shape \(10, 3\), got \(1, 3\)",
+        ),
         (lambda: world.pose(other, site="lidar"), ArgumentValueError, "data: expected data of the model"),
         (
             lambda: world.update(fresh),
@@ -242,3 +246,116 @@ def test_without_mujoco(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
 def test_importing_lidarsim_does_not_import_mujoco() -> None:
     code = "import sys, lidarsim.mujoco; print('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+ROBOT = """
+<mujoco><worldbody>
+  <geom name="floor" type="plane" size="0 0 1"/>
+  <body name="base" pos="0 0 1"><freejoint/><geom type="box" size="0.3 0.2 0.1" pos="0.1 0 0" euler="0 0 30"/>
+    <site name="lidar" pos="0.1 0.2 0.3" euler="10 20 30"/>
+    <body name="arm" pos="0.3 0 0"><joint axis="0 1 0"/><geom type="capsule" size="0.05 0.2" pos="0 0 0.2"/>
+      <body pos="0 0 0.4"><joint axis="1 0 0"/><geom name="hand" size="0.1"/></body>
+    </body>
+  </body>
+  <body name="ball" pos="3 0 1"><freejoint/><geom size="0.2"/></body>
+</worldbody></mujoco>
+"""
+
+
+def test_poses_in_many_worlds_are_those_of_each() -> None:
+    model = mujoco.MjModel.from_xml_string(ROBOT)
+    world, rng = ls.mujoco.World(model), np.random.default_rng(0)
+    worlds = []
+    for _ in range(6):
+        data = mujoco.MjData(model)
+        mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
+        mujoco.mj_forward(model, data)
+        worlds.append(data)
+    xpos, xquat = (np.stack([getattr(data, name) for data in worlds]) for name in ("xpos", "xquat"))
+    found = world.poses(xpos, xquat, site="lidar")
+    assert found.shape == (6, 4, 4)
+    # Two products of rotations, each rounded, of numbers below 8.
+    tolerance = 64 * np.finfo(float).eps
+    for pose, data in zip(found, worlds, strict=True):
+        np.testing.assert_allclose(pose, world.pose(data, site="lidar"), rtol=0, atol=tolerance)
+    grid = world.poses(xpos.reshape(2, 3, -1, 3), xquat.reshape(2, 3, -1, 4), site="lidar")
+    np.testing.assert_array_equal(grid.reshape(6, 4, 4), found)
+    one = world.poses(xpos[0].astype(np.float32), 2.0 * xquat[0], site="lidar")
+    np.testing.assert_allclose(one, found[0], rtol=0, atol=1e-6)
+    other = ls.mujoco.World(model)
+    for k, data in enumerate(worlds):
+        world.update(data)
+        other.move(xpos[k], xquat[k])
+        for item, twin in zip(world.scene, other.scene, strict=True):
+            assert (item.transform is None) == (twin.transform is None)
+            if item.transform is not None and twin.transform is not None:
+                np.testing.assert_allclose(item.transform, twin.transform, rtol=0, atol=tolerance)
+
+
+def test_instances_of_a_body_and_of_all_below_it() -> None:
+    world = ls.mujoco.World(mujoco.MjModel.from_xml_string(ROBOT))
+    by_name = {item.name: item.instance for item in world.scene}
+    base, arm, hand = by_name["base/0"], by_name["arm/0"], by_name["hand"]
+    assert world.instances("base") == sorted([base, arm, hand])
+    assert world.instances("base", subtree=False) == [base]
+    assert world.instances("arm") == sorted([arm, hand])
+    assert world.instances(3) == [hand]
+    assert world.instances(0, subtree=False) == [by_name["floor"]]
+    assert world.instances() == sorted(by_name.values())
+    pose = world.pose(_still(world.model), site="lidar")
+    hits = world.scene.cast(np.tile(pose[:3, 3], (500, 1)), np.random.default_rng(0).normal(size=(500, 3)))
+    own = {world.scene[number].instance for number in hits.object_id[hits.hit].tolist()}
+    assert own & set(world.instances("base"))
+
+
+def _still(model: mujoco.MjModel) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+@pytest.mark.parametrize(
+    ("act", "error", "message"),
+    [
+        (lambda w: w.instances("leg"), ArgumentValueError, "body: expected the name of a body of the model, got 'leg'"),
+        (lambda w: w.instances(9), ArgumentValueError, "body: expected an integer from 0 to 4, got 9"),
+        (lambda w: w.instances(1.5), ArgumentTypeError, "body: expected an integer"),
+        (lambda w: w.instances("base", subtree=2), ArgumentTypeError, "subtree: expected True or False"),
+        (
+            lambda w: w.poses(np.zeros((7, 5, 3)), np.ones((7, 5, 4)), site="eye"),
+            ArgumentValueError,
+            "site: expected the name of a site of the model, got 'eye'",
+        ),
+        (
+            lambda w: w.poses(np.zeros((7, 4, 3)), np.ones((7, 5, 4)), site="lidar"),
+            ArgumentValueError,
+            r"xpos: expected shape \(7, 5, 3\), got \(7, 4, 3\)",
+        ),
+        (
+            lambda w: w.poses(np.zeros((7, 5, 3)), np.ones((6, 5, 4)), site="lidar"),
+            ArgumentValueError,
+            r"xquat: expected shape \(7, 5, 4\), as of xpos, got \(6, 5, 4\)",
+        ),
+        (
+            lambda w: w.poses(np.zeros((2, 5, 3)), np.zeros((2, 5, 4)), site="lidar"),
+            ArgumentValueError,
+            r"xquat: expected quaternions other than zero, got xquat\[0\]\[0\] = 0",
+        ),
+        (
+            lambda w: w.poses(np.full((2, 5, 3), np.nan), np.ones((2, 5, 4)), site="lidar"),
+            ArgumentValueError,
+            "xpos: expected finite numbers",
+        ),
+        (lambda w: w.poses(3.0, 4.0, site="lidar"), ArgumentValueError, r"xpos: expected shape \(5, 3\)"),
+        (
+            lambda w: w.move(np.zeros((2, 5, 3)), np.ones((2, 5, 4))),
+            ArgumentValueError,
+            r"xpos: expected shape \(5, 3\), got \(2, 5, 3\)",
+        ),
+    ],
+)
+def test_what_is_no_body_pose_or_instance_is_refused(
+    act: Callable[[ls.mujoco.World], object], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        act(ls.mujoco.World(mujoco.MjModel.from_xml_string(ROBOT)))

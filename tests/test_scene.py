@@ -412,3 +412,89 @@ def test_other_files_are_no_scenes(tmp_path: Path) -> None:
         ls.Scene.from_file(path)
     with pytest.raises(FileNotFoundError):
         ls.Scene.from_file(tmp_path / "none.glb")
+
+
+def places(rng, count):
+    """Transforms that turn, shear and shift."""
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    matrices[:, :3] += rng.normal(scale=0.4, size=(count, 3, 4))
+    return matrices
+
+
+def test_transforms_of_many_objects_at_once_are_those_set_one_by_one():
+    rng = np.random.default_rng(0)
+    mesh = ls.TriangleMesh.from_heightfield(rng.normal(size=(6, 6)), 0.5)
+    at_once, one_by_one = ls.Scene(), ls.Scene()
+    for scene in (at_once, one_by_one):
+        for k in range(40):
+            shape = mesh if k % 2 else ls.Sphere((0.1 * k, 0, 0), 0.5)
+            scene.add(shape, name=f"{k}", label=k, material=ls.Material(reflectivity=0.01 * k))
+        scene.remove(7)
+    ids = np.array([k for k in range(40) if k != 7])
+    origins, directions = rng.normal(size=(2, 500, 3))
+    for step in range(3):
+        chosen = rng.permutation(ids)[: 20 + step]
+        matrices = places(rng, len(chosen))
+        before = at_once.objects
+        at_once.update_transforms(chosen if step else chosen.tolist(), matrices)
+        for number, matrix in zip(chosen.tolist(), matrices, strict=True):
+            one_by_one.update(number, transform=matrix)
+        for item, other, old in zip(at_once, one_by_one, before, strict=True):
+            assert type(item) is ls.SceneObject
+            assert (item.id, item.name, item.label, item.instance) == (
+                other.id,
+                other.name,
+                other.label,
+                other.instance,
+            )
+            assert item.shape is old.shape
+            assert item.material is old.material
+            assert item.looks_like(old)
+            assert (item is old) == (item.id not in chosen)
+            np.testing.assert_array_equal(item.transform, other.transform)
+        found, right = at_once.cast(origins, directions), one_by_one.cast(origins, directions)
+        assert len(np.unique(right.object_id)) > 20
+        for name in ("t", "object_id", "primitive_id", "normal"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(right, name))
+
+
+def test_transforms_at_once_keep_motions():
+    path = ls.Trajectory([0.0, 1.0], [np.eye(4), moved(0.0, 2.0, 0.0)])
+    scene = ls.Scene()
+    ball = scene.add(ls.Sphere((0, 0, 0), 1.0), motion=path)
+    scene.update_transforms([ball], [moved(5.0, 0.0, 0.0)])
+    assert scene[ball].motion is path
+    assert scene.cast([[0, 2.0, 0]], [[1, 0, 0]], time=1.0).t.tolist() == [4.0]
+    scene.update_transforms([], np.zeros((0, 4, 4)))
+    assert scene.cast([[0, 2.0, 0]], [[1, 0, 0]], time=1.0).t.tolist() == [4.0]
+
+
+def moved(*offset):
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+@pytest.mark.parametrize(
+    ("ids", "transforms", "error", "message"),
+    [
+        ([0, 1], [np.eye(4)], ValueError, r"transforms: expected shape \(2, 4, 4\), got \(1, 4, 4\)"),
+        ([0, 1], [np.eye(4), np.diag([1, 0, 1, 1])], ValueError, r"got transforms\[1\] with determinant 0"),
+        ([0, 1], [np.eye(4), np.eye(4)[::-1]], ValueError, r"a last row of \(0, 0, 0, 1\), got transforms\[1\] with"),
+        ([0], [np.full((4, 4), np.nan)], ValueError, r"transforms: expected finite numbers"),
+        ([0, 0], [np.eye(4), np.eye(4)], ValueError, "ids: expected each id once, got 0 twice"),
+        ([0, 5], [np.eye(4), np.eye(4)], KeyError, "expected an id below 2, got 5"),
+        ([-1], [np.eye(4)], KeyError, "expected an id below 2, got -1"),
+        ([0.5], [np.eye(4)], TypeError, r"ids: expected integers of shape \(m,\), got float64"),
+        (0, np.eye(4), TypeError, r"ids: expected integers of shape \(m,\)"),
+        (["ball"], [np.eye(4)], TypeError, r"ids: expected integers of shape \(m,\)"),
+    ],
+)
+def test_wrong_transforms_at_once_change_nothing(ids, transforms, error, message):
+    scene = ls.Scene()
+    for _ in range(2):
+        scene.add(ls.Sphere((0, 0, 0), 1.0), transform=moved(3.0, 0.0, 0.0))
+    before = scene.objects
+    with pytest.raises(error, match=message):
+        scene.update_transforms(ids, transforms)
+    assert scene.objects == before

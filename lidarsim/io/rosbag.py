@@ -14,6 +14,7 @@ ouster     x y z intensity f4, t u4 (ns since the stamp), reflectivity ring ambi
 hesai      x y z intensity f4, ring u2, timestamp f8 (s, absolute); RoboSense's driver uses the same
 autoware   x y z f4, intensity return_type u1, channel u2, azimuth elevation distance f4, time_stamp u4 (ns)
 livox      offset_time u4 (ns), x y z f4, reflectivity tag line u1: ``livox_ros_driver2/msg/CustomMsg``, no PointCloud2
+laserscan  ranges intensities f4 of a 2D lidar: ``sensor_msgs/msg/LaserScan``, as `Scan.laser_scan` has it
 =========  ==========================================================================================================
 
 Clouds are dense, without NaN, in firing order; each point is in the frame of the sensor at its own firing. The stamp is
@@ -22,6 +23,9 @@ a driver publishes: see `cut` of `Writer`. Intensity and reflectivity are the ve
 byte: 0 to 100 (Livox: 150) for the reflectivity of a diffuse target, in percent, and up to 255 for retro-reflectors.
 Range counts from the vendor's zero. Photon counts and ambient light are not modelled: Ouster's intensity equals its
 reflectivity, and ambient is 0. Fields that a layout lacks are lost; fields that the cloud lacks are 0.
+
+A LaserScan keeps lidarsim's intensity. Its stamp is the time of its first beam, which a sensor that turns clockwise
+fires last: its ``time_increment`` is negative. When it is read, only its beams with a return become points.
 
 When a bag is read, `time` is in s since the stamp, `ring` is the layout's ring, channel or line, and a `range` in mm
 is converted to m; all else stays as in the message, including intensity in the vendor's units. Drivers disagree on the
@@ -72,7 +76,7 @@ if TYPE_CHECKING:
     from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
 
-__all__ = ["LAYOUTS", "SUFFIXES", "Message", "Writer", "read"]
+__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "Writer", "read"]
 
 SUFFIXES = (".mcap", ".db3")
 OLDEST = 0, 11
@@ -81,6 +85,10 @@ OLDEST = 0, 11
 _START = 1_577_836_800.0  # 2020-01-01T00:00:00Z; ROS treats a stamp of 0 as unset
 _CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # in sensor_msgs/msg/PointField
 _CLOUD, _CUSTOM = "sensor_msgs/msg/PointCloud2", "livox_ros_driver2/msg/CustomMsg"
+_LASER = "sensor_msgs/msg/LaserScan"
+_LASER_LAYOUT = "laserscan"
+NAMES = *LAYOUTS, _LASER_LAYOUT
+"""Names of all layouts; `LAYOUTS` are those of point clouds."""
 _CUSTOM_DEFINITIONS = {
     "livox_ros_driver2/msg/CustomPoint": "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
     "uint8 reflectivity\nuint8 tag\nuint8 line\n",
@@ -99,13 +107,15 @@ class Writer:
     path : path-like
         The file: ``.mcap``, or ``.db3`` for the older storage, SQLite.
     sensors : mapping of str to pose, or to an object with a pose as `mount`, optional
-        Name and mount of each sensor. The name is also the frame_id, and the topic is ``/<name>/points``; the mount
+        Name and mount of each sensor. The name is also the frame_id, and the topic is ``/<name>/points``, or
+        ``/<name>/scan`` for a LaserScan; the mount
         maps sensor to body, as a RigidTransform or (4, 4) array_like. Default: one "lidar" at the body's origin.
     trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
         The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
     layout : str or mapping of str to str, optional
-        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: by the vendor in the model of the `Lidar`
-        (ouster, hesai, robosense or livox, as in the presets), and velodyne for all others.
+        One of `NAMES` for all sensors, or by the sensor's name; "laserscan" for 2D lidars. Default: by the
+        vendor in the model of the `Lidar` (ouster, hesai, robosense or livox, as in the presets), and velodyne for all
+        others.
     start : float
         ROS time at time 0 of the scans, s since 1970. Default: the start of 2020.
     rate : float
@@ -216,10 +226,41 @@ class Writer:
         FileFormatError
             If a ring or a time does not fit in the layout.
         ValueError
-            If no sensor has that name, or the bag is not open.
+            If no sensor has that name, the bag is not open, or a LaserScan is asked of a sensor that is no 2D lidar.
         """
         for name, scan in (scans if isinstance(scans, Mapping) else {self._only(): scans}).items():
-            self.write_cloud(scan.point_cloud(), scan.time, sensor=name, lidar=scan.lidar)
+            if self._layouts.get(name) == _LASER_LAYOUT:
+                self._write_laser(name, scan)
+            else:
+                self.write_cloud(scan.point_cloud(), scan.time, sensor=name, lidar=scan.lidar)
+
+    def _write_laser(self, name: str, scan: Scan) -> None:
+        """Publish a scan of a 2D lidar, at the time of its last pulse."""
+        self._check_open()
+        found = scan.laser_scan()
+        stamp = self._stamp(found.time)
+        message = self._ros.types[_LASER](
+            header=self._header(stamp, name),
+            angle_min=found.angle_min,
+            angle_max=found.angle_max,
+            angle_increment=found.angle_increment,
+            time_increment=found.time_increment,
+            scan_time=found.scan_time,
+            range_min=found.range_min,
+            range_max=found.range_max,
+            ranges=found.ranges,
+            intensities=found.intensities,
+        )
+        first = self._stamp(scan.time + float(scan.pulses.time[0]))
+        last = self._stamp(scan.time + float(scan.pulses.time[-1]))
+        with _lost_writes():
+            self._advance(first, last)
+            data = self._ros.serialize_cdr(message, _LASER, little_endian=True)
+            self._send(f"/{name}/scan", _LASER, last, data)
+
+    def _check_open(self) -> None:
+        if self._bag is None:
+            raise ValueError(f"{self._path}: expected to be written in a with block")
 
     def write_cloud(
         self,
@@ -251,13 +292,15 @@ class Writer:
         ValueError
             If no sensor has that name, the bag is not open, or a cloud to be cut has no times.
         """
-        if self._bag is None:
-            raise ValueError(f"{self._path}: expected to be written in a with block")
+        self._check_open()
         name = self._only() if sensor is None else sensor
         if name not in self._mounts:
             raise ArgumentValueError("sensor", f"one of {', '.join(self._mounts)}", repr(name))
         stamp = self._stamp(time)
         layout = self._layouts.get(name) or layout_of(lidar)
+        if layout == _LASER_LAYOUT:
+            hint = "a cloud lacks the beams without a return"
+            raise ArgumentValueError("layout", "one of point clouds, or scans by `write`", repr(layout), hint)
         time_of_cut = _cuts.time_of(self._cut, layout, lidar)
         if lidar is not None and time_of_cut is not None:
             self._write_cut(name, cloud, lidar, layout=layout, frame=stamp, cut=time_of_cut)
@@ -514,7 +557,7 @@ def load(file: BinaryIO) -> Fields:
 
 def _read(path: Path, topic: str | None) -> Iterator[Message]:
     ros = _typestore()
-    parsers = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom}
+    parsers = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom, _LASER: _parsed_laser}
     topics: dict[str, str] = {}
     for name, kind, recorded, data in _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path):
         topics[name] = kind
@@ -602,6 +645,29 @@ def _parsed_custom(_: Typestore, data: memoryview, recorded: int) -> tuple[str, 
     return frame, seconds * 10**9 + nanoseconds, cloud
 
 
+def _parsed_laser(ros: Typestore, data: memoryview, _: int) -> tuple[str, int, PointCloud]:
+    message: Any = ros.deserialize_cdr(data, _LASER)
+    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    ranges = message.ranges.astype(np.float64)
+    if len(message.intensities) not in {0, len(ranges)}:
+        raise FileFormatError(f"it has {len(message.intensities)} intensities for {len(ranges)} ranges")
+    numbers = np.arange(len(ranges))
+    # An angle is what the message says: the sum of two float32 numbers.
+    angles = message.angle_min + message.angle_increment * numbers
+    found = np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)
+    there = ranges[found]
+    fields: Fields = {
+        "xyz": np.column_stack((there * np.cos(angles[found]), there * np.sin(angles[found]), np.zeros(len(there)))),
+        "range": there,
+        "time": message.time_increment * numbers[found],
+    }
+    if len(message.intensities):
+        fields["intensity"] = message.intensities[found].astype(np.float32)
+    if not np.isfinite(fields["xyz"]).all() or not np.isfinite(fields["time"]).all():
+        raise FileFormatError("it has an angle or a time that is not finite")
+    return message.header.frame_id, stamp, PointCloud(fields)
+
+
 @contextmanager
 def _new_bag(path: PathLike, suffix: str) -> Iterator[rosbag2.Writer]:
     """Open a rosbags writer whose only file is renamed to `path` when the block ends without an error."""
@@ -678,8 +744,8 @@ def _layouts(layout: str | Mapping[str, str] | None, names: Mapping[str, object]
     for name, value in given.items():
         if name not in names:
             raise ArgumentValueError("layout", f"names of the sensors {', '.join(names)}", repr(name))
-        if value not in LAYOUTS:
-            raise ArgumentValueError("layout", f"one of {', '.join(LAYOUTS)}", repr(value))
+        if value not in NAMES:
+            raise ArgumentValueError("layout", f"one of {', '.join(NAMES)}", repr(value))
     return dict(given)
 
 

@@ -379,6 +379,47 @@ class TriangleMesh(Shape):
             raise FileFormatError(f"{path}: expected a triangle of heights, got no data at a corner of each triangle")
         return cls(points, faces, transform=transform)._note(raster.crs, raster.z.shape)
 
+    def deformed(self, vertices: npt.ArrayLike) -> Self:
+        """Return the mesh with its vertices elsewhere, as of a body that bends.
+
+        Casts are as exact as those of a mesh built from these vertices, and give the same bits. The hierarchy is that
+        of this mesh, refitted, which takes a tenth of the time of building one. Casts take longer the farther apart
+        triangles have moved that were neighbours; if these are scattered, make a new mesh instead.
+
+        Parameters
+        ----------
+        vertices : array_like, shape (n, 3)
+            New positions of all vertices of the mesh, before its transform, m.
+
+        Returns
+        -------
+        TriangleMesh
+            A mesh of the same faces and the same transform.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If these are not finite numbers, or not as many as the mesh has vertices.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> sheet = ls.TriangleMesh.from_heightfield(np.zeros((20, 20)), 1.0)
+        >>> scene = ls.Scene()
+        >>> flag = scene.add(sheet)
+        >>> for time in (0.0, 0.5):
+        ...     x, y, _ = sheet.vertices.T
+        ...     scene.update(flag, shape=sheet.deformed(np.column_stack((x, y, np.sin(x - time)))))
+        ...     print(scene.cast([[3.0, 5.0, 10.0]], [[0, 0, -1]]).t.round(3))
+        [9.859]
+        [9.402]
+        """
+        points = array("vertices", vertices, (len(self.vertices), 3))
+        mesh = type(self).__new__(type(self))
+        Shape.__init__(mesh, self._native.deformed(points))
+        return mesh._note(self.crs, self.grid)
+
     @property
     def crs(self) -> str | None:
         """Coordinate reference system of the raster that the mesh was read from, if it declares one: str or None.

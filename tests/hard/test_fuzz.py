@@ -27,6 +27,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
+from tests.io.scenes.gltf_files import Gltf
 
 DOCUMENTED = (ValueError, TypeError, KeyError, ls.errors.LidarsimError, OSError, MemoryError)
 
@@ -47,7 +48,18 @@ LEFT_OUT = {
 }
 """Beginnings of names, and why they are not called here."""
 
-RESULTS = {"Boxes", "Cells", "Comparison", "Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
+RESULTS = {
+    "Boxes",
+    "Cells",
+    "Comparison",
+    "Hits",
+    "LaserScan",
+    "OccupancyGrid",
+    "RigSensor",
+    "Scan",
+    "SceneObject",
+    "patterns.Description",
+}
 """Classes that functions return: their methods are called, their constructors not."""
 
 HEAVY = ("to_open3d", "to_pyvista", "from_open3d", "from_pyvista", "from_trimesh", "plot", "show")
@@ -93,6 +105,20 @@ def ball_and_floor() -> ls.Scene:
 
 def lidar() -> ls.Lidar:
     return ls.Lidar(ls.patterns.Grid([0.0, 0.1, 0.2], [-0.1, 0.1], rate=10.0, column_period=0.01), name="top")
+
+
+def flat_scan() -> ls.Scan:
+    return ls.Lidar(ls.patterns.Spinning([0.0], columns=8)).scan(ball_and_floor())
+
+
+def growing(folder: Path) -> ls.Scene:
+    """A scene with an animation."""
+    file = Gltf()
+    file.node(mesh=file.mesh())
+    sampler = {"input": file.numbers([[0.0], [1.0]]), "output": file.numbers(np.array([(1, 1, 1), (2, 2, 2)]))}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "scale"}}
+    file.put("animations", {"channels": [channel], "samplers": [sampler]})
+    return ls.Scene.from_file(file.save(folder / "growing.glb"))
 
 
 def drive() -> ls.Trajectory:
@@ -248,6 +274,15 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "keyframe": lambda _: None,
     "data": lambda _: poses(),
     "site": lambda _: "lidar",
+    "body": lambda _: 1,
+    "subtree": lambda _: True,
+    "xpos": lambda _: np.zeros((2, 3)),
+    "xquat": lambda _: np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
+    "ids": lambda _: [0],
+    "transforms": lambda _: turned(0.2, 0.1, 0.2, 0.3)[None],
+    "resolution": lambda _: 0.5,
+    "free_from": lambda _: None,
+    "animation": lambda _: None,
     # Files
     "path": lambda folder: folder / "cloud.npz",
     "topic": lambda _: None,
@@ -297,6 +332,13 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     ),
     "Scene.from_file.path": lambda folder: written(folder, "m.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
     "Scene.from_file.up": lambda _: "y",
+    "Scene.from_file.time": lambda _: None,
+    "Scene.animate.self": growing,
+    "Scan.laser_scan.self": lambda _: flat_scan(),
+    "occupancy.z": lambda _: 0.1,
+    "occupancy.bounds": lambda _: ((-2.0, -2.0), (5.0, 2.0)),
+    "OccupancyGrid.index.points": lambda _: [(0.0, 1.0)],
+    "OccupancyGrid.save.path": lambda folder: folder / "map.yaml",
     "Scene.from_file.unit": lambda _: 0.01,
     "Scene.from_file.rules": lambda _: [ls.Rule(node="a*", label=3)],
     **dict.fromkeys(("Scene.from_file.reflectivity", "Rule.reflectivity"), lambda _: "color"),
@@ -445,11 +487,13 @@ def example(name: str, signature: inspect.Signature, folder: Path) -> dict[str, 
     """Arguments by name with which a function can be called, `self` among them."""
     arguments: dict[str, Any] = {}
     for parameter in signature.parameters:
-        if parameter == "self":
+        if f"{name}.{parameter}" in PARTICULAR:
+            arguments[parameter] = PARTICULAR[f"{name}.{parameter}"](folder)
+        elif parameter == "self":
             owner = name.rpartition(".")[0]
             arguments[parameter] = INSTANCES[owner]() if owner in INSTANCES else made(owner, folder)
         else:
-            arguments[parameter] = PARTICULAR.get(f"{name}.{parameter}", VALUES.get(parameter, absent))(folder)
+            arguments[parameter] = VALUES.get(parameter, absent)(folder)
     return arguments
 
 
@@ -460,6 +504,8 @@ INSTANCES = {
     "Boxes": lambda: lidar().scan(ball_and_floor()).boxes(),
     "Cells": lambda: cloud().raster(cell=0.5),
     "Comparison": lambda: ls.compare(cloud(), cloud()),
+    "LaserScan": lambda: flat_scan().laser_scan(),
+    "OccupancyGrid": lambda: ls.occupancy(ball_and_floor(), 0.5, 0.1),
 }
 """By class, what is better than what its constructor makes of the example."""
 

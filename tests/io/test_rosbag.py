@@ -682,7 +682,10 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
         ({"path": "a.bag"}, r"a.bag: unknown extension '.bag', expected .db3 or .mcap"),
         ({"sensors": {"/top": np.eye(4)}}, r"sensors: expected a name of letters, digits and _, got '/top'"),
         ({"sensors": {"top": np.zeros((4, 4))}}, r"sensors\['top'\]: expected a last row of"),
-        ({"layout": "pandar"}, "layout: expected one of velodyne, ouster, hesai, autoware, livox, got 'pandar'"),
+        (
+            {"layout": "pandar"},
+            "layout: expected one of velodyne, ouster, hesai, autoware, livox, laserscan, got 'pandar'",
+        ),
         ({"layout": {"top": "hesai"}}, "layout: expected names of the sensors lidar, got 'top'"),
         ({"rate": 0}, "rate: expected a finite number > 0, got 0"),
         ({"start": -1}, "start: expected a finite number >= 0, got -1"),
@@ -926,3 +929,56 @@ def test_an_older_rosbags_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     for call in (lambda: list(rosbag.read(path)), lambda: rosbag.Writer(path), lambda: PointCloud.load(path)):
         with pytest.raises(MissingExtraError, match=message):
             call()
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_scans_of_2d_lidars_are_laser_scans(clockwise: bool, suffix: str, ros: Any, tmp_path: Path) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Polygon([(3, -9, -1), (3, 9, -1), (3, 9, 1), (3, -9, 1)]))
+    pattern = ls.patterns.Spinning([0.0], columns=360, rate=10.0, clockwise=clockwise)
+    lidar = ls.Lidar(pattern, min_range=0.1, max_range=8.0)
+    scans = [lidar.scan(scene, time=frame / 10, frame=frame) for frame in range(2)]
+    path = tmp_path / f"drive{suffix}"
+    with rosbag.Writer(path, layout="laserscan", start=100.0) as bag:
+        for scan in scans:
+            bag.write(scan)
+    found = messages(path, ros)["/lidar/scan"]
+    assert len(found) == 2
+    for (recorded, message), scan in zip(found, scans, strict=True):
+        right = scan.laser_scan()
+        assert message.header.frame_id == "lidar"
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        assert stamp == round((100.0 + right.time) * 1e9)
+        assert recorded == round((100.0 + scan.time + scan.pulses.time[-1]) * 1e9)
+        for name in ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min"):
+            assert getattr(message, name) == np.float32(getattr(right, name))
+        np.testing.assert_array_equal(message.ranges, right.ranges)
+        np.testing.assert_array_equal(message.intensities, right.intensities)
+        assert np.isinf(message.ranges).any()
+    clouds = [message.cloud for message in rosbag.read(path)]
+    for cloud, scan in zip(clouds, scans, strict=True):
+        order = slice(None, None, -1) if clockwise else slice(None)
+        points = scan.point_cloud()[order]
+        assert len(cloud) == len(points) > 100
+        # Ranges below 8 m and angles below 4 rad are float32, the latter with the step times up to 360.
+        np.testing.assert_allclose(cloud.xyz, points.xyz, atol=8 * 361 * 2.0**-23)
+        np.testing.assert_allclose(cloud.time, points.time - scan.pulses.time[order][0], rtol=0, atol=1e-7)
+        np.testing.assert_array_equal(cloud.intensity, points.intensity)
+
+
+def test_laser_scans_are_refused_of_other_sensors_and_of_clouds(cloud: PointCloud, tmp_path: Path) -> None:
+    scan = ls.Lidar.preset("velodyne-vlp16").scan(ls.Scene())
+    with (
+        pytest.raises(ValueError, match="scan: expected one of a 2D lidar"),
+        rosbag.Writer(tmp_path / "a.mcap", layout="laserscan") as bag,
+    ):
+        bag.write(scan)
+    with (
+        pytest.raises(ValueError, match="layout: expected one of point clouds, or scans by `write`"),
+        rosbag.Writer(tmp_path / "a.mcap", layout="laserscan") as bag,
+    ):
+        bag.write_cloud(cloud)
+    with pytest.raises(ValueError, match="expected to be written in a with block"):
+        rosbag.Writer(tmp_path / "a.mcap", layout="laserscan").write(ls.Lidar.preset("sick-lms111").scan(ls.Scene()))
+    assert not any(tmp_path.iterdir())

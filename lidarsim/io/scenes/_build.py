@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Hashable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from lidarsim._files import check_regular, reading_as
+from lidarsim._pickling import Immutable
 from lidarsim._validation import Floats, placement
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._model import Indices, Node, Part, Picture, SceneFile, mean_of_corners
@@ -21,6 +22,9 @@ from lidarsim.scene import Scene
 from lidarsim.shapes import Shape, TriangleMesh
 from lidarsim.shapes._polygons import check_faces, triangulated
 from lidarsim.shapes.triangle_mesh import MeshFile
+
+if TYPE_CHECKING:
+    from lidarsim.io.scenes._gltf_animation import Bend, Figure
 
 Reader = Callable[[Path], SceneFile]
 
@@ -46,6 +50,56 @@ class Placed(NamedTuple):
     transform: Floats | None
     material_name: str
     """Name of its material in the file."""
+    source: Source | None = None
+    """What an animation needs to move it."""
+
+
+class Source(NamedTuple):
+    """Where an object that an animation moves comes from."""
+
+    node: int
+    copy: Floats
+    mesh: TriangleMesh
+    """The part in the pose in which the file was read."""
+    bend: Bend | None
+
+
+@dataclass(frozen=True, eq=False)
+class Moved(Immutable):
+    """The objects of a scene that the animations of its file move.
+
+    Parameters
+    ----------
+    figure : Figure
+        The nodes of the file.
+    upright : ndarray of float64, shape (4, 4)
+        From the units and axes of the file to metres and z up.
+    sources : mapping of int to Source
+        By the id of the object.
+    """
+
+    figure: Figure
+    upright: Floats
+    sources: Mapping[int, Source]
+
+    @property
+    def durations(self) -> dict[str, float]:
+        """Last time of each animation, s, by its name."""
+        return {name: animation.duration for name, animation in self.figure.animations.items()}
+
+    def at(self, animation: str, time: float) -> Iterator[tuple[int, TriangleMesh, Floats | None]]:
+        """Yield the id, the shape and the transform of each object at a time of an animation."""
+        pose = self.figure.pose(animation, time)
+        for number, (node, copy, mesh, bend) in self.sources.items():
+            skinned = bend is not None and bend.skin is not None
+            with np.errstate(over="ignore", invalid="ignore"):
+                transform = self.upright @ (np.eye(4) if skinned else pose.places[node]) @ copy
+            vertices = mesh.vertices if bend is None else bend.at(pose)
+            if not (np.isfinite(transform).all() and np.isfinite(vertices).all()):
+                where = f"animation {animation!a}, nodes[{node}] at {time} s"
+                raise FileFormatError(f"{where}: expected a place within the range of float64")
+            shape = mesh if bend is None else mesh.deformed(vertices)
+            yield number, *_set_at(shape, transform)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +114,10 @@ class Imported:
     """What else was left out, and why."""
     without_rule: list[str]
     """Paths of the nodes that no rule matched, if there are rules."""
+    figure: Figure | None = None
+    """The nodes that animations move."""
+    upright: Floats = field(default_factory=lambda: np.eye(4))
+    """From the units and axes of the file to metres and z up, shape (4, 4)."""
 
     @property
     def bounds(self) -> Floats:
@@ -119,6 +177,9 @@ def scene_with(found: Imported) -> Scene:
             material=item.material,
             transform=item.transform,
         )
+    if found.figure is not None:
+        sources = {number: item.source for number, item in enumerate(found.objects) if item.source is not None}
+        scene._animations = Moved(found.figure, found.upright, sources)
     return scene
 
 
@@ -179,7 +240,11 @@ def _built(path: Path, file: SceneFile, options: Options) -> Imported:
             if not len(meshes.cuts(part)):
                 continue
             shape, place = meshes.placed(part, transform)
-            if place is None and shape.degenerate_count == len(shape) and not np.array_equal(transform, IDENTITY):
+            source = None
+            if file.figure is not None and file.figure.moves(node.key[0], part.bend):
+                source = Source(node.key[0], node.copy, meshes.mesh(part), part.bend)
+            flattened = place is None and not np.array_equal(transform, IDENTITY)
+            if flattened and source is None and shape.degenerate_count == len(shape):
                 flat += 1
                 continue
             appearance = options.reflectivity if rule.reflectivity is None else rule.reflectivity
@@ -193,6 +258,7 @@ def _built(path: Path, file: SceneFile, options: Options) -> Imported:
                     rule.instance if isinstance(rule.instance, int) else None,
                     place,
                     part.material,
+                    source,
                 )
             )
         if options.rules and not matched:
@@ -200,7 +266,18 @@ def _built(path: Path, file: SceneFile, options: Options) -> Imported:
     left_out = [*file.left_out, *([f"objects scaled to nothing ({flat:,})"] if flat else [])]
     if not objects and not skipped:
         raise FileFormatError("it holds no triangles" + f"; left out: {', '.join(left_out)}" * bool(left_out))
-    return Imported(path, objects, skipped, left_out, without_rule)
+    return Imported(path, objects, skipped, left_out, without_rule, file.figure, upright)
+
+
+def _set_at(mesh: TriangleMesh, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
+    """Return a mesh and its transform; a singular one flattens the vertices themselves."""
+    if np.array_equal(transform, IDENTITY):
+        return mesh, None
+    try:
+        mesh._native.transformed(placement(transform))
+    except ValueError:
+        return TriangleMesh(_moved(mesh.vertices, transform), mesh.faces), None
+    return mesh, transform
 
 
 class _Meshes:
@@ -223,18 +300,15 @@ class _Meshes:
                 self._cuts[part] = triangulated(part.vertices[part.corners], cuts, part.sizes)[0]
         return self._cuts[part]
 
-    def placed(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
-        """Return the mesh of a part and its transform; a singular one flattens the vertices themselves."""
+    def mesh(self, part: Part) -> TriangleMesh:
+        """Return the mesh of a part."""
         if part not in self._shapes:
             self._shapes[part] = TriangleMesh(part.vertices, part.corners[self.cuts(part)])
-        shape = self._shapes[part]
-        if np.array_equal(transform, IDENTITY):
-            return shape, None
-        try:
-            shape._native.transformed(placement(transform))
-        except ValueError:
-            return TriangleMesh(_moved(part.vertices, transform), shape.faces), None
-        return shape, transform
+        return self._shapes[part]
+
+    def placed(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
+        """Return the mesh of a part and its transform."""
+        return _set_at(self.mesh(part), transform)
 
     def material(self, part: Part, appearance: Appearance) -> Material | None:
         """Return the material of a part."""

@@ -183,6 +183,36 @@ class Scene(Model):
     nodes: list[Integer] = []
 
 
+class Target(Model):
+    """A property of a node."""
+
+    node: Integer | None = None
+    path: str
+
+
+class Channel(Model):
+    """What moves a property of a node."""
+
+    sampler: Integer
+    target: Target
+
+
+class AnimationSampler(Model):
+    """Values at times."""
+
+    input: Integer
+    output: Integer
+    interpolation: Literal["LINEAR", "STEP", "CUBICSPLINE"] = "LINEAR"
+
+
+class Animation(Model):
+    """Channels that belong together."""
+
+    name: Name = ""
+    channels: Annotated[list[Channel], Field(min_length=1)]
+    samplers: Annotated[list[AnimationSampler], Field(min_length=1)]
+
+
 class TextureTransform(Model):
     """Offset, rotation and scale of texture coordinates."""
 
@@ -281,6 +311,7 @@ class Document(Model):
     nodes: list[Node] = []
     meshes: list[Mesh] = []
     skins: list[Skin] = []
+    animations: list[Animation] = []
     materials: list[Material] = []
     textures: list[Texture] = []
     samplers: list[Sampler] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,9 @@ import numpy.typing as npt
 from lidarsim._validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Wrap
+
+if TYPE_CHECKING:
+    from lidarsim.io.scenes._gltf_animation import Bend, Figure
 
 Indices = npt.NDArray[np.int64]
 Axis = Literal["x", "y", "z"]
@@ -67,6 +70,8 @@ class Part:
     """Name of the material."""
     paint: Callable[[], Paint] = white
     """Return the colours, for which further files may be read."""
+    bend: Bend | None = None
+    """How the vertices follow a skin and morph targets."""
 
 
 class Names(NamedTuple):
@@ -97,6 +102,8 @@ class Node:
     key: Key
     parent: Key
     top: Key
+    copy: Floats = field(default_factory=lambda: np.eye(4))
+    """Where it has the parts, in the coordinates of a node that animations may move."""
 
 
 @dataclass
@@ -109,6 +116,8 @@ class SceneFile:
     """Unit of length, m."""
     left_out: list[str] = field(default_factory=list)
     """What was left out, and why."""
+    figure: Figure | None = None
+    """The nodes that animations move."""
 
     def add(self, node: Node) -> None:
         """Append a node, after checking that it lies within the range of float64."""

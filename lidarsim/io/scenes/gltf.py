@@ -1,8 +1,9 @@
-"""glTF 2.0 (``.glb``, ``.gltf``): the triangles of its default scene, in rest pose.
+"""glTF 2.0 (``.glb``, ``.gltf``): the triangles of its default scene, at rest and at the times of its animations.
 
 Read are: triangles, strips and fans; sparse, normalised and quantised accessors (``KHR_mesh_quantization``);
-``KHR_draco_mesh_compression`` (by DracoPy) and ``EXT_mesh_gpu_instancing``; skins and morph targets; base colours.
-Points, lines, cameras, lights and animations are passed over. A file that requires another extension is refused.
+``KHR_draco_mesh_compression`` (by DracoPy) and ``EXT_mesh_gpu_instancing``; animations, skins and morph targets; base
+colours. Points, lines, cameras and lights are passed over, and so is what an extension animates. A file that requires
+another extension is refused.
 
 Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html.
 """
@@ -24,6 +25,17 @@ from lidarsim._extras import import_extra
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
+from lidarsim.io.scenes._gltf_animation import (
+    Bend,
+    Pose,
+    Skin,
+    animations_of,
+    figure_of,
+    local_of,
+    rotations,
+    total_of,
+    weights_animated,
+)
 from lidarsim.io.scenes._gltf_data import Data, at, real
 from lidarsim.io.scenes._model import MOST_DEPTH, MOST_OBJECTS, Indices, Names, Node, Paint, Part, Picture, SceneFile
 from lidarsim.materials import Wrap
@@ -113,6 +125,9 @@ class _Reader:
         self._left_out: Counter[str] = Counter()
         self._parents = _parents(document.nodes)
         self._places: dict[int, Floats] = {}
+        self._skins: dict[int, Skin] = {}
+        self._rest = Pose(np.empty((0, 4, 4)), self._skins)
+        self._weighted: dict[int, int] = {}
         self.file = SceneFile(up="y")
 
     def read(self) -> None:
@@ -131,7 +146,7 @@ class _Reader:
                 node, parent = nodes[index], self._parents[index]
                 if depth == MOST_DEPTH:
                     raise FileFormatError(f"nodes[{index}]: expected at most {MOST_DEPTH} nodes in line, got more")
-                local = _local(node, f"nodes[{index}]")
+                local = local_of(node, f"nodes[{index}]")
                 with np.errstate(over="ignore", invalid="ignore"):
                     self._places[index] = local if parent is None else self._places[parent] @ local
                 if not node.extensions.visibility.visible or parent in hidden:
@@ -141,6 +156,10 @@ class _Reader:
         if reached < len(nodes):
             cycle = next(index for index in range(len(nodes)) if index not in self._places)
             raise FileFormatError(f"nodes[{cycle}]: expected a tree, got nodes that lie below themselves")
+        self._rest = Pose(np.array([self._places[index] for index in range(len(nodes))]), self._skins)
+        animations = animations_of(self._document, self._data)
+        self._weighted = weights_animated(animations)
+        self.file.figure = figure_of(animations, nodes, [index for index, _, _ in order], self._parents, self._rest)
         drawn = set(shown_tops)
         for index, top, names in order:
             mesh = nodes[index].mesh
@@ -188,8 +207,8 @@ class _Reader:
         for number, copy in enumerate(copies):
             with np.errstate(over="ignore", invalid="ignore"):
                 transform = place @ copy
-            keys = [(key, number) for key in (index, index if parent is None else parent, top)]
-            self.file.add(Node(names, transform, parts, *keys))
+            own, above, first = ((key, number) for key in (index, index if parent is None else parent, top))
+            self.file.add(Node(names, transform, parts, own, above, first, copy))
 
     def _copies(self, instancing: gltf.Instancing, index: int) -> Floats:
         """Return the transforms of the copies of a mesh by ``EXT_mesh_gpu_instancing``, shape (n, 4, 4)."""
@@ -207,7 +226,7 @@ class _Reader:
             raise FileFormatError(f"{where}: expected at most {MOST_OBJECTS:,} copies, got {count:,}")
         for name, values in found.items():
             _check_finite(values, f"{where}.{name}")
-        turns = _rotations(found.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), where)
+        turns = rotations(found.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), where)
         placed = np.tile(np.eye(4), (count, 1, 1))
         placed[:, :3, :3] = turns * found.get("SCALE", np.ones((count, 3)))[:, None, :]
         placed[:, :3, 3] = found.get("TRANSLATION", 0.0)
@@ -218,38 +237,42 @@ class _Reader:
         node, where = self._document.nodes[index], f"nodes[{index}]"
         mesh = at(self._document.meshes, number, f"{where}.mesh")
         weights = mesh.weights if node.weights is None else node.weights
-        key = (number, None if weights is None else tuple(weights), node.skin)
+        animated = index if index in self._weighted else None
+        key = (number, None if weights is None else tuple(weights), node.skin, animated)
         if key not in self._parts:
-            skin = None if node.skin is None else self._skin(node.skin, f"{where}.skin")
+            if node.skin is not None:
+                self._read_skin(node.skin, f"{where}.skin")
             found = []
             for place, primitive in enumerate(mesh.primitives):
-                part = self._primitive(primitive, f"meshes[{number}].primitives[{place}]", weights, skin)
+                part = self._primitive(primitive, f"meshes[{number}].primitives[{place}]", weights, index)
                 if part is not None:
                     found.append(part)
             self._parts[key] = tuple(found)
         return self._parts[key]
 
-    def _skin(self, number: int, where: str) -> Floats:
-        """Return the transforms of the joints of a skin, from the bound mesh to the scene, shape (joints, 4, 4)."""
+    def _read_skin(self, number: int, where: str) -> None:
+        """Read the joints of a skin, and the maps from the bound mesh to them."""
         skin = at(self._document.skins, number, where)
+        if number in self._skins:
+            return
         for place, joint in enumerate(skin.joints):
             at(self._document.nodes, joint, f"skins[{number}].joints[{place}]")
-        places = np.array([self._places[joint] for joint in skin.joints])
+        joints = np.array(skin.joints)
         if skin.inverse_bind_matrices is None:
-            return places
+            self._skins[number] = Skin(joints, None)
+            return
         name = f"skins[{number}].inverseBindMatrices"
         inverse = self._data.numbers(skin.inverse_bind_matrices, name, ["MAT4"], "f")
-        if len(inverse) < len(places):
-            raise FileFormatError(f"{name}: expected {len(places)}, one a joint, got {len(inverse)}")
+        if len(inverse) < len(joints):
+            raise FileFormatError(f"{name}: expected {len(joints)}, one a joint, got {len(inverse)}")
         _check_finite(inverse, name)
-        columns = inverse[: len(places)].reshape(-1, 4, 4).transpose(0, 2, 1)  # stored column by column
-        with np.errstate(over="ignore", invalid="ignore"):
-            return places @ columns
+        columns = inverse[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)  # stored column by column
+        self._skins[number] = Skin(joints, columns)
 
     def _primitive(
-        self, primitive: gltf.Primitive, where: str, weights: Sequence[float] | None, skin: Floats | None
+        self, primitive: gltf.Primitive, where: str, weights: Sequence[float] | None, index: int
     ) -> Part | None:
-        """Return the part that a primitive makes, or None for points, lines and what has no positions."""
+        """Return the part that a primitive makes for a node, or None for points, lines and what has no positions."""
         if primitive.mode == POINTS or primitive.mode in LINES:
             self._left_out["points and lines"] += 1
             return None
@@ -259,9 +282,11 @@ class _Reader:
         attribute, faces = self._attributes(primitive, where)
         vertices = attribute("POSITION", ["VEC3"])
         _check_finite(vertices, f"{where}.attributes.POSITION")
-        vertices = self._morphed(vertices, primitive, where, weights)
-        if skin is not None:
-            vertices = _skinned(vertices, primitive, where, attribute, skin)
+        bend = self._bend(vertices, primitive, where, attribute, weights=weights, index=index)
+        if bend is not None:
+            vertices = bend.at(self._rest)
+            if bend.skin is not None:
+                _check_finite(vertices, f"{where}, moved by its skin")
         indices = self._indices(primitive, where, len(vertices), faces)
         triangles = _triangles(primitive.mode if faces is None else TRIANGLES, indices, where)
         corners = triangles.ravel()
@@ -269,6 +294,7 @@ class _Reader:
         used[corners] = True
         if not used.all():  # primitives may share the vertices of a whole file
             vertices, corners = vertices[used], (np.cumsum(used) - 1)[corners]
+            bend = None if bend is None else bend.of(used)
         material = (
             None
             if primitive.material is None
@@ -276,7 +302,7 @@ class _Reader:
         )
         paint = partial(self._paint, primitive, where, attribute, used=used, corners=corners)
         name = "" if material is None else material.name or f"{primitive.material}"
-        return Part(vertices, corners, np.full(len(triangles), 3), name, paint)
+        return Part(vertices, corners, np.full(len(triangles), 3), name, paint, bend)
 
     def _paint(
         self,
@@ -368,25 +394,48 @@ class _Reader:
             raise FileFormatError(f"{name}[{wrong[0]}]: expected an index below {vertices}, got {got}")
         return indices
 
-    def _morphed(
-        self, vertices: Floats, primitive: gltf.Primitive, where: str, weights: Sequence[float] | None
-    ) -> Floats:
-        """Return vertices displaced by morph targets."""
-        if weights is None or not primitive.targets:
-            return vertices
-        if len(weights) != len(primitive.targets):
-            got = len(primitive.targets)
-            raise FileFormatError(f"{where}.targets: expected {len(weights)}, one a weight, got {got}")
-        for number, (weight, target) in enumerate(zip(weights, primitive.targets, strict=True)):
-            if weight and "POSITION" in target:
-                name = f"{where}.targets[{number}].POSITION"
-                moves = self._data.numbers(target["POSITION"], name, ["VEC3"])
-                _check_finite(moves, name)
-                if len(moves) != len(vertices):
-                    raise FileFormatError(f"{name}: expected {len(vertices)}, one a vertex, got {len(moves)}")
-                with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
-                    vertices = vertices + weight * moves
-        return vertices
+    def _bend(
+        self,
+        vertices: Floats,
+        primitive: gltf.Primitive,
+        where: str,
+        attribute: Callable[..., Any],
+        *,
+        weights: Sequence[float] | None,
+        index: int,
+    ) -> Bend | None:
+        """Return how morph targets and the skin of a node move vertices, or None if nothing does."""
+        targets: list[Floats | None] = []
+        count = self._weighted.get(index)
+        if weights is None and count is not None:
+            weights = [0.0] * count
+        if weights is not None and primitive.targets:
+            for expected in (len(weights), count):
+                if expected is not None and expected != len(primitive.targets):
+                    got = len(primitive.targets)
+                    raise FileFormatError(f"{where}.targets: expected {expected}, one a weight, got {got}")
+            targets = [
+                self._target(target, f"{where}.targets[{number}].POSITION", len(vertices))
+                if weight or count is not None
+                else None
+                for number, (weight, target) in enumerate(zip(weights, primitive.targets, strict=True))
+            ]
+        skin = self._document.nodes[index].skin
+        if skin is None:
+            return Bend(index, vertices, tuple(weights or ()), tuple(targets)) if targets else None
+        joints, influence = _influences(primitive, where, attribute, len(vertices), len(self._skins[skin].joints))
+        given = tuple(weights or ()) if targets else ()
+        return Bend(index, vertices, given, tuple(targets), skin, joints, influence)
+
+    def _target(self, target: gltf.Attributes, where: str, vertices: int) -> Floats | None:
+        """Return the displacements by a morph target, if it has any."""
+        if "POSITION" not in target:
+            return None
+        moves = self._data.numbers(target["POSITION"], where, ["VEC3"])
+        _check_finite(moves, where)
+        if len(moves) != vertices:
+            raise FileFormatError(f"{where}: expected {vertices}, one a vertex, got {len(moves)}")
+        return moves
 
     def _picture(self, index: int, where: str) -> Picture:
         """Return a texture."""
@@ -430,46 +479,6 @@ def _parents(nodes: Sequence[gltf.Node]) -> list[int | None]:
     return parents
 
 
-def _local(node: gltf.Node, where: str) -> Floats:
-    """Return the transform of a node, shape (4, 4)."""
-    parts = (node.translation, node.rotation, node.scale)
-    if node.matrix is not None:
-        if any(part is not None for part in parts):
-            raise FileFormatError(f"{where}: expected either a matrix or translation, rotation and scale, got both")
-        matrix = np.reshape(node.matrix, (4, 4)).T.copy()  # stored column by column
-        if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-            raise FileFormatError(f"{where}.matrix: expected (0, 0, 0, 1) as the last row, got {matrix[3].tolist()}")
-        return matrix
-    matrix = np.eye(4)
-    if node.rotation is not None:
-        matrix[:3, :3] = _rotations(np.array([node.rotation]), f"{where}.rotation")[0]
-    if node.scale is not None:
-        matrix[:3, :3] *= node.scale
-    if node.translation is not None:
-        matrix[:3, 3] = node.translation
-    return matrix
-
-
-def _rotations(quaternions: Floats, where: str) -> Floats:
-    """Return the matrices of quaternions (x, y, z, w) of any length but zero, shape (n, 3, 3).
-
-    A matrix of quaternions (0, 0, 0, w) is the identity, and the matrices of half turns about an axis are exact.
-    """
-    largest = np.abs(quaternions).max(axis=1, keepdims=True)
-    wrong = np.flatnonzero(largest[:, 0] == 0.0)
-    if len(wrong):
-        raise FileFormatError(f"{where}: expected quaternions other than zero, got zero at place {wrong[0]}")
-    scaled = quaternions / largest
-    x, y, z, w = scaled.T
-    s = 2.0 / (scaled**2).sum(axis=1)
-    rows = [
-        [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
-        [s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)],
-        [s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
 def _triangles(mode: int, indices: Indices, where: str) -> Indices:
     """Return the triangles of a list, strip or fan of vertices, shape (n, 3)."""
     if len(indices) < 3 or (mode == TRIANGLES and len(indices) % 3):
@@ -482,13 +491,11 @@ def _triangles(mode: int, indices: Indices, where: str) -> Indices:
     return np.stack([indices[1:-1], indices[2:], np.broadcast_to(indices[0], len(indices) - 2)], axis=1)
 
 
-def _skinned(
-    vertices: Floats, primitive: gltf.Primitive, where: str, attribute: Callable[..., Any], skin: Floats
-) -> Floats:
-    """Return vertices at rest in the scene: the mean of their places by their joints, by weight."""
-    moved = np.zeros((len(vertices), 3))
-    total = np.zeros(len(vertices))
-    homogeneous = np.column_stack((vertices, np.ones(len(vertices))))
+def _influences(
+    primitive: gltf.Primitive, where: str, attribute: Callable[..., Any], vertices: int, joints_of_skin: int
+) -> tuple[Indices, Floats]:
+    """Return the joints that move each vertex and their weights, both of shape (n, k)."""
+    found: tuple[list[Indices], list[Floats]] = ([], [])
     sets = sum(name.startswith("JOINTS_") for name in primitive.attributes)
     for number in range(sets):
         names = f"JOINTS_{number}", f"WEIGHTS_{number}"
@@ -497,28 +504,25 @@ def _skinned(
                 raise FileFormatError(f"{where}.attributes: missing {name}")
         joints = attribute(names[0], ["VEC4"], "u").astype(np.int64)
         weights = attribute(names[1], ["VEC4"], "fu")
-        if joints.shape != weights.shape or len(joints) != len(vertices):
+        if joints.shape != weights.shape or len(joints) != vertices:
             got = f"{len(joints)} and {len(weights)}"
-            raise FileFormatError(f"{where}.attributes: expected {len(vertices)} {names[0]} and {names[1]}, got {got}")
+            raise FileFormatError(f"{where}.attributes: expected {vertices} {names[0]} and {names[1]}, got {got}")
         _check_finite(weights, f"{where}.attributes.{names[1]}")
-        wrong = np.argwhere((joints >= len(skin)) & (weights != 0.0))
+        wrong = np.argwhere((joints >= joints_of_skin) & (weights != 0.0))
         if len(wrong):
             i, j = wrong[0]
-            got = joints[i, j]
-            raise FileFormatError(f"{where}.attributes.{names[0]}[{i}]: expected joints below {len(skin)}, got {got}")
+            expected = f"joints below {joints_of_skin}"
+            raise FileFormatError(f"{where}.attributes.{names[0]}[{i}]: expected {expected}, got {joints[i, j]}")
         joints[weights == 0.0] = 0
-        total += weights.sum(axis=1)
-        with np.errstate(over="ignore", invalid="ignore"):
-            for slot in range(4):
-                placed = np.einsum("nij,nj->ni", skin[joints[:, slot], :3], homogeneous)
-                moved += weights[:, slot, None] * placed
+        found[0].append(joints)
+        found[1].append(weights)
+    influence = np.concatenate(found[1], axis=1) if sets else np.zeros((vertices, 0))
+    total = total_of(influence)
     without = np.flatnonzero(~(total > 0.0))
     if len(without):
         got = total[without[0]]
         raise FileFormatError(f"{where}.attributes: expected weights > 0, got a sum of {got} at vertex {without[0]}")
-    moved /= total[:, None]
-    _check_finite(moved, f"{where}, moved by its skin")
-    return moved
+    return np.concatenate(found[0], axis=1), influence
 
 
 def _uv(texture: gltf.TextureInfo, primitive: gltf.Primitive, attribute: Callable[..., Any]) -> Floats | None:

@@ -18,7 +18,7 @@ from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import obj
 from lidarsim.io.meshes._lines import floats, lines_of
-from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile
+from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile, white
 from lidarsim.materials import linear_light
 from lidarsim.shapes._polygons import check_faces
 from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh
@@ -58,8 +58,8 @@ def _nodes(
             used, corners = np.unique(mesh.corners[chosen], return_inverse=True)
             called = mesh.names[number] or name
         material = materials[number] if materials else ""
-        paint = {} if painter is None else {"paint": partial(painter, number, used, chosen)}
-        part = Part(mesh.vertices[used], corners, sizes, material, **paint)
+        paint = white if painter is None else partial(painter, number, used, chosen)
+        part = Part(mesh.vertices[used], corners, sizes, material, paint)
         found.setdefault(number if materials is None else called, (called, []))[1].append(part)
     file = SceneFile()
     for number, (called, parts) in enumerate(found.values()):

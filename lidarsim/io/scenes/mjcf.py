@@ -219,7 +219,7 @@ def poses(data: MjData, geoms: Sequence[int] | npt.NDArray[np.intp]) -> Floats:
     """Return the poses of geoms, geom to world: shape (n, 4, 4)."""
     index = np.asarray(geoms, np.intp)
     found = np.zeros((len(index), 4, 4))
-    found[:, :3, :3] = data.geom_xmat[index].reshape(-1, 3, 3)
+    found[:, :3, :3] = np.reshape(data.geom_xmat[index], (-1, 3, 3))
     found[:, :3, 3] = data.geom_xpos[index]
     found[:, 3, 3] = 1.0
     return found

@@ -15,6 +15,10 @@ pub struct PyAffine {
 }
 
 impl PyAffine {
+    pub fn of(rows: [[f64; 4]; 4]) -> Self {
+        PyAffine { rows }
+    }
+
     /// An object under one more map.
     pub fn image_of(self, object: &Object) -> PyResult<Object> {
         let [x, y, z, _] = self.rows;
@@ -35,7 +39,7 @@ impl PyAffine {
 impl PyAffine {
     #[new]
     fn new(rows: [[f64; 4]; 4]) -> Self {
-        PyAffine { rows }
+        PyAffine::of(rows)
     }
 
     /// Fast path for an array in the usual form; `None` for others.

@@ -51,6 +51,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
+    m.add_function(wrap_pyfunction!(object::placed, m)?)?;
     m.add_function(wrap_pyfunction!(plain::plain_matrix, m)?)?;
     m.add_function(wrap_pyfunction!(plain::plain_vector, m)?)?;
     m.add_function(wrap_pyfunction!(threads, m)?)?;

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::{Appearance, Backscatter, Labels, Reflectivity};
 use lidarsim_core::{Object, memory};
-use numpy::{PyArray2, PyReadonlyArray1};
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use crate::{PyAffine, PyPath, PyShape, PyTextureMap, detached, elements, shape};
+use crate::{PyAffine, PyPath, PyShape, PyTextureMap, argument_error, detached, elements, shape};
 
 /// An object in two forms: as given and validated in Python, and in the core.
 #[pyclass(frozen, subclass, name = "SceneObject", module = "lidarsim._native")]
@@ -111,6 +111,28 @@ impl PySceneObject {
     fn looks_like(&self, other: &PySceneObject) -> bool {
         Arc::ptr_eq(&self.appearance, &other.appearance)
     }
+}
+
+/// Objects under other transforms (n, 4, 4), one each.
+#[pyfunction]
+pub fn placed<'py>(
+    items: Vec<Bound<'py, PySceneObject>>,
+    transforms: PyReadonlyArray3<'py, f64>,
+) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let rows = elements("transforms", &transforms)?.as_chunks::<4>().0.as_chunks::<4>().0;
+    let place = |(i, (item, rows)): (usize, (Bound<'py, PySceneObject>, &[[f64; 4]; 4]))| {
+        let (py, transform) = (item.py(), PyAffine::of(*rows));
+        let PySceneObject { id, shape, name, label, instance, material, motion, .. } = item.get();
+        let fields = (*id, shape, name, label, *instance, material, Py::new(py, transform)?, motion, &item);
+        item.get_type().call1(fields).map_err(|error| {
+            if !error.is_instance_of::<PyValueError>(py) {
+                return error;
+            }
+            let got = format!("transforms[{i}] with determinant 0");
+            argument_error("transforms", "invertible matrices", got)
+        })
+    };
+    items.into_iter().zip(rows).enumerate().map(place).collect()
 }
 
 fn reflectivity(material: &Bound<'_, PyAny>) -> PyResult<Reflectivity> {

@@ -91,6 +91,16 @@ impl PyShape {
         Ok(PyShape { object, form: &[], numbers: Vec::new(), transform: None })
     }
 
+    /// The mesh with the same faces, transform and hierarchy over as many other vertices (n, 3).
+    fn deformed(&self, py: Python<'_>, vertices: Points<'_>) -> PyResult<Self> {
+        let vertices = points("vertices", &vertices)?;
+        let mesh = detached(py, || self.mesh().and_then(|mesh| mesh.deformed(memory::copy(vertices))))?
+            .ok_or_else(|| PyValueError::new_err("vertices: expected as many as the mesh has"))?;
+        let mut object = self.object.clone();
+        object.geometry = Geometry::Mesh(Arc::new(mesh));
+        Ok(PyShape { object, form: self.form, numbers: Vec::new(), transform: self.transform })
+    }
+
     /// Many spheres, from rows (n, 4) of centre and radius.
     #[staticmethod]
     fn spheres(py: Python<'_>, rows: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {

@@ -125,19 +125,13 @@ pub fn build<L: Send>(
     let job = &*Job::current();
     let ids = 0..count as u32;
     let nothing = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
-    let unite = |a: [Interval; 3], b: [Interval; 3]| {
-        std::array::from_fn(|i| Interval { low: a[i].low.min(b[i].low), high: a[i].high.max(b[i].high) })
-    };
     let shared = count > PARALLEL;
     let all = if shared {
-        ids.into_par_iter().with_min_len(PARALLEL).filter_map(&bounds).reduce(|| nothing, unite)
+        ids.into_par_iter().with_min_len(PARALLEL).filter_map(&bounds).reduce(|| nothing, union)
     } else {
-        ids.filter_map(&bounds).fold(nothing, unite)
+        ids.filter_map(&bounds).fold(nothing, union)
     };
-    let center: Point = all.map(|side| {
-        let middle = side.middle();
-        if middle.is_finite() { middle } else { 0.0 }
-    });
+    let center = center_of(all);
     let item = |id| {
         job.poll();
         let bounds = bounds(id).map_or(Aabb::EMPTY, |bounds| Aabb::around(bounds, center));
@@ -162,6 +156,18 @@ pub fn build<L: Send>(
     };
     let leaves = collect(parts.leaves.len(), shared, leaf);
     Bvh::with(center, memory::copy(&parts.nodes), leaves)
+}
+
+pub fn union(a: [Interval; 3], b: [Interval; 3]) -> [Interval; 3] {
+    std::array::from_fn(|i| Interval { low: a[i].low.min(b[i].low), high: a[i].high.max(b[i].high) })
+}
+
+/// The centre of a hierarchy with these bounds, which may be empty or unlimited.
+pub fn center_of(bounds: [Interval; 3]) -> Point {
+    bounds.map(|side| {
+        let middle = side.middle();
+        if middle.is_finite() { middle } else { 0.0 }
+    })
 }
 
 /// The values of `make` for the numbers below `count`, in order. If `shared`, all threads of the pool take

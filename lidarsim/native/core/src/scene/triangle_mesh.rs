@@ -36,6 +36,24 @@ impl TriangleMesh {
         })
     }
 
+    /// The same faces over other vertices, with the hierarchy refitted to them: it has the same leaves, whose
+    /// triangles are taken anew. `None` if the number of vertices differs.
+    pub fn deformed(&self, vertices: Vec<Point>) -> Option<Self> {
+        if vertices.len() != self.vertices.len() {
+            return None;
+        }
+        let triangle = |id: u32| {
+            let [a, b, c] = self.faces[id as usize].map(|v| vertices[v as usize]);
+            Triangle(a, b, c)
+        };
+        let (refitted, around) = self.hierarchy().remade(|leaf| Leaf::with_bounds(leaf.ids(), triangle));
+        let (bounds, hierarchy) = (Once::new(), Once::new());
+        bounds.get_or_make(|| around);
+        hierarchy.get_or_make(|| refitted);
+        let faces = memory::copy(&self.faces);
+        Some(TriangleMesh { vertices, faces, bounds, dop: Once::new(), hierarchy })
+    }
+
     pub fn vertices(&self) -> &[Point] {
         &self.vertices
     }

@@ -104,50 +104,88 @@ pub struct TriangleTest<I: Isa> {
 }
 
 impl Leaf {
-    /// A leaf of up to `LEAF_SIZE` triangles.
+    /// A leaf of up to `LEAF_SIZE` triangles, at least one.
     pub fn new(ids: &[u32], triangle: impl Fn(u32) -> Triangle) -> Self {
+        Self::with_bounds(ids, triangle).0
+    }
+
+    /// As `new`, with the bounds of all vertices. Loops are over lanes, so that they vectorize.
+    pub fn with_bounds(ids: &[u32], triangle: impl Fn(u32) -> Triangle) -> (Self, [Interval; 3]) {
         const STEPS: f64 = (1 << GRID) as f64;
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for &id in ids {
-            let Triangle(a, b, c) = triangle(id);
-            for p in [a, b, c] {
-                for axis in 0..3 {
-                    (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(p[axis]));
-                }
-            }
-        }
-        let side = larger(high[0] - low[0], larger(high[1] - low[1], high[2] - low[2]));
-        // A box this large leaves every decision to exact arithmetic.
-        let (side, mut error) = if side < f64::MAX / 4.0 { (side, 0.0) } else { (1.0, f64::INFINITY) };
-        // The power of two above the side, so that k < 2²¹ covers it.
-        let exponent = (side.to_bits() >> 52) as i16 - 1022;
-        let scale = power_of_two(exponent);
-        let anchor = low.map(|x| x - scale);
-        let (mut grid, mut all) = ([[0; LEAF_SIZE]; 3], [0; LEAF_SIZE]);
-        // The largest |N|₁, of sides in units of the scale, which are at most 1, so that less than 32
-        // roundings are u each.
-        let mut thickness = 0.0;
-        for (lane, &id) in ids.iter().enumerate() {
-            all[lane] = id;
-            let Triangle(a, b, c) = triangle(id);
-            let edge = |p: Point| [0, 1, 2].map(|axis| (p[axis] - a[axis]) / scale);
-            let [x, y, z] = cross(edge(b), edge(c));
-            thickness = larger(thickness, x.abs() + y.abs() + z.abs());
+        /// Adding it rounds a number in [0, 2²¹) to the nearest integer, ties to even, which is then in the
+        /// lowest bits.
+        const ROUNDING: f64 = (1_u64 << (f64::MANTISSA_DIGITS - 1)) as f64;
+        // By vertex and axis; unused lanes repeat the first.
+        let mut vertices = [[[0.0; LEAF_SIZE]; 3]; 3];
+        let mut all = [0; LEAF_SIZE];
+        for lane in 0..LEAF_SIZE {
+            let Triangle(a, b, c) = triangle(ids[if lane < ids.len() { lane } else { 0 }]);
             for (vertex, p) in [a, b, c].into_iter().enumerate() {
                 for axis in 0..3 {
-                    let exact = p[axis] - anchor[axis];
-                    let k = ((exact / scale - 1.0) * STEPS).round_ties_even().clamp(0.0, STEPS - 1.0);
-                    grid[vertex][lane] |= (k as u64) << (GRID * axis as u32);
+                    vertices[vertex][axis][lane] = p[axis];
+                }
+            }
+            all[lane] = if lane < ids.len() { ids[lane] } else { 0 };
+        }
+        let mut bounds = [Interval { low: 0.0, high: 0.0 }; 3];
+        for axis in 0..3 {
+            let (mut low, mut high) = (vertices[0][axis], vertices[0][axis]);
+            for vertex in &vertices[1..] {
+                for lane in 0..LEAF_SIZE {
+                    low[lane] = smaller(low[lane], vertex[axis][lane]);
+                    high[lane] = larger(high[lane], vertex[axis][lane]);
+                }
+            }
+            bounds[axis].low = low.into_iter().fold(f64::INFINITY, smaller);
+            bounds[axis].high = high.into_iter().fold(f64::NEG_INFINITY, larger);
+        }
+        let [x, y, z] = [0, 1, 2].map(|axis| bounds[axis].high - bounds[axis].low);
+        let side = larger(x, larger(y, z));
+        // A box this large leaves every decision to exact arithmetic.
+        let (side, error) = if side < f64::MAX / 4.0 { (side, 0.0) } else { (1.0, f64::INFINITY) };
+        // The power of two above the side, so that k < 2²¹ covers it; products with its inverse are exact.
+        let exponent = (side.to_bits() >> 52) as i16 - 1022;
+        let (scale, inverse) = (power_of_two(exponent), power_of_two(-exponent));
+        let anchor = bounds.map(|side| side.low - scale);
+        // The largest |N|₁, of sides in units of the scale, which are at most 1, so that less than 32
+        // roundings are u each.
+        let [a, b, c] = &vertices;
+        let mut thicknesses = [0.0; LEAF_SIZE];
+        for lane in 0..LEAF_SIZE {
+            let edge = |p: &[[f64; LEAF_SIZE]; 3]| {
+                [
+                    (p[0][lane] - a[0][lane]) * inverse,
+                    (p[1][lane] - a[1][lane]) * inverse,
+                    (p[2][lane] - a[2][lane]) * inverse,
+                ]
+            };
+            let [x, y, z] = cross(edge(b), edge(c));
+            thicknesses[lane] = x.abs() + y.abs() + z.abs();
+        }
+        let thickness = thicknesses.into_iter().fold(0.0, larger);
+        let (mut grid, mut errors) = ([[0; LEAF_SIZE]; 3], [error; LEAF_SIZE]);
+        for vertex in 0..3 {
+            for axis in 0..3 {
+                for lane in 0..LEAF_SIZE {
+                    let exact = vertices[vertex][axis][lane] - anchor[axis];
+                    let inside = larger((exact * inverse - 1.0) * STEPS, 0.0);
+                    let rounded = smaller(inside, STEPS - 1.0) + ROUNDING;
+                    grid[vertex][lane] |= (rounded.to_bits() - ROUNDING.to_bits()) << (GRID * axis as u32);
                     // The difference itself is rounded, too.
-                    let off = (exact - (1.0 + k / STEPS) * scale).abs() + exact.abs() * (2.0 * UNIT);
-                    error = larger(error, off);
+                    let place = (1.0 + (rounded - ROUNDING) * (1.0 / STEPS)) * scale;
+                    let off = (exact - place).abs() + exact.abs() * (2.0 * UNIT);
+                    errors[lane] = larger(errors[lane], off);
                 }
             }
         }
-        let error = (error as f32).next_up();
+        for vertex in &mut grid {
+            vertex[ids.len()..].fill(0);
+        }
+        let error = (errors.into_iter().fold(0.0, larger) as f32).next_up();
         let above = ((thickness + 32.0 * UNIT).to_bits() >> 52) as i16 - 1022;
         let thinness = (3 - above).clamp(0, u8::MAX.into()) as u8;
-        Leaf { grid, id: all, anchor, error, exponent, count: ids.len() as u8, thinness }
+        let leaf = Leaf { grid, id: all, anchor, error, exponent, count: ids.len() as u8, thinness };
+        (leaf, bounds)
     }
 
     #[inline(always)]
@@ -399,6 +437,12 @@ fn moved<I: Isa>([x, y, z]: &[F64x8<I>; 3], scale: f64, shift: Point) -> [F64x8<
 #[inline(always)]
 fn larger(x: f64, y: f64) -> f64 {
     if x > y { x } else { y }
+}
+
+/// The smaller of two numbers that are not NaN.
+#[inline(always)]
+fn smaller(x: f64, y: f64) -> f64 {
+    if x < y { x } else { y }
 }
 
 #[inline(always)]
