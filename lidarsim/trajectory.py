@@ -24,7 +24,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatErr
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
-__all__ = ["Trajectory", "mounted", "numbers", "register_trajectory_format"]
+__all__ = ["Trajectory", "mounted", "numbers", "product", "register_trajectory_format"]
 
 INTERPOLATIONS = ("linear", "spline")
 
@@ -402,14 +402,14 @@ class Trajectory(Immutable):
         kind, arguments, mounts = self._recipe
         if kind == "twist":
             start, *velocities = arguments
-            moved = _product(matrix, np.array(start))
+            moved = product(matrix, np.array(start))
             arguments = _in_range("world", moved).tolist(), *velocities
         else:
             times, poses, steps = arguments
             # A step adds s(u) to the position, which turns with the world, and exp(φ(u)) on the right, which does not.
             turned = steps.reshape(-1, 2, 3, 3).copy()
-            turned[:, 0] = _product(matrix[:3, :3], turned[:, 0, :, :, None])[..., 0]
-            moved = _product(matrix, poses.reshape(-1, 4, 4))
+            turned[:, 0] = product(matrix[:3, :3], turned[:, 0, :, :, None])[..., 0]
+            moved = product(matrix, poses.reshape(-1, 4, 4))
             arguments = times, _in_range("world", moved).reshape(-1, 16), _in_range("world", turned).reshape(-1, 18)
         return self._made(self._times, (kind, arguments, mounts))
 
@@ -468,8 +468,11 @@ def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
     return still
 
 
-def _product(left: Floats, right: Floats) -> Floats:
-    """Return the matrix products, summed in order, so that they have the same bits on every processor."""
+def product(left: Floats, right: Floats) -> Floats:
+    """Return the products of matrices, of shape (…, n, m) and (…, m, k), with the same bits on every processor.
+
+    The terms are summed in order.
+    """
     terms = left[:, :, None] * right[..., None, :, :]
     total: Floats = terms[..., 0, :]
     for k in range(1, terms.shape[-2]):
