@@ -42,7 +42,8 @@ class Boxes(Pickled):
         by the rounding errors of points alone.
     rotation : ndarray of float64, shape (m, 3, 3)
         Axes of the box, in columns. They are those of the first object of the thing, turned in right angles so that z
-        points up when the thing is at its reference pose: a vehicle modelled along x heads along x.
+        points up when the thing is at its reference pose: a vehicle modelled along x heads along x. If the thing has
+        a motion, they are turned so that x is nearest to the x axis of the moving frame.
     velocity : ndarray of float64, shape (m, 3)
         Velocity of the centre relative to the world, in the axes of the frame, m/s.
     label : ndarray of uint32, shape (m,)
@@ -214,7 +215,8 @@ def _things(objects: Iterator[SceneObject] | Sequence[SceneObject]) -> list[_Thi
 def _axes(item: SceneObject) -> Floats:
     """Return the axes of an object as placed, turned in right angles so that z points up, as a rotation.
 
-    x stays the object's x unless this points up or down; then it is its y.
+    x stays the object's x unless this points up or down; then it is its y. Of an object with a motion, it is the side
+    nearest to the x axis of the moving frame.
     """
     if item.transform is None:
         return np.eye(3)
@@ -223,6 +225,8 @@ def _axes(item: SceneObject) -> Floats:
     up = int(np.abs(nearest[2]).argmax())
     z = nearest[:, up] * np.copysign(1.0, nearest[2, up])
     x = nearest[:, 1 if up == 0 else 0]
+    if item.motion is not None:
+        x = max((x, -x, np.cross(z, x), np.cross(x, z)), key=lambda side: side[0])
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 

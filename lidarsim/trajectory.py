@@ -473,7 +473,7 @@ def product(left: Floats, right: Floats) -> Floats:
 
     The terms are summed in order.
     """
-    terms = left[:, :, None] * right[..., None, :, :]
+    terms = left[..., None] * right[..., None, :, :]
     total: Floats = terms[..., 0, :]
     for k in range(1, terms.shape[-2]):
         total = total + terms[..., k, :]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -63,9 +63,22 @@ Coordinate = Annotated[float, Field(ge=-FAR, le=FAR)]
 Point = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 SpeedRow = Annotated[list[Annotated[float, Field(ge=0, le=FAR)]], Field(min_length=2, max_length=2)]
 
+PathPoints = Annotated[list[Point], Field(min_length=2, max_length=MOST_POINTS)]
+
+
+def _is_nested(value: object) -> bool:
+    """Return whether a value is a list of paths, and not the points of one."""
+    inner = value[0] if isinstance(value, list) and value else None
+    return isinstance(inner, list) and bool(inner) and isinstance(inner[0], list)
+
+
 if TYPE_CHECKING:
     SpeedOverTime = DrawOr | list[SpeedRow]
+    Paths = list[Point] | list[list[Point]]
 else:
+    Paths = either(
+        PathPoints, Annotated[list[PathPoints], Field(min_length=1, max_length=MOST_POINTS)], _is_nested
+    )
     SpeedOverTime = either(
         DrawOr,
         Annotated[list[SpeedRow], Field(min_length=1, max_length=MOST_POINTS)],
@@ -80,7 +93,7 @@ class Scatter(Model):
     on: Annotated[list[str], Field(min_length=1)]
     count: DrawOr
     area_m: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = None
-    along_m: Annotated[list[Point], Field(min_length=2, max_length=MOST_POINTS)] | None = None
+    along_m: Paths | None = None
     interpolation: Literal["linear", "spline"] = "linear"
     offset_m: DrawOr = 0.0
     yaw_deg: DrawOr = 0.0
@@ -91,26 +104,35 @@ class Scatter(Model):
     clear_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0
 
     @cached_property
-    def path(self) -> Path | None:
-        """The path along which the objects are placed; None in an area."""
-        return None if self.along_m is None else path_of(np.asarray(self.along_m), self.interpolation)
+    def paths(self) -> list[Path]:
+        """The paths along which the objects are placed; none in an area."""
+        given = self.along_m or []
+        return [path_of(np.asarray(points), self.interpolation) for points in (given if _is_nested(given) else [given] if given else [])]
 
     def check(self, place: Place) -> None:
         """Raise an error if keys contradict each other, or if an object cannot be built and placed."""
         if (self.area_m is None) == (self.along_m is None):
             raise place.error("expected one of area_m and along_m, got " + ("none" if self.area_m is None else "both"))
-        for index, (point, after) in enumerate(pairwise(self.along_m or ())):
-            if not math.dist(point, after) >= 1 / FAR:
-                error = "expected points that differ from one to the next"
-                raise (place / "along_m" / (index + 1)).error(f"{error}, by {1 / FAR:g} m at least")
         if self.along_m is None and self.interpolation != "linear":
             raise (place / "interpolation").error("expected along_m beside it, got area_m")
-        if self.path is not None and not (self.path.lengths > 0).all():
-            raise (place / "along_m").error("expected points that a spline can join, got some too near to each other")
+        there = place / "along_m"
+        if _is_nested(self.along_m):
+            for index, points in enumerate(self.along_m or ()):
+                self._check_path(points, there / index)
+        else:
+            self._check_path(self.along_m or (), there)
         for key in RANGES:
             self._check_number(key, place / key)
         for index, item in enumerate(self.objects):
             _check_thing(item, place / "objects" / index)
+
+    def _check_path(self, points: Sequence[Any], place: Place) -> None:
+        for index, (point, after) in enumerate(pairwise(points)):
+            if not math.dist(point, after) >= 1 / FAR:
+                error = "expected points that differ from one to the next"
+                raise (place / (index + 1)).error(f"{error}, by {1 / FAR:g} m at least")
+        if self.interpolation == "spline" and not (path_of(np.asarray(points), "spline").lengths > 0).all():
+            raise place.error("expected points that a spline can join, got some too near to each other")
 
     def _check_number(self, key: str, place: Place) -> None:
         value = getattr(self, key)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from functools import reduce
+from functools import cached_property, reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -138,13 +138,24 @@ class Swing:
         return max((bulge_of(far, np.array([own + turn / self.per_step])) for far, own in self.reach), default=0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Thing:
     """A thing that may be placed at many places and scales."""
 
     parts: list[Part]
     height: float | None = None
     """Height of a walking person, m."""
+
+    @cached_property
+    def along_x(self) -> bool:
+        """Whether the axes of the first part tell that the thing heads along x, as those of its box would be.
+
+        If not, a thing that rests has a motion of speed 0, whose frame tells it.
+        """
+        u, _, vh = np.linalg.svd(self.parts[0].affine[:3, :3])
+        nearest = u @ vh
+        x = nearest[:, 1 if np.abs(nearest[2]).argmax() == 0 else 0]
+        return bool(x[0] == np.abs(x).max())
 
     def swing(self, scale: float, way: Way, phase: float, place: Place) -> Swing:
         """Return the motion of the parts along a way.
@@ -197,6 +208,8 @@ class Thing:
         """Return the parts at the place, or on the way, of the thing; `start` is the time of its first pose, s."""
         size = np.diag([scale, scale, scale, 1.0])
         parts = []
+        if not isinstance(body, Trajectory) and not self.along_x:
+            body = Trajectory.from_twist(body)
         for part, own in zip(self.parts, swing.poses, strict=True):
             sized = size @ part.affine
             if isinstance(body, Trajectory):

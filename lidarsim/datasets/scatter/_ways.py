@@ -154,28 +154,30 @@ class Way:
         self.way = self.speed.way(self.times)
         offset = group.drawn("offset_m", stream, place)
         self.path: Path | None = None
-        if group.path is not None:
-            if group.path.length < self.way[-1]:
+        self.along = bool(group.paths)
+        if self.along:
+            number = stream.integer(0, len(group.paths) - 1) if len(group.paths) > 1 else 0
+            path = group.paths[number]
+            if path.length < self.way[-1]:
                 raise (place / "along_m").error(
-                    f"expected a path as long as the way in a sequence, {self.way[-1]:.4g} m,"
-                    f" got {group.path.length:.4g} m"
+                    f"expected a path as long as the way in a sequence, {self.way[-1]:.4g} m, got {path.length:.4g} m"
                 )
-            self.path = group.path.beside(offset)
+            self.path = path.beside(offset)
             self.room = -math.inf if self.path is None else self.path.length - float(self.way[-1])
 
     def ahead(self, times: Floats) -> Floats:
         """Return how far the object has come along its x axis at times since the start, m."""
         way = self.speed.way(times)
-        return -way if self.back and self.group.path is None else way
+        return -way if self.back and not self.along else way
 
     def speed_ahead(self, times: Floats) -> Floats:
         """Return its speed along its x axis at times since the start, m/s."""
         speed = self.speed.at(times)
-        return speed if self.group.path is None else np.abs(speed)
+        return np.abs(speed) if self.along else speed
 
     def poses(self, stream: Stream) -> Floats | None:
         """Draw a start, and return the poses at all times, (k, 4, 4), at height 0; None if that has no room."""
-        if self.group.path is None:
+        if not self.along:
             (x0, y0), (x1, y1) = np.asarray(self.group.area_m)
             start = np.array([stream.uniform(x0, x1), stream.uniform(y0, y1)])
             ahead = np.array([np.cos(self.yaw), np.sin(self.yaw)])
