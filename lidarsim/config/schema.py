@@ -298,6 +298,9 @@ class Placement(Model):
         return matrix
 
 
+PLACING = frozenset(Placement.model_fields)
+
+
 class Waypoint(Placement):
     """A placement at a time."""
 
@@ -311,11 +314,13 @@ class Pose(Placement):
     angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
 
 
-class TrajectoryFile(Model):
-    """Poses over time from a file."""
+class TrajectoryFile(Placement):
+    """Poses over time from a file; its placement is that of the world of the file."""
 
     file: str
     times: str | None = None
+    scene: str | None = None
+    start_s: Finite | None = None
     interpolation: Literal["linear", "spline"] = "linear"
     axes: Literal["body", "camera"] = "body"
 
@@ -326,7 +331,9 @@ def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> F
         files = {"path": (place / "file").file(value.file)}
         if value.times is not None:
             files["times"] = (place / "times").file(value.times)
-        return construct(Trajectory.load, value, ["interpolation", "axes"], place, **files)
+        trajectory = construct(Trajectory.load, value, ["interpolation", "axes", "scene", "start_s"], place, **files)
+        with place.refusals({"world": ("position_m", "")}):
+            return trajectory if value.model_fields_set.isdisjoint(PLACING) else _rigid(value, place) @ trajectory
     if isinstance(value, list):
         poses = [_rigid(waypoint, place / index) for index, waypoint in enumerate(value)]
         with place.refusals():
