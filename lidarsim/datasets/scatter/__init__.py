@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -230,7 +230,7 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
     others = Obstacles([])
     for name, group in groups.items():
         there = place / name
-        ground, obstacles = _divided(run.scene, group.on, there)
+        ground, obstacles = _divided(run.scene, group.on, times, there)
         sensor = _sensor(run, times, group.clear_m)
         things: dict[int, Thing] = {}
         missed = 0
@@ -264,8 +264,9 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
 
 def _moments(start: float, stop: float, run: Run, groups: Iterable[Scatter], place: Place) -> Floats:
     """Return the times of the overlap checks; only the first and last if nothing moves."""
-    moving = isinstance(run.pose, Trajectory) and any(group.clear_m for group in groups)
-    if not moving and not any(group.speed_m_per_s != 0 for group in groups):
+    clears = isinstance(run.pose, Trajectory) and any(group.clear_m for group in groups)
+    moves = any(item.motion is not None for item in run.scene.objects)
+    if not clears and not moves and not any(group.speed_m_per_s != 0 for group in groups):
         return np.array([start, stop])
     if not (stop - start) / STEP <= MOST_STEPS:
         most = MOST_STEPS * STEP
@@ -290,19 +291,16 @@ def _stand(poses: Floats, swing: Swing, ground: Scene, *, tilt: bool) -> Outline
         return None
     if tilt:
         _tilted(poses, corners, height, low)
-        solid = np.array([[x, y, z] for z in (low, high) for x, y in corners])
-        body = np.einsum("kij,cj->kci", poses[:, :3, :3], solid) + poses[:, None, :3, 3]
+        outline = _solid(poses, np.array([[x, y, z] for z in (low, high) for x, y in corners]))
         turns = turns_of(poses)
-        bulge = bulge_of(np.linalg.norm(solid, axis=1).max(), turns)
-        heights = float(body[:, :, 2].min()) - bulge, float(body[:, :, 2].max()) + bulge
-        plan = body[:, :, :2]
     else:
         poses[:, 2, 3] = height.max(axis=1) - low
         turns = np.diff(np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])))
         bulge = bulge_of(np.linalg.norm(corners, axis=1).max(), turns)
-        heights = float(poses[:, 2, 3].min()) + low, float(poses[:, 2, 3].max()) + high
+        heights = poses[:, 2, 3].min() + low, poses[:, 2, 3].max() + high
+        outline = Outline(steps(plan), *heights, bulge)
     more = swing.bulge(float(np.abs(turns).max(initial=0.0)))
-    return Outline(steps(plan), heights[0] - more, heights[1] + more, bulge + more)
+    return replace(outline, low=outline.low - more, high=outline.high + more, bulge=outline.bulge + more)
 
 
 def _tilted(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
@@ -326,7 +324,7 @@ def _tilted(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
     poses[:, :3, 3] -= low * poses[:, :3, 2]
 
 
-def _divided(scene: Scene, on: Sequence[str], place: Place) -> tuple[Scene, Obstacles]:
+def _divided(scene: Scene, on: Sequence[str], times: Floats, place: Place) -> tuple[Scene, Obstacles]:
     """Return the ground for objects as a scene, and the obstacles."""
     missing = set(on) - {item.name for item in scene.objects}
     if missing:
@@ -336,13 +334,25 @@ def _divided(scene: Scene, on: Sequence[str], place: Place) -> tuple[Scene, Obst
         if item.name in on:
             ground.add(item.shape, transform=item.transform)
     others = [item for item in scene.objects if item.name not in on and item.shape.bounded]
-    return ground, Obstacles([_still(item) for item in others])
+    return ground, Obstacles([_obstacle(item, times) for item in others])
 
 
-def _still(item: SceneObject) -> Outline:
-    """Return the outline of an object in the scene."""
+def _obstacle(item: SceneObject, times: Floats) -> Outline:
+    """Return the outline of an object in the scene; a motion is taken to be straight within a step."""
     (x0, y0, low), (x1, y1, high) = item.bounds
-    return Outline(np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]]), low, high)
+    if item.motion is None:
+        return Outline(np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]]), low, high)
+    first, last = item.motion.span
+    poses = item.motion._native.at(np.clip(times, first, last))
+    solid = np.array([[x, y, z] for z in (low, high) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
+    return _solid(poses, solid)
+
+
+def _solid(poses: Floats, solid: Floats) -> Outline:
+    """Return the outline of a solid with these corners, (8, 3), the lower four first, at poses of shape (k, 4, 4)."""
+    body = np.einsum("kij,cj->kci", poses[:, :3, :3], solid) + poses[:, None, :3, 3]
+    bulge = bulge_of(np.linalg.norm(solid, axis=1).max(), turns_of(poses))
+    return Outline(steps(body[:, :, :2]), body[:, :, 2].min() - bulge, body[:, :, 2].max() + bulge, bulge)
 
 
 def _sensor(run: Run, times: Floats, clear: float) -> Obstacles:

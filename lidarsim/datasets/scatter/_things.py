@@ -55,7 +55,7 @@ class Walker(Object):
     """A person whose limbs swing at the stride of its speed."""
 
     shape: Literal["walker"]
-    height_m: Annotated[float, Field(gt=0, le=10)] = 1.75
+    height_m: Annotated[float, Field(ge=0.1, le=10)] = 1.75
 
 
 if TYPE_CHECKING:
