@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -68,10 +68,19 @@ def pose(item: ls.scene.SceneObject, time: float) -> Floats:
 
 def plan(parts: list[ls.scene.SceneObject], time: float) -> Floats:
     """Points of the parts' surfaces at a time."""
-    meshes = [item.shape._tessellated(None, np.zeros((8, 3)))[0] for item in parts]
-    return np.concatenate(
-        [(mesh @ pose(item, time)[:3, :3].T) + pose(item, time)[:3, 3] for mesh, item in zip(meshes, parts, strict=True)]
-    )[:, :2]
+    return np.concatenate([surface(item, time) for item in parts])[:, :2]
+
+
+def surface(item: ls.scene.SceneObject, time: float) -> Floats:
+    """Points of an object's surface at a time, among them those of its convex hull."""
+    place = pose(item, time)
+    return vertices(item.shape) @ place[:3, :3].T + place[:3, 3]
+
+
+@functools.cache
+def vertices(shape: ls.Shape) -> Floats:
+    found: Floats = shape._tessellated(None, np.zeros((8, 3)))[0]
+    return found[ConvexHull(found).vertices]
 
 
 # Walking
@@ -214,10 +223,7 @@ def test_paths_with_bends_are_followed_without_jumps(tmp_path: Path, interpolati
                 assert np.mean(way > 0.8 - 2.0**-40) >= 0.9  # all but those in which it turns
                 tangents = np.diff(points, axis=0) / np.linalg.norm(np.diff(points, axis=0), axis=1)[:, None]
                 aside = [
-                    min(
-                        abs(np.linalg.det([t, p - a]) - offset)
-                        for t, a in zip(tangents, points[:-1], strict=True)
-                    )
+                    min(abs(np.linalg.det([t, p - a]) - offset) for t, a in zip(tangents, points[:-1], strict=True))
                     for p in where[:, :2, 3]
                 ]
                 assert max(aside) <= 2.0**-40
@@ -263,13 +269,8 @@ def test_cars_are_parallel_to_the_ground(tmp_path: Path, speed: float) -> None:
             ends = [(x, y, 0, 1) for x in (-1.2, 1.2) for y in (-0.75, 0.75)]
             on = [normal @ (body @ end)[:3] for end in ends]
             np.testing.assert_allclose(on, 0, rtol=0, atol=2.0**-32)
-            low = min(np.min(plan_heights(part, time) @ normal) for part in parts if part.name)
+            low = min(np.min(surface(part, time) @ normal) for part in parts if part.name)
             assert abs(low) <= 0.01  # a tessellated wheel
-
-
-def plan_heights(part: ls.scene.SceneObject, time: float) -> Floats:
-    vertices = part.shape._tessellated(None, np.zeros((8, 3)))[0]
-    return vertices @ pose(part, time)[:3, :3].T + pose(part, time)[:3, 3]
 
 
 def test_people_stand_upright_on_slopes(tmp_path: Path) -> None:
@@ -348,7 +349,9 @@ def test_boxes_hold_the_points_and_head_along_the_motion(tmp_path: Path, deskew:
     path = recipe(tmp_path, **groups)
     text = path.read_text().replace(yaml.safe_dump({"sensor": SENSOR}), "")
     path.write_text(text)
-    source = load(path, ["run.sensor={preset: ouster-os1-64}", "run.pose={position_m: [0, 0, 2], linear_m_per_s: [9, 0, 0]}"]).source
+    source = load(
+        path, ["run.sensor={preset: ouster-os1-64}", "run.pose={position_m: [0, 0, 2], linear_m_per_s: [9, 0, 0]}"]
+    ).source
     assert isinstance(source, Document)
     run = source.run(0)
     (scans,) = dataclasses.replace(run, frames=range(9, 10)).scans()
@@ -413,19 +416,21 @@ def test_things_of_parts_never_meet(tmp_path: Path) -> None:
         "back": {"objects": [CART], "count": 3, "along_m": bend, "offset_m": 2.2, "speed_m_per_s": -6, "gap_m": gap},
         "stopping": {"objects": [CART], "count": 3, "along_m": [[-30, 12], [30, 12]], "gap_m": gap,
                      "speed_m_per_s": [[0, 8], [1, 0], [1.5, 0], [2, 8]]},
-        "people": {"objects": [WALKER], "count": 25, "area_m": [[-12, -3], [8, 12]], "gap_m": gap,
+        "people": {"objects": [WALKER], "count": 16, "area_m": [[-9, -3], [5, 12]], "gap_m": gap,
                    "yaw_deg": {"uniform": [0, 360]}, "speed_m_per_s": {"choice": [0, 1, 2]}},
     }  # fmt: skip
     path = recipe(tmp_path, frames=20, **groups)
     least, pairs = np.inf, 0
-    for sequence in range(2):
+    for sequence in range(1):
         scene, there = placed(path, sequence)
         assert {item.group for item in there} == set(groups)
         shapes = things(scene)
-        for time in np.linspace(0, 2.1, 71):
+        for time in np.linspace(0, 2.1, 36):
             plans = [hull(plan(parts, time)) for parts in shapes]
             middles = np.array([points.mean(axis=0) for points in plans])
-            reach = np.array([np.linalg.norm(points - m, axis=1).max() for points, m in zip(plans, middles, strict=True)])
+            reach = np.array(
+                [np.linalg.norm(points - m, axis=1).max() for points, m in zip(plans, middles, strict=True)]
+            )
             apart = np.linalg.norm(middles[:, None] - middles[None], axis=2) - reach[:, None] - reach[None]
             for a, b in combinations(range(len(plans)), 2):
                 if apart[a, b] < gap:
@@ -433,15 +438,15 @@ def test_things_of_parts_never_meet(tmp_path: Path) -> None:
                     least = min(least, distance(plans[a], plans[b]))
     assert least >= gap
     assert least < 3 * gap  # some come near
-    assert pairs > 100
+    assert pairs > 50
 
 
 def test_what_is_said_to_be_apart_is_apart_within_each_step() -> None:
-    """Rectangles that turn and move between two moments, at a hundred moments between these."""
+    """Rectangles that turn and move between two moments, at thirty moments between these."""
     generator = np.random.default_rng(5)
     rim = np.array([[-2.0, -1], [2, -1], [2, 1], [-2, 1]])
     near = far = 0
-    for _ in range(400):
+    for _ in range(150):
         starts, turns = generator.uniform(-4, 4, (2, 2)), generator.uniform(-np.pi, np.pi, 2)
         moves, spins = generator.uniform(-3, 3, (2, 2)), generator.uniform(-2, 2, 2)
 
@@ -456,13 +461,13 @@ def test_what_is_said_to_be_apart_is_apart_within_each_step() -> None:
                     np.sqrt(5) * (1 - np.cos(spins[k] / 2)))
             for k in (0, 1)
         ]  # fmt: skip
-        least = min(distance(corners(0, u), corners(1, u)) for u in np.linspace(0, 1, 100))
+        least = min(distance(corners(0, u), corners(1, u)) for u in np.linspace(0, 1, 30))
         if outlines[0].apart(outlines[1], 0.2):
             assert least >= 0.2
             far += 1
         near += least < 0.2
-    assert far > 20
-    assert near > 100
+    assert far > 10
+    assert near > 40
 
 
 def test_traffic_of_two_hundred_things(tmp_path: Path) -> None:
@@ -473,19 +478,22 @@ def test_traffic_of_two_hundred_things(tmp_path: Path) -> None:
     there = source.placed[0]
     assert len(there) >= 200
     items = list(run.scene)[-sum(len(item.parts) for item in there) :]
-    shapes = [[item for item in items if item.instance == number] for number in dict.fromkeys(i.instance for i in items)]
+    shapes = [
+        [item for item in items if item.instance == number] for number in dict.fromkeys(i.instance for i in items)
+    ]
     assert len(shapes) == len(there)
     pairs = 0
     for time in (0.0, 2.04, 3.35, 6.07, 8.0):
-        boxes = [
-            np.array([item.shape._extent(pose(item, time)[:3]) for item in parts]) for parts in shapes
-        ]
-        low, high = (np.array([getattr(box[:, k, :2], end)(axis=0) for box in boxes]) for k, end in ((0, "min"), (1, "max")))
-        near = ((low[:, None] < high[None]) & (low[None] < high[:, None])).all(axis=2)
+        plans = [plan(parts, time) for parts in shapes]
+        low, high = (
+            np.array([points.min(axis=0) for points in plans]),
+            np.array([points.max(axis=0) for points in plans]),
+        )
+        near = ((low[:, None] < high[None] + 1) & (low[None] < high[:, None] + 1)).all(axis=2)
         for a, b in zip(*np.nonzero(np.triu(near, 1)), strict=True):
             pairs += 1
-            assert distance(hull(plan(shapes[a], time)), hull(plan(shapes[b], time))) >= 0.3
-    assert pairs > 0 or len(there) >= 200
+            assert distance(hull(plans[a]), hull(plans[b])) >= 0.3
+    assert pairs > 20
 
 
 @pytest.mark.parametrize(
@@ -537,4 +545,16 @@ def test_an_offset_that_a_bend_has_no_room_for(tmp_path: Path) -> None:
     group = {"objects": [BODY], "count": 2, "along_m": hook, "offset_m": 3}
     assert placed(recipe(tmp_path, **{"cars": group}))[1] == []
     assert len(placed(recipe(tmp_path, **{"cars": group | {"offset_m": -3}}))[1]) == 2
-    assert list(pairwise(hook))
+
+
+def test_movers_of_the_scene_are_kept_clear_of(tmp_path: Path) -> None:
+    """A tram that crosses the area: what is scattered is where it never comes, but may be where it is not yet."""
+    tram = {"shape": "box", "size_m": [8, 2, 3], "center_m": [0, 0, 1.5], "name": "tram",
+            "motion": [{"time_s": 0, "position_m": [-30, 0, 0]}, {"time_s": 5, "position_m": [30, 0, 0]}]}  # fmt: skip
+    group = {"objects": [BODY], "on": ["floor"], "count": 25, "area_m": [[-8, -6], [8, 6]]}
+    run = {"sensor": SENSOR, "scene": [FLOOR, tram], "pose": {"position_m": [0, 0, 2]}}
+    path = tmp_path / "recipe.yaml"
+    path.write_text(yaml.safe_dump({"layout": "shards", "frames": 40, "scatter": {"cars": group}, "run": run}))
+    y = [float(np.asarray(item.motion)[1, 3]) for item in placed(path)[1]]
+    assert len(y) >= 4
+    assert np.abs(y).min() >= 1 + 0.85

@@ -76,9 +76,7 @@ if TYPE_CHECKING:
     SpeedOverTime = DrawOr | list[SpeedRow]
     Paths = list[Point] | list[list[Point]]
 else:
-    Paths = either(
-        PathPoints, Annotated[list[PathPoints], Field(min_length=1, max_length=MOST_POINTS)], _is_nested
-    )
+    Paths = either(PathPoints, Annotated[list[PathPoints], Field(min_length=1, max_length=MOST_POINTS)], _is_nested)
     SpeedOverTime = either(
         DrawOr,
         Annotated[list[SpeedRow], Field(min_length=1, max_length=MOST_POINTS)],
@@ -107,7 +105,10 @@ class Scatter(Model):
     def paths(self) -> list[Path]:
         """The paths along which the objects are placed; none in an area."""
         given = self.along_m or []
-        return [path_of(np.asarray(points), self.interpolation) for points in (given if _is_nested(given) else [given] if given else [])]
+        return [
+            path_of(np.asarray(points), self.interpolation)
+            for points in (given if _is_nested(given) else [given] if given else [])
+        ]
 
     def check(self, place: Place) -> None:
         """Raise an error if keys contradict each other, or if an object cannot be built and placed."""

@@ -64,7 +64,9 @@ def read(path: Path, scene: str | None) -> tuple[Floats, Floats]:
             found.setdefault(row["timestamp"], [*where, x, y, z, w])  # sensors that fire at once have the same pose
     if wanted:
         error = f"expected the poses of all sample data, got none of token {shown(min(wanted))}"
-        raise FileFormatError(f"{poses}: {error} and {len(wanted) - 1} more" if len(wanted) > 1 else f"{poses}: {error}")
+        raise FileFormatError(
+            f"{poses}: {error} and {len(wanted) - 1} more" if len(wanted) > 1 else f"{poses}: {error}"
+        )
     times = sorted(found)
     try:
         return poses_of([(time - times[0]) / 1e6, *found[time]] for time in times)
