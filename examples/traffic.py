@@ -17,56 +17,48 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-import lidarsim as ls
 from lidarsim.datasets.recipe import load
 
 RECIPE = Path(__file__).parents[1] / "configs" / "recipes" / "traffic.yaml"
 FRAME = 36
 COLORS = {"car": "#4fc3f7", "person": "#ffb74d"}
 
-recipe = load(RECIPE).source
+recipe = load(RECIPE, ["run.sensor.noise=none"]).source  # noise moves points out of their boxes
 run = recipe.run(0)
 counts = Counter(item.group for item in recipe.placed[0])
 print(f"{counts.total()} things:", ", ".join(f"{count} {group}" for group, count in counts.items()))
 
-(scans,) = dataclasses.replace(run, frames=range(FRAME, FRAME + 1)).scans()
-scan = scans[""]
+((scan,),) = (scans.values() for scans in dataclasses.replace(run, frames=range(FRAME, FRAME + 1)).scans())
 cloud = scan.point_cloud("world", deskew="middle", deskew_movers=True)
-boxes = scan.boxes(frame="world", deskew="middle")
+boxes = scan.boxes(frame="world", deskew="middle", min_points=1)
 named = np.array([boxes.class_names.get(label, "") for label in boxes.label.tolist()])
 inside = boxes.contain(cloud.xyz)
 for name in COLORS:
-    chosen = np.flatnonzero((named == name) & (boxes.points > 0))
+    chosen = np.flatnonzero(named == name)
     own = cloud.instance == boxes.instance[chosen, None]
     share = (inside[chosen] & own).sum() / own.sum()
     moving = np.linalg.norm(boxes.velocity[chosen, :2], axis=1) > 0.1
     print(f"{name}: {len(chosen)} boxes, {moving.sum()} moving, {own.sum():,} points, {share:.2%} of them inside")
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
-here = scan.pose.as_matrix()[:3, 3] if hasattr(scan.pose, "as_matrix") else run.pose.at(scan.time).translation
-x, y = here[:2]
-scan.plot(
-    scene=run.scene,
-    color_by="label",
-    camera=[(x - 9, y + 1, 8), (x + 2, y + 14, 0), (0, 0, 1)],
-    size=(760, 760),
-    save=folder / "traffic.png",
-)
-close = imread(folder / "traffic.png")
+picture = folder / "traffic.png"
+run.scene.plot(camera=[(-6, -97, 5), (3, -66, 0.5), (0, 0, 1)], color_by="label", size=(1000, 760), save=picture)
+street = imread(picture)[:, :740]  # without the legend
 
-figure = Figure((13, 6.5), facecolor="#14181f", layout="constrained")
-above, beside = figure.subplots(1, 2, width_ratios=(1, 1))
+figure = Figure((12, 6), facecolor="#14181f", layout="constrained")
+above, beside = figure.subplots(1, 2, width_ratios=(1, 740 / 760))
 above.set_facecolor("#14181f")
-above.scatter(*cloud.xyz[:, :2].T, s=0.05, color="#78838f", linewidths=0)
+x, y = run.pose.at(scan.time).translation[:2]
+above.scatter(*cloud.xyz[:, :2].T, s=0.1, color="#78838f", linewidths=0)
 for name, color in COLORS.items():
     chosen = named == name
     plan = boxes.corners[chosen][:, [0, 2, 6, 4], :2]  # the lower corners, in order
-    above.add_collection(PolyCollection(plan, facecolors="none", edgecolors=color, linewidths=0.8, label=name))
+    above.add_collection(PolyCollection(plan, facecolors="none", edgecolors=color, linewidths=1, label=name))
     center, velocity = boxes.center[chosen, :2], boxes.velocity[chosen, :2]
-    above.quiver(*center.T, *velocity.T, angles="xy", scale_units="xy", scale=1, width=0.0015, color=color)
+    above.quiver(*center.T, *velocity.T, angles="xy", scale_units="xy", scale=1, width=0.002, color=color)
 above.plot(x, y, marker="*", color="white", markersize=9)
-above.set(xlim=(x - 75, x + 75), ylim=(y - 75, y + 75), aspect="equal", xticks=[], yticks=[])
+above.set(xlim=(x - 60, x + 60), ylim=(y - 60, y + 60), aspect="equal", xticks=[], yticks=[])
 above.legend(loc="upper right", labelcolor="white", facecolor="#14181f", edgecolor="none")
-beside.imshow(close)
+beside.imshow(street)
 beside.axis("off")
-figure.savefig(folder / "traffic.png", dpi=85)
+figure.savefig(picture, dpi=90)

@@ -1,4 +1,4 @@
-"""The poses of a data set that lidarsim wrote, or of others in the same formats, as the trajectory of another recipe."""
+"""Poses of data sets, of lidarsim or in the same formats, as the trajectory of another recipe."""
 
 from __future__ import annotations
 

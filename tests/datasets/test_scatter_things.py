@@ -1,4 +1,4 @@
-"""Scattered things of several parts, along curves, over slopes and with speeds that change: by brute force and by hand."""
+"""Scattered things of several parts, along curves, over slopes, at changing speeds: by brute force and by hand."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def vertices(shape: ls.Shape) -> Floats:
 @pytest.mark.parametrize("speed", [0.3, 0.9, 1.4, 2.2])
 def test_a_walker_takes_strides_of_its_speed(tmp_path: Path, speed: float) -> None:
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speed}
-    ((*parts,),) = things(placed(recipe(tmp_path, **{"people": group}))[0])
+    ((*parts,),) = things(placed(recipe(tmp_path, people=group))[0])
     hip = 0.53 * 1.75
     cycle = 1.346 * np.sqrt(speed / hip) * hip / speed  # Boulic et al., in their words: RLc = 1.346 √RV
     times = np.linspace(0.0, 4.0, 401)
@@ -111,7 +111,7 @@ def test_a_walker_takes_strides_of_its_speed(tmp_path: Path, speed: float) -> No
 @pytest.mark.parametrize("speed", [0.0, 1.4, 2.2])
 def test_limbs_hold_together_and_a_foot_is_on_the_ground(tmp_path: Path, speed: float) -> None:
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speed, "yaw_deg": 30}
-    ((_, _, *parts),) = things(placed(recipe(tmp_path, **{"people": group}))[0])
+    ((_, _, *parts),) = things(placed(recipe(tmp_path, people=group))[0])
     thigh, shank = 0.245 * 1.75, 0.246 * 1.75
     standing = []
     for time in np.linspace(0, 4, 161):
@@ -128,7 +128,7 @@ def test_limbs_hold_together_and_a_foot_is_on_the_ground(tmp_path: Path, speed: 
 def test_the_foot_on_the_ground_stays(tmp_path: Path) -> None:
     """In the middle of a stance, the ankle goes at less than a third of the walker's speed; in swing, much faster."""
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": 1.4}
-    ((_, _, *parts),) = things(placed(recipe(tmp_path, **{"people": group}))[0])
+    ((_, _, *parts),) = things(placed(recipe(tmp_path, people=group))[0])
     times = np.linspace(0, 4, 401)
     for foot in (2, 7):
         x = np.array([pose(parts[foot], time)[0, 3] for time in times])
@@ -141,7 +141,7 @@ def test_the_foot_on_the_ground_stays(tmp_path: Path) -> None:
 def test_a_walker_that_stops_stands(tmp_path: Path) -> None:
     speeds = [[0.5, 1.4], [1.5, 0], [3, 0], [4, 1.4]]
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speeds}
-    ((*parts,),) = things(placed(recipe(tmp_path, **{"people": group}))[0])
+    ((*parts,),) = things(placed(recipe(tmp_path, people=group))[0])
     for item in parts:
         assert item.motion is not None
         still = item.motion.at(np.linspace(1.6, 2.9, 20)).as_matrix()
@@ -164,7 +164,7 @@ def spin(item: ls.scene.SceneObject, body: ls.scene.SceneObject, times: Floats) 
 def test_wheels_roll(tmp_path: Path, speed: Any) -> None:
     """A wheel of radius 0.3 m turns by the way over the radius; the point on the ground rests."""
     group = {"objects": [CART], "count": 2, "along_m": [[-200, 3], [200, 3]], "speed_m_per_s": speed, "scale": 0.9}
-    scene, _ = placed(recipe(tmp_path, **{"carts": group}))
+    scene, _ = placed(recipe(tmp_path, carts=group))
     assert len(things(scene)) == 2
     for body, *wheels in things(scene):
         assert body.motion is not None
@@ -181,10 +181,10 @@ def test_wheels_roll(tmp_path: Path, speed: Any) -> None:
 
 def test_wheels_roll_backwards_in_reverse(tmp_path: Path) -> None:
     group = {"objects": [CART], "count": 1, "area_m": [[-9, -9], [9, 9]], "speed_m_per_s": -3}
-    ((body, wheel, *_),) = things(placed(recipe(tmp_path, **{"carts": group}))[0])
+    ((body, wheel, *_),) = things(placed(recipe(tmp_path, carts=group))[0])
     np.testing.assert_allclose(np.diff(spin(wheel, body, np.array([0.0, 0.05]))), [-0.15 / 0.3], rtol=2.0**-38)
     group |= {"along_m": [[-20, 0], [20, 0]], "area_m": None}
-    ((body, wheel, *_),) = things(placed(recipe(tmp_path, **{"carts": group}))[0])
+    ((body, wheel, *_),) = things(placed(recipe(tmp_path, carts=group))[0])
     np.testing.assert_allclose(np.diff(spin(wheel, body, np.array([0.0, 0.05]))), [0.15 / 0.3], rtol=2.0**-38)
 
 
@@ -194,7 +194,7 @@ def test_wheels_roll_backwards_in_reverse(tmp_path: Path) -> None:
 def test_speeds_change_as_told_and_places_do_not_jump(tmp_path: Path) -> None:
     speeds = [[1, 8], [2, 0], [2.5, 0], [3.5, 5]]
     group = {"objects": [BODY], "count": 3, "along_m": [[-200, 3], [200, 3]], "speed_m_per_s": speeds}
-    for item in placed(recipe(tmp_path, **{"cars": group}))[1]:
+    for item in placed(recipe(tmp_path, cars=group))[1]:
         assert isinstance(item.motion, ls.Trajectory)
         x = item.motion.at([0.0, 1.0, 2.0, 2.5, 3.5, 4.0]).translation[:, 0]
         np.testing.assert_allclose(np.diff(x), [8, 4, 0, 2.5, 2.5], rtol=0, atol=2.0**-44)
@@ -211,7 +211,7 @@ def test_paths_with_bends_are_followed_without_jumps(tmp_path: Path, interpolati
              "offset_m": offset, "speed_m_per_s": 8, "gap_m": 0.5}  # fmt: skip
     bent = 0
     for sequence in range(3):
-        for item in placed(recipe(tmp_path, **{"cars": group}), sequence)[1]:
+        for item in placed(recipe(tmp_path, cars=group), sequence)[1]:
             assert isinstance(item.motion, ls.Trajectory)
             where = item.motion.at(item.motion.times).as_matrix()
             way = np.linalg.norm(np.diff(where[:, :2, 3], axis=0), axis=1)
@@ -236,7 +236,7 @@ def test_paths_with_bends_are_followed_without_jumps(tmp_path: Path, interpolati
 def test_a_spline_goes_through_its_points(tmp_path: Path) -> None:
     points = [[-40, 0], [-10, 0], [0, 12], [20, 30]]
     group = {"objects": [BODY], "count": 1, "along_m": points, "interpolation": "spline", "speed_m_per_s": 18}
-    (item,) = placed(recipe(tmp_path, **{"cars": group}))[1]
+    (item,) = placed(recipe(tmp_path, cars=group))[1]
     assert isinstance(item.motion, ls.Trajectory)
     track = item.motion.at(np.linspace(0, 4, 4001)).translation[:, :2]
     for point in points[1:3]:
@@ -246,7 +246,7 @@ def test_a_spline_goes_through_its_points(tmp_path: Path) -> None:
 def test_several_paths_are_all_taken(tmp_path: Path) -> None:
     paths = [[[-40, y], [40, y]] for y in (-9, 0, 9)]
     group = {"objects": [BODY], "count": 12, "along_m": paths}
-    there = placed(recipe(tmp_path, **{"cars": group}))[1]
+    there = placed(recipe(tmp_path, cars=group))[1]
     assert {float(np.asarray(item.motion)[1, 3]) for item in there} == {-9.0, 0.0, 9.0}
 
 
@@ -258,7 +258,7 @@ def test_cars_are_parallel_to_the_ground(tmp_path: Path, speed: float) -> None:
     path = [[-40, 0], [-10, 5], [10, -8], [40, 0]]
     group = {"objects": [CART], "count": 4, "along_m": path, "interpolation": "spline", "speed_m_per_s": speed,
              "tilt": True}  # fmt: skip
-    scene, there = placed(recipe(tmp_path, ground=HILL, **{"cars": group}))
+    scene, there = placed(recipe(tmp_path, ground=HILL, cars=group))
     assert len(there) >= 3
     normal = np.array([-0.2, 0.1, 1]) / np.linalg.norm([-0.2, 0.1, 1])
     for parts, item in zip(things(scene), there, strict=True):
@@ -275,7 +275,7 @@ def test_cars_are_parallel_to_the_ground(tmp_path: Path, speed: float) -> None:
 
 def test_people_stand_upright_on_slopes(tmp_path: Path) -> None:
     group = {"objects": [WALKER], "count": 3, "area_m": [[-9, -9], [9, 9]], "speed_m_per_s": 1}
-    scene, there = placed(recipe(tmp_path, ground=HILL, **{"people": group}))
+    scene, there = placed(recipe(tmp_path, ground=HILL, people=group))
     for parts, item in zip(things(scene), there, strict=True):
         assert isinstance(item.motion, ls.Trajectory)
         assert (item.motion.at(1.0).as_matrix()[:3, 2] == (0, 0, 1)).all()
@@ -290,7 +290,7 @@ def test_a_rotation_is_obeyed(tmp_path: Path) -> None:
               "position_m": [0.5, 0, 0.1]}  # fmt: skip
     for speed in (0, 5):
         group = {"objects": [turned], "count": 3, "along_m": [[-50, 9], [50, 9]], "speed_m_per_s": speed}
-        scene, _ = placed(recipe(tmp_path, **{"cars": group}))
+        scene, _ = placed(recipe(tmp_path, cars=group))
         for (item,) in things(scene):
             bounds = np.ptp(plan([item], 0.3), axis=0)
             np.testing.assert_allclose(bounds, [4, 1], rtol=0, atol=2.0**-40)
@@ -325,7 +325,7 @@ def filed(folder: Path) -> dict[str, Any]:
 @pytest.mark.parametrize("speed", [0, 7])
 def test_a_scene_file_is_one_thing(tmp_path: Path, speed: float) -> None:
     group = {"objects": [filed(tmp_path)], "count": 3, "along_m": [[-50, 9], [50, 19]], "speed_m_per_s": speed}
-    scene, _ = placed(recipe(tmp_path, **{"cars": group}))
+    scene, _ = placed(recipe(tmp_path, cars=group))
     assert len(things(scene)) == 3
     for parts in things(scene):
         assert [item.label for item in parts] == [7, 5, 5, 5, 5]
@@ -526,7 +526,7 @@ def test_traffic_of_two_hundred_things(tmp_path: Path) -> None:
 def test_mistakes_are_named(tmp_path: Path, thing: dict[str, Any], more: dict[str, Any], message: str) -> None:
     group = {"objects": [thing], "count": 1, "area_m": [[-1, -1], [1, 1]]} | more
     with pytest.raises(ConfigError, match=message) as caught:
-        placed(recipe(tmp_path, **{"people": group}))
+        placed(recipe(tmp_path, people=group))
     assert re.match(r".*recipe\.yaml:\d+: ", str(caught.value))
 
 
@@ -534,17 +534,17 @@ def test_a_scene_file_has_no_instances_of_its_own(tmp_path: Path) -> None:
     thing = filed(tmp_path) | {"rules": [{"node": "*", "instance": 3}]}
     group = {"objects": [thing], "count": 1, "area_m": [[-1, -1], [1, 1]]}
     with pytest.raises(ConfigError, match=r"rules\.0\.instance: expected none, since the file is one instance"):
-        load(recipe(tmp_path, **{"cars": group}))
+        load(recipe(tmp_path, cars=group))
     group = {"objects": [thing | {"rules": [{"skip": True}]}], "count": 1, "area_m": [[-1, -1], [1, 1]]}
     with pytest.raises(ConfigError, match=r"objects\.0\.file: expected a file with objects, got none"):
-        load(recipe(tmp_path, **{"cars": group}))
+        load(recipe(tmp_path, cars=group))
 
 
 def test_an_offset_that_a_bend_has_no_room_for(tmp_path: Path) -> None:
     hook = [[-20, 0], [0, 0], [0.5, 0.5], [0, 1], [-20, 1]]
     group = {"objects": [BODY], "count": 2, "along_m": hook, "offset_m": 3}
-    assert placed(recipe(tmp_path, **{"cars": group}))[1] == []
-    assert len(placed(recipe(tmp_path, **{"cars": group | {"offset_m": -3}}))[1]) == 2
+    assert placed(recipe(tmp_path, cars=group))[1] == []
+    assert len(placed(recipe(tmp_path, cars=group | {"offset_m": -3}))[1]) == 2
 
 
 def test_movers_of_the_scene_are_kept_clear_of(tmp_path: Path) -> None:

@@ -117,11 +117,12 @@ class Scatter(Model):
         if self.along_m is None and self.interpolation != "linear":
             raise (place / "interpolation").error("expected along_m beside it, got area_m")
         there = place / "along_m"
-        if _is_nested(self.along_m):
-            for index, points in enumerate(self.along_m or ()):
+        given: Sequence[Any] = self.along_m or ()
+        if _is_nested(given):
+            for index, points in enumerate(given):
                 self._check_path(points, there / index)
         else:
-            self._check_path(self.along_m or (), there)
+            self._check_path(given, there)
         for key in RANGES:
             self._check_number(key, place / key)
         for index, item in enumerate(self.objects):

@@ -1,12 +1,12 @@
 """A walking person: limbs of fixed length that swing at their joints.
 
 Stride and joint angles against speed are those of R. Boulic, N. Magnenat Thalmann and D. Thalmann, A global human
-walking model with real-time kinematic personification, The Visual Computer 6, 1990, pp. 344-358. With the relative speed
-r = v / hip height (1/s), a cycle of two steps is 1.346 √r hip heights long (after V. T. Inman et al., Human Walking,
-1981), so that a person of 1.75 m who walks at 1.4 m/s takes 1.1 s for 1.5 m. Flexion of hip, knee, ankle, shoulder and
-elbow is given there at a few moments of the cycle, linear in r between the relative speeds 0, 0.5, 1.3 and 3; half waves
-of a cosine join them here. Both sides are half a cycle apart. The pelvis has no motion of its own but up and down: the
-lower foot stands on the ground.
+walking model with real-time kinematic personification, The Visual Computer 6, 1990, pp. 344-358. With the relative
+speed r = v / hip height (1/s), a cycle of two steps is 1.346 √r hip heights long (after V. T. Inman et al., Human
+Walking, 1981), so that a person of 1.75 m who walks at 1.4 m/s takes 1.1 s for 1.5 m. Flexion of hip, knee, ankle,
+shoulder and elbow is given there at a few moments of the cycle, linear in r between the relative speeds 0, 0.5, 1.3 and
+3; half waves of a cosine join them here. The sides are half a cycle apart. The pelvis moves up and down only, so that
+the lower foot stands on the ground.
 
 Lengths of the limbs are shares of the height after R. Drillis and R. Contini, Body segment parameters, 1966, as D. A.
 Winter gives them in Biomechanics and Motor Control of Human Movement, 2009, figure 4.1.

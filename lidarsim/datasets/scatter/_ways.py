@@ -56,7 +56,8 @@ class Profile:
 
     def at(self, times: Floats) -> Floats:
         """Return the speed at times since the start."""
-        return np.interp(times, self.times, self.speeds)
+        speeds: Floats = np.interp(times, self.times, self.speeds)
+        return speeds
 
     def way(self, times: Floats) -> Floats:
         """Return the distance travelled since the start."""
@@ -64,7 +65,8 @@ class Profile:
         moments = np.unique(np.concatenate([[0.0], until, self.times[self.times > 0]]))
         speeds = self.at(moments)
         parts = (speeds[:-1] + speeds[1:]) / 2 * np.diff(moments)  # exact where the speed is linear
-        return np.interp(until, moments, np.concatenate([[0.0], np.cumsum(parts)]))
+        way: Floats = np.interp(until, moments, np.concatenate([[0.0], np.cumsum(parts)]))
+        return way
 
 
 class Path:

@@ -113,13 +113,7 @@ def _rows(path: Path, **kinds: type) -> Iterator[dict[str, Any]]:
         with path.open(encoding="utf-8", errors="replace") as file:
             for row in _Table(file):
                 number += 1
-                if number > MOST_ROWS:
-                    raise ValueError(f"expected at most {MOST_ROWS:,} rows, got more")
-                for key, kind in kinds.items():
-                    if type(row.get(key)) is not kind:
-                        raise ValueError(f"{key}: expected {NAMES[kind]}, got {shown(row.get(key))}")
-                if kinds.get("timestamp") is int and not abs(row["timestamp"]) < 2**63:
-                    raise ValueError(f"timestamp: expected an integer of 64 bits, got {shown(row['timestamp'])}")
+                _check(row, kinds, number)
                 yield row
     except OSError as error:
         raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
@@ -129,6 +123,16 @@ def _rows(path: Path, **kinds: type) -> Iterator[dict[str, Any]]:
         raise
     except ValueError as error:
         raise FileFormatError(f"{path}: row {max(number, 1)}: {error}") from None
+
+
+def _check(row: dict[str, Any], kinds: dict[str, type], number: int) -> None:
+    if number > MOST_ROWS:
+        raise ValueError(f"expected at most {MOST_ROWS:,} rows, got more")
+    for key, kind in kinds.items():
+        if type(row.get(key)) is not kind:
+            raise ValueError(f"{key}: expected {NAMES[kind]}, got {shown(row.get(key))}")
+    if "timestamp" in kinds and not abs(row["timestamp"]) < 2**63:
+        raise ValueError(f"timestamp: expected an integer of 64 bits, got {shown(row['timestamp'])}")
 
 
 class _Table:
