@@ -470,7 +470,7 @@ def test_what_is_said_to_be_apart_is_apart_within_each_step() -> None:
     assert near > 40
 
 
-def test_traffic_of_two_hundred_things(tmp_path: Path) -> None:
+def test_traffic_of_two_hundred_things() -> None:
     """The town: its things are apart at moments within its steps, and one instance each."""
     source = load(CONFIGS / "recipes" / "traffic.yaml").source
     assert isinstance(source, Document)
@@ -499,12 +499,12 @@ def test_traffic_of_two_hundred_things(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("thing", "more", "message"),
     [
-        (WALKER, {"speed_m_per_s": 9}, r"people\.speed_m_per_s: expected at most 2\.78 m/s of a walker 1\.75 m tall, got 9"),
+        (WALKER, {"speed_m_per_s": 9}, r"people\.speed_m_per_s: expected at most 2\.78 m/s of a walker 1\.75 m"),
         (WALKER, {"speed_m_per_s": [[0, 9]]}, r"speed_m_per_s: expected at most 2\.78 m/s of a walker"),
         (WALKER | {"height_m": 0}, {}, r"objects\.0\.height_m: expected a value >= 0.1, got 0"),
         (WALKER | {"scale": 2.0}, {}, r"objects\.0\.scale: expected no scale of a walker: use height_m"),
         (WALKER | {"rotation_deg": {"yaw": 3}}, {}, r"rotation_deg: expected no rotation_deg of a walker"),
-        (BODY | {"motion": {"linear_m_per_s": [1, 0, 0]}}, {}, r"motion: expected no motion, since the group moves its"),
+        (BODY | {"motion": {"linear_m_per_s": [1, 0, 0]}}, {}, r"motion: expected no motion, since the group"),
         (CART | {"wheels": "tyre*"}, {}, r"wheels: expected the name of a part, of .*'wheel 1\.2', got 'tyre\*'"),
         (CART | {"wheels": "*"}, {}, r"wheels: expected a part that is no wheel, got '\*'"),
         (CART | {"parts": []}, {}, r"objects\.0\.parts: expected at least 1 item"),
