@@ -17,9 +17,13 @@ import yaml
 from scipy.spatial import ConvexHull
 
 import lidarsim as ls
+from lidarsim.config.document import Place
+from lidarsim.datasets.draws import Stream
 from lidarsim.datasets.recipe import Document, load
 from lidarsim.datasets.scatter import Placed
 from lidarsim.datasets.scatter._outlines import Outline
+from lidarsim.datasets.scatter._things import thing_of
+from lidarsim.datasets.scatter._ways import Way
 from lidarsim.errors import ConfigError
 
 Floats = npt.NDArray[np.float64]
@@ -106,6 +110,11 @@ def test_a_walker_takes_strides_of_its_speed(tmp_path: Path, speed: float) -> No
         assert np.abs(whole[within]).max() <= 0.02 + 0.12 * np.ptp(swing) * (0.025 / cycle) ** 2 * 4 * np.pi**2
         assert np.abs(half[within]).max() >= 0.5 * np.ptp(swing)
         assert np.ptp(swing) >= np.radians(3)
+        if limb is limbs[1]:  # a thigh: 50 r° + 30 r° up to r = 0.5, then 25° + 15°, at r = 3 31° + 15°
+            r = speed / hip
+            assert np.degrees(np.ptp(swing)) == pytest.approx(
+                80 * r if r < 0.5 else 40 + max(0, 6 * (r - 1.3) / 1.7), rel=0.05
+            )
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.4, 2.2])
@@ -444,11 +453,14 @@ def test_things_of_parts_never_meet(tmp_path: Path) -> None:
 def test_what_is_said_to_be_apart_is_apart_within_each_step() -> None:
     """Rectangles that turn and move between two moments, at thirty moments between these."""
     generator = np.random.default_rng(5)
-    rim = np.array([[-2.0, -1], [2, -1], [2, 1], [-2, 1]])
+    rim = np.array([[-2.0, -0.2], [2, -0.2], [2, 0.2], [-2, 0.2]])
     near = far = 0
-    for _ in range(150):
+    for number in range(150):
         starts, turns = generator.uniform(-4, 4, (2, 2)), generator.uniform(-np.pi, np.pi, 2)
         moves, spins = generator.uniform(-3, 3, (2, 2)), generator.uniform(-2, 2, 2)
+        if number < 20:  # side by side: they reach farthest to each other in between
+            starts, turns = np.array([[-2.0, 0], [2.01 + number / 100, 0]]), np.array([np.pi / 2, np.pi / 2])
+            moves, spins = np.zeros((2, 2)), np.array([2.0, 2.0])
 
         def corners(k: int, u: float, of: Any = (starts, turns, moves, spins)) -> Floats:
             start, turn, move, spin = (part[k] for part in of)
@@ -458,7 +470,7 @@ def test_what_is_said_to_be_apart_is_apart_within_each_step() -> None:
 
         outlines = [
             Outline(np.concatenate([corners(k, 0.0), corners(k, 1.0)])[None], 0, 1,
-                    np.sqrt(5) * (1 - np.cos(spins[k] / 2)))
+                    np.hypot(2, 0.2) * (1 - np.cos(spins[k] / 2)))
             for k in (0, 1)
         ]  # fmt: skip
         least = min(distance(corners(0, u), corners(1, u)) for u in np.linspace(0, 1, 30))
@@ -545,6 +557,18 @@ def test_an_offset_that_a_bend_has_no_room_for(tmp_path: Path) -> None:
     group = {"objects": [BODY], "count": 2, "along_m": hook, "offset_m": 3}
     assert placed(recipe(tmp_path, cars=group))[1] == []
     assert len(placed(recipe(tmp_path, cars=group | {"offset_m": -3}))[1]) == 2
+
+
+def test_the_outline_holds_what_turns(tmp_path: Path) -> None:
+    """A square wheel that sticks out ahead reaches as far as its corners."""
+    wheel = {"shape": "box", "name": "wheel", "size_m": [1, 0.2, 1], "center_m": [2.5, 0, 0.5]}
+    path = recipe(tmp_path, cars={"objects": [CART | {"parts": [BODY, wheel]}], "count": 1, "area_m": [[0, 0], [1, 1]]})
+    source = load(path, ["scatter.cars.speed_m_per_s=3"]).source
+    assert isinstance(source, Document)
+    group = source.settings.scatter["cars"]
+    way = Way(group, Stream(0, "", 0), np.linspace(0, 4, 41), Place(source.root, ()))
+    bounds = thing_of(group.objects[0], Place(source.root, ())).swing(2.0, way, 0.0, Place(source.root, ())).bounds
+    np.testing.assert_allclose(bounds, [[-4, -1.7, 0], [2 * (2.5 + np.sqrt(0.5)), 1.7, 2.8]], rtol=0, atol=2.0**-44)
 
 
 def test_movers_of_the_scene_are_kept_clear_of(tmp_path: Path) -> None:
