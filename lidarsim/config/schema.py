@@ -391,14 +391,6 @@ class Object(Part, Placement):
         """Add the object to `scene`."""
         self._add(self.build(place), scene, place)
 
-    def add_at(self, pose: Floats | Trajectory, scale: float, scene: Scene, place: Place) -> None:
-        """Add the object to `scene` at a pose or on a trajectory, scaled by `scale`."""
-        sized = np.diag([*np.ones(3) * scale * np.asarray(self.scale), 1.0])
-        if isinstance(pose, Trajectory):
-            self._add(self.build(place), scene, place, transform=sized, motion=pose)
-        else:
-            self._add(self.build(place), scene, place, transform=pose @ sized, motion=None)
-
     def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
         material = more.pop("material", None) or self._material(place)
         transform, motion = self._placed(place)

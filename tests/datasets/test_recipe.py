@@ -176,7 +176,7 @@ def test_the_recipes_that_come_along(path: Path, tmp_path: Path) -> None:
 
 
 def test_there_are_recipes() -> None:
-    assert len(RECIPES) == 3
+    assert len(RECIPES) == 4
 
 
 STREET = Path(__file__).parents[2] / "configs" / "recipes" / "street.yaml"
