@@ -1,7 +1,8 @@
-"""Make the car of configs/scenes/car.ply, a mesh from a few curves.
+"""Make the cars of configs/scenes: car.ply, a mesh from a few curves, and car.glb, whose wheels are parts that turn.
 
 The body is a stack of rounded cross-sections along x, whose top, bottom and half width follow the curves below; the
-wheels are cylinders. Usage: python make_car.py [FILE]; also writes make_car.png.
+wheels are cylinders, in the GLB tires with five spokes. Usage: python make_car.py [FILE]; also writes the GLB beside
+the file, and make_car.png.
 """
 
 from __future__ import annotations
@@ -50,10 +51,40 @@ def wheel(x: float, y: float) -> trimesh.Trimesh:
     return trimesh.creation.cylinder(radius=0.32, height=0.2, sections=24, transform=across)
 
 
+def tire() -> trimesh.Trimesh:
+    """Return a wheel about the y axis with five spokes, which show how it turns."""
+    spokes = [
+        trimesh.creation.box((0.25, 0.04, 0.05), transform=trimesh.transformations.rotation_matrix(turn, (0, 1, 0)))
+        for turn in np.arange(5) * 2 * np.pi / 5
+    ]
+    for spoke, turn in zip(spokes, np.arange(5) * 2 * np.pi / 5, strict=True):
+        spoke.apply_translation((0.115 * np.cos(turn), 0, -0.115 * np.sin(turn)))
+    across = trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0))
+    return trimesh.util.concatenate([trimesh.creation.annulus(0.22, 0.32, 0.2, transform=across), *spokes])
+
+
+def with_wheels() -> trimesh.Scene:
+    """Return a scene of a body and four wheels, with y up as in glTF; the wheels share their mesh."""
+    scene = trimesh.Scene()
+    upright = trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0))
+    scene.graph.update(frame_to="car", frame_from="world", matrix=upright)
+    scene.add_geometry(body(sections=40, corners=28), node_name="body", geom_name="body", parent_node_name="car")
+    for end, x in (("rear", -1.3), ("front", 1.35)):
+        for side, y in (("right", -0.82), ("left", 0.82)):
+            place = trimesh.transformations.translation_matrix((x, y, 0.32))
+            name = f"wheel {end} {side}"
+            if "wheel" in scene.geometry:
+                scene.graph.update(name, "car", matrix=place, geometry="wheel")
+            else:
+                scene.add_geometry(tire(), name, "wheel", parent_node_name="car", transform=place)
+    return scene
+
+
 car = trimesh.util.concatenate([body(), *(wheel(x, y) for x in (-1.3, 1.35) for y in (-0.82, 0.82))])
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "car.ply")
 car.vertices = car.vertices.astype(np.float32)
 path.write_bytes(trimesh.exchange.ply.export_ply(car, vertex_normal=False))
+path.with_suffix(".glb").write_bytes(with_wheels().export(file_type="glb"))
 closed = all(part.is_volume for part in car.split())  # watertight, normals outward
 
 scene = ls.Scene()

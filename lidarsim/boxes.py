@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -46,7 +46,8 @@ class Boxes(Pickled):
         by the rounding errors of points alone.
     rotation : ndarray of float64, shape (m, 3, 3)
         Axes of the box, in columns. They are those of the first object of the thing, turned in right angles so that z
-        points up when the thing is at its reference pose: a vehicle modelled along x heads along x.
+        points up when the thing is at its reference pose: a vehicle modelled along x heads along x. If the thing has
+        a motion, they are turned so that x is nearest to the x axis of the moving frame.
     velocity : ndarray of float64, shape (m, 3)
         Velocity of the centre relative to the world, in the axes of the frame, m/s.
     label : ndarray of uint32, shape (m,)
@@ -361,7 +362,8 @@ def _label(item: SceneObject) -> int:
 def _axes(item: SceneObject) -> Floats:
     """Return the axes of an object as placed, turned in right angles so that z points up, as a rotation.
 
-    x stays the object's x unless this points up or down; then it is its y.
+    x stays the object's x unless this points up or down; then it is its y. Of an object with a motion, it is the side
+    nearest to the x axis of the moving frame.
     """
     if item.transform is None:
         return np.eye(3)
@@ -370,6 +372,8 @@ def _axes(item: SceneObject) -> Floats:
     up = int(np.abs(nearest[2]).argmax())
     z = nearest[:, up] * np.copysign(1.0, nearest[2, up])
     x = nearest[:, 1 if up == 0 else 0]
+    if item.motion is not None:
+        x = max((x, -x, np.cross(z, x), np.cross(x, z)), key=lambda side: side[0])
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 

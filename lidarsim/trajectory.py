@@ -24,7 +24,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatErr
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
-__all__ = ["Trajectory", "mounted", "numbers", "register_trajectory_format"]
+__all__ = ["Trajectory", "mounted", "numbers", "product", "register_trajectory_format", "register_trajectory_tables"]
 
 INTERPOLATIONS = ("linear", "spline")
 
@@ -189,12 +189,16 @@ class Trajectory(Immutable):
         times: PathLike | npt.ArrayLike | None = None,
         interpolation: Literal["linear", "spline"] = "linear",
         axes: Literal["body", "camera"] = "body",
+        scene: str | None = None,
+        start: float | None = None,
     ) -> Trajectory:
-        """Read a file of poses, whose format is determined by its content.
+        """Read a file of poses, whose format is determined by its content, or for nuScenes by its name.
 
         - TUM: ``t x y z qx qy qz qw`` per line, in s and m.
         - KITTI poses: the upper three rows of a 4×4 matrix per line, 12 numbers.
         - CSV with a header line that includes the columns ``time_s,x_m,y_m,z_m,qx,qy,qz,qw`` in any order.
+        - nuScenes: ``ego_pose.json``, with ``scene.json``, ``sample.json`` and ``sample_data.json`` beside it. The
+          poses are those of the ego vehicle for all sample data of a `scene`, and time 0 is the first of them.
 
         Empty lines and lines that begin with ``#`` are skipped. Quaternions must have unit length and matrices must be
         orthonormal, to two decimals; they are then normalised to rounding.
@@ -211,6 +215,11 @@ class Trajectory(Immutable):
             Axes of the world and of the moving frame in the file. "body": x ahead, y to the left, z up, as everywhere
             in lidarsim. "camera": x to the right, y down, z ahead, as in the poses of the KITTI data set and of visual
             odometry; both frames are turned to the axes of "body".
+        scene : str, optional
+            Name of a scene of nuScenes, such as "scene-0061"; by default the only one in the tables.
+        start : float, optional
+            Time of the first pose, s: all times are shifted alike. By default, times are those of the file. Frames of a
+            run start at 0, whereas TUM files often have Unix times.
 
         Returns
         -------
@@ -223,39 +232,20 @@ class Trajectory(Immutable):
         Raises
         ------
         FileFormatError
-            If a file cannot be read or has none of these formats; the message names the line.
+            If a file cannot be read or has none of these formats; the message names the line. If there is no such
+            scene, or its poses are incomplete.
         TypeError, ValueError
-            If `times` are missing, superfluous, or not as many as the poses.
+            If `times` are missing, superfluous, or not as many as the poses, or if `scene` is given for another format.
         """
         _validation.one_of("axes", axes, ("body", "camera"))
-        lines = _LineReader(path)
-        with lines.refusals():
-            first = next(iter(lines), "")
-            form = next((form for form in _FORMATS if form.recognise(first)), None)
-            if form is None:
-                kinds = "; ".join(f"{form.name}: {form.looks}" for form in _FORMATS)
-                raise ValueError(f"expected poses ({kinds}), got {'something else' if first else 'nothing'}")
-            own, poses = form.read(chain([first], lines))
+        if scene is not None and not isinstance(scene, str):
+            raise ArgumentTypeError("scene", "the name of a scene", _validation.shown(scene))
+        first = None if start is None else _validation.real("start", start)
+        stamps, poses = _read(path, times, scene)
         if axes == "camera":
             poses = CAMERA_TO_BODY @ poses @ CAMERA_TO_BODY.T  # exact: coordinates change only place and sign
-        if own is not None:
-            if times is not None:
-                raise ArgumentValueError("times", f"none for {path}, which is {form.name} and has its own", "some")
-            return cls(lines.rising(own), poses, interpolation=interpolation)
-        if times is None:
-            raise ArgumentValueError("times", f"those of {path}, since {form.name} has none of its own", "none")
-        if isinstance(times, str | os.PathLike):
-            lines = _LineReader(times)
-            with lines.refusals():
-                stamps = np.array([numbers(line.split(), 1)[0] for line in lines])
-            what, stamps = str(lines.path), lines.rising(stamps)
-        else:
-            what, stamps = "times", array("times", times, ("n",))
-        if len(stamps) != len(poses):
-            expected = f"{len(poses)} times, one for each pose of {path}"
-            if what != "times":
-                raise FileFormatError(f"{what}: expected {expected}, got {len(stamps)}")
-            raise ArgumentValueError(what, expected, len(stamps))
+        if first is not None and len(stamps):
+            stamps = stamps - stamps[0] + first
         return cls(stamps, poses, interpolation=interpolation)
 
     def save(self, path: PathLike) -> None:
@@ -402,14 +392,14 @@ class Trajectory(Immutable):
         kind, arguments, mounts = self._recipe
         if kind == "twist":
             start, *velocities = arguments
-            moved = _product(matrix, np.array(start))
+            moved = product(matrix, np.array(start))
             arguments = _in_range("world", moved).tolist(), *velocities
         else:
             times, poses, steps = arguments
             # A step adds s(u) to the position, which turns with the world, and exp(φ(u)) on the right, which does not.
             turned = steps.reshape(-1, 2, 3, 3).copy()
-            turned[:, 0] = _product(matrix[:3, :3], turned[:, 0, :, :, None])[..., 0]
-            moved = _product(matrix, poses.reshape(-1, 4, 4))
+            turned[:, 0] = product(matrix[:3, :3], turned[:, 0, :, :, None])[..., 0]
+            moved = product(matrix, poses.reshape(-1, 4, 4))
             arguments = times, _in_range("world", moved).reshape(-1, 16), _in_range("world", turned).reshape(-1, 18)
         return self._made(self._times, (kind, arguments, mounts))
 
@@ -497,7 +487,7 @@ class Trajectory(Immutable):
         errors = sigmas * _gauss_markov(times, scale, seed)
         poses = self._native.at(times)
         turns = Rotation.from_rotvec(errors[:, 3:]).as_matrix()
-        poses[:, :3, :3] = np.einsum("nij,njk->nik", poses[:, :3, :3], turns)
+        poses[:, :3, :3] = product(poses[:, :3, :3], turns)
         poses[:, :3, 3] += errors[:, :3]
         return Trajectory(times, poses, interpolation="spline" if is_spline else "linear") @ mount
 
@@ -597,9 +587,12 @@ def _gauss_markov(times: Floats, scale: float, seed: int) -> Floats:
     return errors
 
 
-def _product(left: Floats, right: Floats) -> Floats:
-    """Return the matrix products, summed in order, so that they have the same bits on every processor."""
-    terms = left[:, :, None] * right[..., None, :, :]
+def product(left: Floats, right: Floats) -> Floats:
+    """Return the products of matrices, of shape (…, n, m) and (…, m, k), with the same bits on every processor.
+
+    The terms are summed in order.
+    """
+    terms = left[..., None] * right[..., None, :, :]
     total: Floats = terms[..., 0, :]
     for k in range(1, terms.shape[-2]):
         total = total + terms[..., k, :]
@@ -749,6 +742,72 @@ def numbers(texts: Sequence[str], count: int) -> list[float]:
             raise ValueError("expected finite numbers, got something else")  # not quoted: it may come from any file
         values.append(value)
     return values
+
+
+@dataclass(frozen=True, slots=True)
+class _Tables:
+    name: str
+    recognise: Callable[[Path], bool]
+    read: Callable[[Path, str | None], tuple[Floats, Floats]]
+
+
+_TABLES: list[_Tables] = []
+
+
+def register_trajectory_tables(
+    name: str, recognise: Callable[[Path], bool], read: Callable[[Path, str | None], tuple[Floats, Floats]]
+) -> None:
+    """Let `Trajectory.load` read one more format of tables in several files.
+
+    Parameters
+    ----------
+    name : str
+        Name of the format in errors.
+    recognise : callable
+        ``recognise(path)`` returns whether a path is that of such a table.
+    read : callable
+        ``read(path, scene)`` returns the rising times, shape (n,), and the poses, shape (n, 4, 4), of a scene, or of
+        the only one if `scene` is None.
+    """
+    _TABLES.append(_Tables(name, recognise, read))
+
+
+def _read(path: PathLike, times: PathLike | npt.ArrayLike | None, scene: str | None) -> tuple[Floats, Floats]:
+    """Return the times and poses of a file, as documented in `Trajectory.load`."""
+    tables = next((tables for tables in _TABLES if tables.recognise(Path(path))), None)
+    if tables is not None:
+        if times is not None:
+            raise ArgumentValueError("times", f"none for {path}, which is {tables.name} and has its own", "some")
+        return tables.read(Path(path), scene)
+    lines = _LineReader(path)
+    with lines.refusals():
+        first = next(iter(lines), "")
+        form = next((form for form in _FORMATS if form.recognise(first)), None)
+        if form is None:
+            kinds = "; ".join(f"{form.name}: {form.looks}" for form in _FORMATS)
+            raise ValueError(f"expected poses ({kinds}), got {'something else' if first else 'nothing'}")
+        own, poses = form.read(chain([first], lines))
+    if scene is not None:
+        raise ArgumentValueError("scene", f"none for {path}, which is {form.name}", _validation.shown(scene))
+    if own is not None:
+        if times is not None:
+            raise ArgumentValueError("times", f"none for {path}, which is {form.name} and has its own", "some")
+        return lines.rising(own), poses
+    if times is None:
+        raise ArgumentValueError("times", f"those of {path}, since {form.name} has none of its own", "none")
+    if isinstance(times, str | os.PathLike):
+        lines = _LineReader(times)
+        with lines.refusals():
+            stamps = np.array([numbers(line.split(), 1)[0] for line in lines])
+        what, stamps = str(lines.path), lines.rising(stamps)
+    else:
+        what, stamps = "times", array("times", times, ("n",))
+    if len(stamps) != len(poses):
+        expected = f"{len(poses)} times, one for each pose of {path}"
+        if what != "times":
+            raise FileFormatError(f"{what}: expected {expected}, got {len(stamps)}")
+        raise ArgumentValueError(what, expected, len(stamps))
+    return stamps, poses
 
 
 class _LineReader:

@@ -300,6 +300,9 @@ class Placement(Model):
         return matrix
 
 
+PLACING = frozenset(Placement.model_fields)
+
+
 class Waypoint(Placement):
     """A placement at a time."""
 
@@ -313,11 +316,13 @@ class Pose(Placement):
     angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
 
 
-class TrajectoryFile(Model):
-    """Poses over time from a file."""
+class TrajectoryFile(Placement):
+    """Poses over time from a file; its placement is that of the world of the file."""
 
     file: str
     times: str | None = None
+    scene: str | None = None
+    start_s: Finite | None = None
     interpolation: Literal["linear", "spline"] = "linear"
     axes: Literal["body", "camera"] = "body"
 
@@ -328,7 +333,9 @@ def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> F
         files = {"path": (place / "file").file(value.file)}
         if value.times is not None:
             files["times"] = (place / "times").file(value.times)
-        return construct(Trajectory.load, value, ["interpolation", "axes"], place, **files)
+        trajectory = construct(Trajectory.load, value, ["interpolation", "axes", "scene", "start_s"], place, **files)
+        with place.refusals({"world": ("position_m", "")}):
+            return trajectory if value.model_fields_set.isdisjoint(PLACING) else _rigid(value, place) @ trajectory
     if isinstance(value, list):
         poses = [_rigid(waypoint, place / index) for index, waypoint in enumerate(value)]
         with place.refusals():
@@ -386,16 +393,6 @@ class Object(Part, Placement):
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the object to `scene`."""
         self._add(self.build(place), scene, place)
-
-    def add_at(self, pose: Floats | Trajectory, scale: float, scene: Scene, place: Place) -> None:
-        """Add the object to `scene` at a pose or on a trajectory, scaled by `scale`."""
-        if self.instance is not None:
-            raise (place / "instance").error("expected none, since each copy is an instance of its own")
-        sized = np.diag([*np.ones(3) * scale * np.asarray(self.scale), 1.0])
-        if isinstance(pose, Trajectory):
-            self._add(self.build(place), scene, place, transform=sized, motion=pose)
-        else:
-            self._add(self.build(place), scene, place, transform=pose @ sized, motion=None)
 
     def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
         material = more.pop("material", None) or self._material(place)

@@ -192,8 +192,7 @@ class Document:
             first = self._drawn(sequence, 0) if self.by_frame else run
             self.placed[sequence] = scatter(groups, place, first, self.settings.seed, sequence)
         for placed in self.placed.get(sequence, ()):
-            item = groups[placed.group].objects[placed.index]
-            item.add_at(placed.motion, placed.scale, run.scene, place / placed.group / "objects" / placed.index)
+            placed.add_to(run.scene, place)
         return run
 
     def _drawn(self, sequence: int, frame: int | None) -> Run:

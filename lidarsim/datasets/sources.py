@@ -17,6 +17,7 @@ from lidarsim._files import beside
 from lidarsim.config.document import Node, entries, folder_of, read
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io.scenes.mesh_files import image_name
+from lidarsim.io.trajectories.nuscenes import TABLES
 
 __all__ = ["hashes", "located", "paths"]
 
@@ -90,7 +91,7 @@ def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
     """Return the SHA-256 of each file that documents name, by its path from `folder`.
 
     Files that these name in turn are included: those in YAML, the buffers and images of glTF, the materials of OBJ and
-    their images, and the images of COLLADA.
+    their images, the images of COLLADA, and the tables beside poses of nuScenes.
     """
     found: dict[str, str] = {}
     documents = list(nodes)
@@ -113,7 +114,9 @@ def _named_in(path: Path) -> list[Path]:
     names: list[str] = []
     suffix = path.suffix.lower()
     with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError), path.open("rb") as file:
-        if suffix in {".gltf", ".glb"}:
+        if path.name == TABLES[-1]:
+            names = list(TABLES[:-1])
+        elif suffix in {".gltf", ".glb"}:
             content = _gltf(file, binary=suffix == ".glb")
             items = [item for kind in ("buffers", "images") for item in content.get(kind, ())]
             names = [item["uri"] for item in items if "uri" in item]

@@ -198,8 +198,16 @@ MISTAKES = {
     "motion: {file: drive.tum, times: drive.tum}": (
         "scene.1.motion: times: expected none for drive.tum, which is TUM and has its own, got some"
     ),
+    "motion: {file: drive.tum, scene: scene-0001}": (
+        "scene.1.motion.scene: expected none for drive.tum, which is TUM, got 'scene-0001'"
+    ),
+    "motion: {file: drive.tum, start_s: .inf}": "scene.1.motion.start_s: expected a finite number, got inf",
+    "motion: {file: drive.tum, position_m: [1.0e+300, 0, 0]}": (
+        "scene.1.motion.position_m: expected numbers up to 1.02e+295 of what moves, got 1e+300"
+    ),
     "motion: {file: drive.tum, linear_m_per_s: [1, 0, 0]}": (
-        "scene.1.motion.linear_m_per_s: unknown key; expected one of file, times, interpolation, axes"
+        "scene.1.motion.linear_m_per_s: unknown key; expected one of position_m, rotation_deg, matrix, file,"
+        " times, scene, start_s, interpolation, axes"
     ),
 }  # fmt: skip
 

@@ -30,7 +30,19 @@ RECIPE: dict[str, Any] = {
     },
     "scatter": {
         "cars": {
-            "objects": [{"shape": "box", "size_m": [2, 1, 1], "scale": [1, 1, 2]}],
+            "objects": [
+                {"shape": "box", "size_m": [2, 1, 1], "scale": [1, 1, 2], "rotation_deg": {"yaw": 20}},
+                {"shape": "walker", "label": 2, "height_m": 1.8},
+                {
+                    "shape": "compound",
+                    "wheels": "wheel*",
+                    "position_m": [0, 0, 0.1],
+                    "parts": [
+                        {"shape": "box", "size_m": [2, 1, 1]},
+                        {"shape": "sphere", "name": "wheel", "center_m": [1, 0, 0.3], "radius_m": 0.3},
+                    ],
+                },
+            ],
             "on": ["floor"],
             "count": {"integer": [1, 2]},
             "area_m": [[-9, -9], [9, 9]],
@@ -44,7 +56,10 @@ RECIPE: dict[str, Any] = {
             "on": ["floor"],
             "count": 2,
             "along_m": [[-9, 0], [0, 3], [9, 0]],
+            "interpolation": "spline",
             "offset_m": {"normal": [0, 1]},
+            "speed_m_per_s": [[0, 2], [0.2, 0], [0.4, 3]],
+            "tilt": True,
             "scale": {"choice": [1, 2]},
         },
     },

@@ -177,7 +177,7 @@ def test_the_recipes_that_come_along(path: Path, tmp_path: Path) -> None:
 
 
 def test_there_are_recipes() -> None:
-    assert len(RECIPES) == 4
+    assert len(RECIPES) == 5
 
 
 def test_the_recipe_for_a_detector(tmp_path: Path) -> None:

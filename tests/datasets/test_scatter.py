@@ -18,6 +18,8 @@ from lidarsim.config.document import Place, parse
 from lidarsim.datasets import scatter as scattering
 from lidarsim.datasets.recipe import Document, load
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
+from lidarsim.datasets.scatter._outlines import Outline
+from lidarsim.datasets.scatter._ways import Way
 from lidarsim.errors import ConfigError
 
 BOX = {"shape": "box", "size_m": [4, 2, 1.5], "center_m": [0.5, 0, 0.75], "label": 10}
@@ -248,9 +250,9 @@ def test_points_on_movers_of_the_street_move() -> None:
         ("scatter.cars.along_m=[[0, 0], [1, 1]]", "expected one of area_m and along_m, got both"),
         ("scatter.boxes.along_m=[[0, 0], [0, 0]]", "expected points that differ"),
         ("scatter.boxes.speed_m_per_s=100", r"expected a path as long as the way in a sequence, \d+ m, got 28\.64 m"),
-        ("scatter.cars.objects.0.position_m=[0, 0, 0]", "expected no position_m, since the place is drawn"),
+        ("scatter.cars.objects.0.motion={linear_m_per_s: [1, 0, 0]}", "expected no motion, since the group moves its"),
         ("scatter.cars.objects.0={shape: plane, normal: [0, 0, 1]}", "expected a bounded object"),
-        ("scatter.cars.objects.0={shape: scene_file, file: a.glb}", "expected one object, got a scene_file"),
+        ("scatter.cars.objects.0={shape: scene_file, file: a.glb}", r"file: .*a\.glb"),
         ("scatter.cars.scale={choice: [a]}", "expected numbers"),
         ("scatter.cars.gap_m=-1", "expected a value >= 0.0, got -1"),
         ("scatter.cars.colour=red", "unknown key"),
@@ -339,7 +341,7 @@ def test_unusual_places_are_places(recipe: Path, change: str) -> None:
 def test_outlines_that_are_points_are_apart_only_where_they_are() -> None:
     """Far off, the corners of an outline may be the same numbers, and none of its sides has a direction."""
     square = np.array([[[0.0, 0.0], [1, 0], [1, 1], [0, 1]]])
-    point, here, there = (scattering._Outline(corners, 0.0, 1.0) for corners in (0 * square, square - 0.5, square + 9))
+    point, here, there = (Outline(corners, 0.0, 1.0) for corners in (0 * square, square - 0.5, square + 9))
     for outline in (point, here):
         assert not outline.apart(point, 0.0)
         assert not point.apart(outline, 0.0)
@@ -349,7 +351,7 @@ def test_outlines_that_are_points_are_apart_only_where_they_are() -> None:
 
 def test_a_group_ends_when_there_is_no_room(recipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
-    monkeypatch.setattr(scattering._Way, "poses", lambda *_, of=scattering._Way.poses: tried.append(1) or of(*_))
+    monkeypatch.setattr(Way, "poses", lambda *_, of=Way.poses: tried.append(1) or of(*_))
     small = ["scatter.cars.area_m=[[4, -14], [9, -9]]", "scatter.boxes.count=0", "scatter.cars.count=10000"]
     _, there = placed(recipe, 0, *small)
     assert 1 <= len(there) < 10

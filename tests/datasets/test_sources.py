@@ -42,6 +42,14 @@ OBJ = "mtllib my colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 GROUND = "{shape: plane, normal: [0, 0, 1], name: g}"
 GROUP = "{objects: [{shape: mesh, file: b.ply}], on: [g], count: 0, area_m: [[0, 0], [1, 1]]}"
 
+TABLES = {
+    "scene": '[{"token": "A", "name": "a"}]',
+    "sample": '[{"token": "s", "scene_token": "A"}]',
+    "sample_data": '[{"sample_token": "s", "ego_pose_token": "p"}, {"sample_token": "s", "ego_pose_token": "q"}]',
+    "ego_pose": """[{"token": "p", "timestamp": 0, "translation": [0, 0, 0], "rotation": [1, 0, 0, 0]},
+        {"token": "q", "timestamp": 9000000, "translation": [9, 0, 0], "rotation": [1, 0, 0, 0]}]""",
+}
+
 Files = dict[str, Callable[[Path], None]]
 RECIPES: dict[str, tuple[str, Files, str]] = {
     "a run": ("run: {file: a.yaml}", {"a.yaml": text(RUN)}, "a.yaml"),
@@ -98,6 +106,11 @@ RECIPES: dict[str, tuple[str, Files, str]] = {
         "vary: {pose: {choice: [{position_m: [0, 0, 1]}, {file: b.txt}]}}\nrun: {scene: []}",
         {"b.txt": text(POSES)},
         "b.txt",
+    ),
+    "the tables of nuScenes": (
+        "run: {scene: [], pose: {file: ego_pose.json, scene: a}}",
+        {f"{name}.json": text(rows) for name, rows in TABLES.items()},
+        "sample_data.json",
     ),
     "the buffer of a glTF": (GLTF, {"a.gltf": gltf}, "gltf_buffer_1.bin"),
     "the materials of an OBJ": (

@@ -326,6 +326,8 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "PointCloud.load.columns": lambda _: None,
     "PointCloud.save.pose": lambda _: None,
     "Trajectory.load.path": lambda folder: written(folder, "poses.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 3),
+    "Trajectory.load.scene": lambda _: None,
+    "Trajectory.load.start": lambda _: 0.5,
     "Trajectory.save.path": lambda folder: folder / "poses.tum",
     "TriangleMesh.from_file.path": lambda folder: written(
         folder, "m.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"

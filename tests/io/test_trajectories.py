@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -213,3 +215,95 @@ def test_files_that_cannot_be_read_or_written(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         ls.Trajectory.from_twist(np.eye(4), (1, 0, 0)).save(tmp_path / "twist.tum")
     assert list(tmp_path.iterdir()) == []
+
+
+def nuscenes(folder: Path, **changes: Any) -> Path:
+    """Tables of two scenes, one of which has two sensors, in the style of nuScenes; a table may be other text."""
+    turn = {"a0": (1.0, 0.0), "a1": (0.8, 0.6), "a2": (0.0, 1.0), "b0": (1.0, 0.0)}
+    tables: dict[str, Any] = {
+        "scene": [{"token": "A", "name": "scene-0061"}, {"token": "B", "name": "scene-0103"}],
+        "sample": [{"token": "s0", "scene_token": "A"}, {"token": "s1", "scene_token": "A"},
+                   {"token": "t0", "scene_token": "B"}],
+        "sample_data": [{"sample_token": s, "ego_pose_token": p} for s, p in
+                        (("s1", "a2"), ("t0", "b0"), ("s0", "a0"), ("s0", "a1"), ("s1", "again"))],
+        "ego_pose": [
+            {"token": token, "timestamp": 1_532_402_927_000_000 + 50_000 * int(token[1]),
+             "translation": [411.3, 1180.9 + int(token[1]), 0.0], "rotation": [w, 0.0, 0.0, z]}
+            for token, (w, z) in turn.items()
+        ],
+    }  # fmt: skip
+    tables["ego_pose"].append({**tables["ego_pose"][2], "token": "again"})
+    for name, rows in (tables | changes).items():
+        if rows is not None:
+            (folder / f"{name}.json").write_text(rows if isinstance(rows, str) else json.dumps(rows, indent=0))
+    return folder / "ego_pose.json"
+
+
+def test_poses_of_a_scene_of_nuscenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = nuscenes(tmp_path)
+    for chunk in (1 << 20, 150):  # rows that lie in two chunks
+        monkeypatch.setattr("lidarsim.io.trajectories.nuscenes.CHUNK", chunk)
+        read = ls.Trajectory.load(path, scene="scene-0061", start=3.0)
+        assert read.times.tolist() == [3.0, 3.05, 3.1]
+        assert read.poses.translation.tolist() == [[411.3, 1180.9, 0], [411.3, 1181.9, 0], [411.3, 1182.9, 0]]
+        ahead = read.poses.rotation.apply([1, 0, 0])  # (w, z) turns by 2 atan2(z, w)
+        np.testing.assert_allclose(ahead, [[1, 0, 0], [0.28, 0.96, 0], [-1, 0, 0]], rtol=0, atol=4 * EPS)
+    assert ls.Trajectory.load(path, scene="scene-0103").times.tolist() == [0.0]
+    nuscenes(tmp_path, scene=[{"token": "A", "name": "the only one"}])
+    assert len(ls.Trajectory.load(path).times) == 3
+
+
+DEEP = "[" * 100_000
+BAD_TABLES: list[tuple[dict[str, Any], str, str]] = [
+    ({"scene": None}, "scene-0061", r"scene\.json: cannot read the file: No such file"),
+    ({}, "scene-9999", r"scene\.json: expected the name of a scene, of 'scene-0061', 'scene-0103', got 'scene-9999'"),
+    ({"scene": []}, "scene-0061", r"scene\.json: expected the name of a scene, of none, got 'scene-0061'"),
+    ({"sample": []}, "scene-0061", r"sample_data\.json: expected data of the scene 'scene-0061', got none"),
+    ({"ego_pose": []}, "scene-0061", r"ego_pose\.json: .* got none of token 'a0' and 3 more"),
+    ({"scene": DEEP}, "scene-0061", r"scene\.json: row 1: expected an object in JSON, got something else"),
+    ({"scene": f'[{{"a": {DEEP}'}, "scene-0061", r"scene\.json: row 1: expected .*"),
+    ({"sample": '[{"token": 3}]'}, "scene-0061", r"sample\.json: row 1: token: expected a string, got 3"),
+    ({"sample": "{}"}, "scene-0061", r"sample\.json: row 1: expected \[ in JSON, got '{'"),
+    ({"sample": "[{}"}, "scene-0061", r"sample\.json: row 1: token: expected a string, got None"),
+    ({"sample": '[{"token": "s0", "scene_token": "A"}'}, "scene-0061", r"row 1: expected , or \] in JSON, got the end"),
+    ({"sample": '[{"token": "' + "x" * (3 << 20) + '"}]'}, "scene-0061", r"object in JSON of at most 1,048,576 char"),
+    ({"ego_pose": '[{"timestamp": ' + "9" * 5000 + "}]"}, "scene-0061", r"ego_pose\.json: row 1: "),
+    (
+        {"ego_pose": [{"token": "a0", "timestamp": 10**30, "translation": [0, 0, 0], "rotation": [1, 0, 0, 0]}]},
+        "scene-0061", r"row 1: timestamp: expected an integer of 64 bits, got 1000000",
+    ),
+    (
+        {"ego_pose": [{"token": "a0", "timestamp": 1, "translation": [0, 0], "rotation": [1, 0, 0, 0]}]},
+        "scene-0061", r"ego_pose\.json: row 'a0': translation: expected 3 finite numbers, got others",
+    ),
+    (
+        {"ego_pose": [{"token": "b0", "timestamp": 1, "translation": [0, 0, 0], "rotation": [2, 0, 0, 0]}]},
+        "scene-0103", r"ego_pose\.json: expected a quaternion \(x, y, z, w\) of length 1, got one of 2",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "scene", "message"), BAD_TABLES)
+def test_bad_tables_of_nuscenes(tmp_path: Path, changes: dict[str, Any], scene: str, message: str) -> None:
+    with pytest.raises(FileFormatError, match=message):
+        ls.Trajectory.load(nuscenes(tmp_path, **changes), scene=scene)
+
+
+def test_a_scene_is_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="expected the name of a scene, of 'scene-0061', 'scene-0103', got none"):
+        ls.Trajectory.load(nuscenes(tmp_path))
+    with pytest.raises(ValueError, match=r"times: expected none for .*, which is nuScenes and has its own"):
+        ls.Trajectory.load(nuscenes(tmp_path), scene="scene-0061", times=[1.0])
+    drive().save(tmp_path / "drive.tum")
+    with pytest.raises(ValueError, match=r"scene: expected none for .*drive\.tum, which is TUM, got 'scene-0061'"):
+        ls.Trajectory.load(tmp_path / "drive.tum", scene="scene-0061")
+    with pytest.raises(TypeError, match="scene: expected the name of a scene, got 61"):
+        ls.Trajectory.load(tmp_path / "drive.tum", scene=61)  # type: ignore[arg-type]
+
+
+def test_times_are_shifted_to_a_start(tmp_path: Path) -> None:
+    drive().save(tmp_path / "drive.tum")
+    read = ls.Trajectory.load(tmp_path / "drive.tum", start=-2.0)
+    assert np.array_equal(read.times, drive().times - drive().times[0] - 2.0)
+    with pytest.raises(ValueError, match="start: expected a finite number, got nan"):
+        ls.Trajectory.load(tmp_path / "drive.tum", start=float("nan"))

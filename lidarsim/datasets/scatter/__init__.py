@@ -1,0 +1,370 @@
+"""Things at random places on the ground, clear of each other and of the sensor at all times, some of them moving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from lidarsim._validation import Floats
+from lidarsim.config.schema import Model, either
+from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
+from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, steps, turns_of
+from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of
+from lidarsim.datasets.scatter._ways import STEP, Path, Way, path_of
+from lidarsim.rig import Rig
+from lidarsim.scene import Scene, SceneObject
+from lidarsim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from lidarsim.config.document import Place
+    from lidarsim.run import Run
+
+__all__ = ["Placed", "Scatter", "scatter"]
+
+TRIES = 200
+"""Number of places tried for an object."""
+
+FULL = 50
+"""Number of consecutive objects without room after which the rest of their group is left out."""
+
+FAR = 1e9
+"""Greatest coordinate, length, angle (degrees) and speed, so that sums and products stay in float64's range."""
+
+MOST_OBJECTS = 10_000
+"""Greatest number of objects in a group: each is compared with all others up to `TRIES` times."""
+
+MOST_POINTS = 10_000
+"""Greatest number of points of a path, and of rows of a speed."""
+
+MOST_STEPS = 1_000_000
+"""Greatest number of steps of a sequence in which anything moves."""
+
+RANGES = {
+    "count": (0.0, MOST_OBJECTS),
+    "offset_m": (-FAR, FAR),
+    "yaw_deg": (-FAR, FAR),
+    "scale": (1 / FAR, FAR),
+    "speed_m_per_s": (-FAR, FAR),
+}
+"""Least and greatest value of each drawable number."""
+
+TOP = 1e5
+"""Height above all ground, m, from which rays are cast down."""
+
+
+Coordinate = Annotated[float, Field(ge=-FAR, le=FAR)]
+Point = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
+SpeedRow = Annotated[list[Annotated[float, Field(ge=0, le=FAR)]], Field(min_length=2, max_length=2)]
+
+PathPoints = Annotated[list[Point], Field(min_length=2, max_length=MOST_POINTS)]
+
+
+def _is_nested(value: object) -> bool:
+    """Return whether a value is a list of paths, and not the points of one."""
+    inner = value[0] if isinstance(value, list) and value else None
+    return isinstance(inner, list) and bool(inner) and isinstance(inner[0], list)
+
+
+if TYPE_CHECKING:
+    SpeedOverTime = DrawOr | list[SpeedRow]
+    Paths = list[Point] | list[list[Point]]
+else:
+    Paths = either(PathPoints, Annotated[list[PathPoints], Field(min_length=1, max_length=MOST_POINTS)], _is_nested)
+    SpeedOverTime = either(
+        DrawOr,
+        Annotated[list[SpeedRow], Field(min_length=1, max_length=MOST_POINTS)],
+        lambda value: isinstance(value, list),
+    )
+
+
+class Scatter(Model):
+    """A group of objects; each is one of `objects`."""
+
+    objects: Annotated[list[AnyThing], Field(min_length=1)]
+    on: Annotated[list[str], Field(min_length=1)]
+    count: DrawOr
+    area_m: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = None
+    along_m: Paths | None = None
+    interpolation: Literal["linear", "spline"] = "linear"
+    offset_m: DrawOr = 0.0
+    yaw_deg: DrawOr = 0.0
+    scale: DrawOr = 1.0
+    speed_m_per_s: SpeedOverTime = 0.0
+    tilt: bool = False
+    gap_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0
+    clear_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0
+
+    @cached_property
+    def paths(self) -> list[Path]:
+        """The paths along which the objects are placed; none in an area."""
+        given = self.along_m or []
+        return [
+            path_of(np.asarray(points), self.interpolation)
+            for points in (given if _is_nested(given) else [given] if given else [])
+        ]
+
+    def check(self, place: Place) -> None:
+        """Raise an error if keys contradict each other, or if an object cannot be built and placed."""
+        if (self.area_m is None) == (self.along_m is None):
+            raise place.error("expected one of area_m and along_m, got " + ("none" if self.area_m is None else "both"))
+        if self.along_m is None and self.interpolation != "linear":
+            raise (place / "interpolation").error("expected along_m beside it, got area_m")
+        there = place / "along_m"
+        given: Sequence[Any] = self.along_m or ()
+        if _is_nested(given):
+            for index, points in enumerate(given):
+                self._check_path(points, there / index)
+        else:
+            self._check_path(given, there)
+        for key in RANGES:
+            self._check_number(key, place / key)
+        for index, item in enumerate(self.objects):
+            _check_thing(item, place / "objects" / index)
+
+    def _check_path(self, points: Sequence[Any], place: Place) -> None:
+        for index, (point, after) in enumerate(pairwise(points)):
+            if not math.dist(point, after) >= 1 / FAR:
+                error = "expected points that differ from one to the next"
+                raise (place / (index + 1)).error(f"{error}, by {1 / FAR:g} m at least")
+        if self.interpolation == "spline" and not (path_of(np.asarray(points), "spline").lengths > 0).all():
+            raise place.error("expected points that a spline can join, got some too near to each other")
+
+    def _check_number(self, key: str, place: Place) -> None:
+        value = getattr(self, key)
+        if isinstance(value, list):
+            for index, (row, after) in enumerate(pairwise(value)):
+                if not row[0] < after[0]:
+                    raise (place / (index + 1) / 0).error(f"expected rising times, got {after[0]} after {row[0]}")
+            return
+        if not isinstance(value, Draw):
+            _expect(key, value, place)
+            if key == "count" and value != int(value):
+                raise place.error(f"expected an integer, got {value}")
+            return
+        value.check(place, numbers=True)
+        for end in value.ends or (value.normal or ())[:1]:
+            _expect(key, end, place)
+
+    def drawn(self, key: str, stream: Stream, place: Place) -> float:
+        """Return the value of a number, drawn if necessary, after checking its range."""
+        value = drawn(getattr(self, key), stream)
+        if key == "count":  # normal numbers may be negative
+            value = max(value, 0.0)
+        _expect(key, value, place / key)
+        return value
+
+
+def _check_thing(item: AnyThing, place: Place) -> None:
+    """Raise an error if a thing cannot be built, or is unbounded or too large."""
+    scene = Scene()
+    thing = thing_of(item, place)
+    for part in thing.parts:
+        PlacedPart(part, part.affine, None).add_to(scene, place, 0)
+    for built in scene.objects:
+        if not built.shape.bounded:
+            raise place.error("expected a bounded object, got an unbounded one")
+        size = np.abs(built.bounds).max()
+        if not size <= FAR:
+            raise place.error(f"expected an object within {FAR:g} m of its origin, got one of {size:g} m")
+
+
+def _expect(key: str, value: float, place: Place) -> None:
+    least, greatest = RANGES[key]
+    if not least <= value <= greatest:
+        raise place.error(f"expected a number from {least:g} to {greatest:g}, got {value:g}")
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An object of a group, with its pose or trajectory, and its parts with theirs."""
+
+    group: str
+    index: int
+    scale: float
+    motion: Floats | Trajectory
+    parts: tuple[PlacedPart, ...]
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the object to a scene as one instance; `place` is that of the groups."""
+        instance = len(scene) + 1  # as `Scene.add` numbers an object by default
+        for part in self.parts:
+            part.add_to(scene, place / self.group / "objects" / self.index, instance)
+
+
+def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, sequence: int) -> list[Placed]:
+    """Place the objects of all groups in a sequence, group by group.
+
+    Parameters
+    ----------
+    groups : dict of str to Scatter
+        The groups to place.
+    place : Place
+        Place of the groups in the recipe.
+    run : Run
+        The run of the sequence, whose scene has the ground and obstacles, and whose pose is kept clear.
+    seed : int
+        Seed of the data set.
+    sequence : int
+        Number of the sequence.
+
+    Returns
+    -------
+    list of Placed
+        The placed objects; those without room are left out.
+
+    Raises
+    ------
+    ConfigError
+        If an object to stand on does not exist, a path is too short for the speed, a drawn number is out of range, a
+        walker would have to run, or a sequence is too long.
+    """
+    start, stop = run.time(run.frames.start), run.time(run.frames.stop + 1)
+    stop += max((part.offset for part in run.sensor.values()), default=0.0) if isinstance(run.sensor, Rig) else 0.0
+    times = _moments(start, stop, run, groups.values(), place)
+    placed: list[Placed] = []
+    others = Obstacles([])
+    for name, group in groups.items():
+        there = place / name
+        ground, obstacles = _divided(run.scene, group.on, times, there)
+        sensor = _sensor(run, times, group.clear_m)
+        things: dict[int, Thing] = {}
+        missed = 0
+        for number in range(int(group.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))):
+            stream = Stream(seed, f"scatter.{name}.{number}", sequence)
+            index = stream.integer(0, len(group.objects) - 1)
+            if index not in things:
+                things[index] = thing_of(group.objects[index], there / "objects" / index)
+            scale = group.drawn("scale", stream, there)
+            way = Way(group, stream, times, there)
+            phase = Stream(seed, f"scatter.{name}.{number}.phase", sequence).unit()
+            swing = things[index].swing(scale, way, phase, there)
+            for _ in range(TRIES):
+                poses = way.poses(stream)
+                outline = None if poses is None else _stand(poses, swing, ground, tilt=group.tilt)
+                if poses is None or outline is None:
+                    continue
+                if sensor.apart(outline, 0) and obstacles.apart(outline, 0) and others.apart(outline, group.gap_m):
+                    motion = Trajectory(times, poses) if way.moves else poses[0]
+                    parts = things[index].placed(scale, swing, motion, times[0])
+                    placed.append(Placed(name, index, scale, motion, parts))
+                    others.add(outline)
+                    missed = 0
+                    break
+            else:
+                missed += 1
+                if missed == FULL:
+                    break
+    return placed
+
+
+def _moments(start: float, stop: float, run: Run, groups: Iterable[Scatter], place: Place) -> Floats:
+    """Return the times of the overlap checks; only the first and last if nothing moves."""
+    clears = isinstance(run.pose, Trajectory) and any(group.clear_m for group in groups)
+    moves = any(item.motion is not None for item in run.scene.objects)
+    if not clears and not moves and not any(group.speed_m_per_s != 0 for group in groups):
+        return np.array([start, stop])
+    if not (stop - start) / STEP <= MOST_STEPS:
+        most = MOST_STEPS * STEP
+        raise place.error(f"expected sequences of at most {most:,.0f} s if anything moves, got {stop - start:,.4g} s")
+    return np.append(np.arange(start, stop, STEP), stop)
+
+
+def _stand(poses: Floats, swing: Swing, ground: Scene, *, tilt: bool) -> Outline | None:
+    """Put poses on the ground, and return the outline of the object; None if part of it is off the ground.
+
+    An upright object stands at the greatest height of the ground under its middle and corners. One that tilts is
+    parallel to the plane that fits the heights under its corners best, and as far above it as the highest of the five
+    places asks.
+    """
+    (x0, y0, low), (x1, y1, high) = swing.bounds
+    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    plan = np.einsum("kij,cj->kci", poses[:, :2, :2], corners) + poses[:, None, :2, 3]
+    under = np.concatenate([plan, plan.mean(axis=1, keepdims=True)], axis=1)
+    origins = np.concatenate([under, np.full((*under.shape[:2], 1), TOP)], axis=2).reshape(-1, 3)
+    height = TOP - ground.cast(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)).t.reshape(under.shape[:2])
+    if not np.isfinite(height).all():
+        return None
+    if tilt:
+        _tilted(poses, corners, height, low)
+        outline = _solid(poses, np.array([[x, y, z] for z in (low, high) for x, y in corners]))
+        turns = turns_of(poses)
+    else:
+        poses[:, 2, 3] = height.max(axis=1) - low
+        turns = np.diff(np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])))
+        bulge = bulge_of(np.linalg.norm(corners, axis=1).max(), turns)
+        heights = poses[:, 2, 3].min() + low, poses[:, 2, 3].max() + high
+        outline = Outline(steps(plan), *heights, bulge)
+    more = swing.bulge(float(np.abs(turns).max(initial=0.0)))
+    return replace(outline, low=outline.low - more, high=outline.high + more, bulge=outline.bulge + more)
+
+
+def _tilted(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
+    """Tilt poses to the ground, of which `height`, (k, 5), has the heights under the corners and their middle."""
+    (x0, y0), (x1, y1) = corners[0], corners[2]
+    rear_right, front_right, front_left, rear_left, _ = height.T
+    # Of four corners of a rectangle, the plane that fits best has the slopes between the means of opposite sides.
+    ahead = (front_right + front_left - rear_right - rear_left) / (2 * (x1 - x0)) if x1 > x0 else np.zeros(len(height))
+    left = (front_left + rear_left - front_right - rear_right) / (2 * (y1 - y0)) if y1 > y0 else np.zeros(len(height))
+    middle = height[:, :4].mean(axis=1)
+    places = np.concatenate([corners, corners.mean(axis=0, keepdims=True)]) - corners.mean(axis=0)
+    plane = middle[:, None] + ahead[:, None] * places[:, 0] + left[:, None] * places[:, 1]
+    lift = (height - plane).max(axis=1)
+    one, none = np.ones(len(height)), np.zeros(len(height))
+    x = np.stack([one, none, ahead], axis=1) / np.hypot(1.0, ahead)[:, None]
+    z = np.stack([-ahead, -left, one], axis=1)
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    poses[:, :3, :3] = poses[:, :3, :3] @ np.stack([x, np.cross(z, x), z], axis=2)
+    at_origin = middle - ahead * corners.mean(axis=0)[0] - left * corners.mean(axis=0)[1] + lift
+    poses[:, 2, 3] = at_origin
+    poses[:, :3, 3] -= low * poses[:, :3, 2]
+
+
+def _divided(scene: Scene, on: Sequence[str], times: Floats, place: Place) -> tuple[Scene, Obstacles]:
+    """Return the ground for objects as a scene, and the obstacles."""
+    missing = set(on) - {item.name for item in scene.objects}
+    if missing:
+        raise (place / "on").error(f"expected names of objects in the scene, got {min(missing)!r}")
+    ground = Scene()
+    for item in scene.objects:
+        if item.name in on:
+            ground.add(item.shape, transform=item.transform)
+    others = [item for item in scene.objects if item.name not in on and item.shape.bounded]
+    return ground, Obstacles([_obstacle(item, times) for item in others])
+
+
+def _obstacle(item: SceneObject, times: Floats) -> Outline:
+    """Return the outline of an object in the scene; a motion is taken to be straight within a step."""
+    (x0, y0, low), (x1, y1, high) = item.bounds
+    if item.motion is None:
+        return Outline(np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]]), low, high)
+    first, last = item.motion.span
+    poses = item.motion._native.at(np.clip(times, first, last))
+    solid = np.array([[x, y, z] for z in (low, high) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
+    return _solid(poses, solid)
+
+
+def _solid(poses: Floats, solid: Floats) -> Outline:
+    """Return the outline of a solid with these corners, (8, 3), the lower four first, at poses of shape (k, 4, 4)."""
+    body = np.einsum("kij,cj->kci", poses[:, :3, :3], solid) + poses[:, None, :3, 3]
+    bulge = bulge_of(np.linalg.norm(solid, axis=1).max(), turns_of(poses))
+    return Outline(steps(body[:, :, :2]), body[:, :, 2].min() - bulge, body[:, :, 2].max() + bulge, bulge)
+
+
+def _sensor(run: Run, times: Floats, clear: float) -> Obstacles:
+    """Return a square around the sensor, or the body of the rig, at all times; empty if `clear` is 0."""
+    if not clear:
+        return Obstacles([])
+    if isinstance(run.pose, Trajectory):
+        first, last = run.pose.span
+        position = run.pose.at(np.clip(times, first, last)).translation[:, :2]
+    else:
+        position = np.asarray(run.pose)[None, :2, 3]
+    square = clear * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    return Obstacles([Outline(steps(position[:, None] + square), -np.inf, np.inf)])

@@ -1,0 +1,99 @@
+"""Outlines of things on the ground over time, and whether they keep their distance at all times.
+
+Time is divided into steps, the same for all things. Within a step, a thing's origin moves straight and its orientation
+turns at a constant rate about a fixed axis, as a linear `Trajectory` does. A corner at distance r from the origin that
+turns by the angle 2a from start to end is at ``r exp(i s a)``, s from -1 to 1, in the plane of its circle, and linear
+interpolation between both ends is at ``r (cos a + i s sin a)``. These differ by at most ``r (1 - cos a)``, at s = 0. So
+in a step a corner stays within ``bulge = r (1 - cos a)`` of the segment between its two positions, and the plan of the
+thing within the hull of the plans at both ends, widened by the bulge. Two things keep a gap if in each step a line
+separates their hulls by the gap and both bulges: this holds at every moment, not only at the ends of steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lidarsim._validation import Floats
+
+__all__ = ["Obstacles", "Outline", "bulge_of", "steps", "turns_of"]
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Outline of an object in the xy plane in each step of a sequence, and its heights.
+
+    Attributes
+    ----------
+    corners : ndarray of float64, shape (k, n, 2)
+        Corners of its plan at both ends of each step, m, of which the first three span its sides; once (k = 1) for a
+        static object.
+    low, high : float
+        Least and greatest height, m.
+    bulge : float
+        Greatest distance beyond the hull of the corners during a step, m.
+    """
+
+    corners: Floats
+    low: float
+    high: float
+    bulge: float = 0.0
+
+    @cached_property
+    def box(self) -> Floats:
+        """Least and greatest coordinates at any time, shape (2, 3)."""
+        low, high = self.corners.min(axis=(0, 1)) - self.bulge, self.corners.max(axis=(0, 1)) + self.bulge
+        return np.array([[*low, self.low], [*high, self.high]])
+
+    def apart(self, other: Outline, gap: float) -> bool:
+        """Return whether two outlines keep the gap at all times: whether a line separates them in each step."""
+        count = max(len(self.corners), len(other.corners))
+        both = [np.broadcast_to(corners, (count, *corners.shape[1:])) for corners in (self.corners, other.corners)]
+        axes = np.concatenate([np.diff(corners[:, :3], axis=1) for corners in both], axis=1)
+        # Far away, corners may coincide and give a zero axis; on overflow, no axis separates the outlines.
+        with np.errstate(over="ignore", invalid="ignore"):
+            lengths = np.linalg.norm(axes, axis=2, keepdims=True)
+            axes = axes / np.where(lengths > 0, lengths, 1.0)
+            mine, its = (np.einsum("kai,kci->kac", axes, corners) for corners in both)
+            free = np.maximum(mine.min(2) - its.max(2), its.min(2) - mine.max(2))
+        free = np.where(lengths[:, :, 0] > 0, free, -np.inf).max(1)
+        return bool((free >= gap + self.bulge + other.bulge).all())
+
+
+def steps(corners: Floats) -> Floats:
+    """Return the corners at both ends of each step, given those at each moment."""
+    return corners if len(corners) == 1 else np.concatenate([corners[:-1], corners[1:]], axis=1)
+
+
+def bulge_of(radius: float, turns: Floats) -> float:
+    """Return how far a point at `radius` from the origin is beyond the hull if the steps turn by `turns`, rad."""
+    return float(radius * (1.0 - np.cos(np.max(np.abs(turns), initial=0.0) / 2.0)))
+
+
+def turns_of(poses: Floats) -> Floats:
+    """Return the angle from each pose to the next, rad: 2 asin(|R₁ - R₀| / √8) with Frobenius' norm."""
+    change = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(8.0)
+    turns: Floats = 2.0 * np.arcsin(np.minimum(change, 1.0))
+    return turns
+
+
+class Obstacles:
+    """Outlines from which objects keep their distance."""
+
+    def __init__(self, outlines: Sequence[Outline]) -> None:
+        self.outlines = list(outlines)
+        self.boxes = np.array([outline.box for outline in outlines]).reshape(-1, 2, 3)
+
+    def add(self, outline: Outline) -> None:
+        """Add an outline."""
+        self.outlines.append(outline)
+        self.boxes = np.concatenate([self.boxes, outline.box[None]])
+
+    def apart(self, outline: Outline, gap: float) -> bool:
+        """Return whether an outline keeps the gap from all obstacles."""
+        room = np.array([gap, gap, 0.0])
+        free = (self.boxes[:, 0] >= outline.box[1] + room) | (outline.box[0] >= self.boxes[:, 1] + room)
+        return all(self.outlines[index].apart(outline, gap) for index in np.flatnonzero(~free.any(axis=1)))

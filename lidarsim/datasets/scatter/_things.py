@@ -1,0 +1,331 @@
+"""Things to scatter: a shape, several parts, a scene file or a walking person, each one instance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from functools import cached_property, reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field
+
+from lidarsim._validation import Floats, shown
+from lidarsim.config.schema import SHAPES, AnyObject, Object, Placement, Scale, SceneFile, Surfels
+from lidarsim.datasets.scatter import _walker
+from lidarsim.datasets.scatter._outlines import bulge_of, turns_of
+from lidarsim.scene import Scene
+from lidarsim.shapes import Shape
+from lidarsim.trajectory import Trajectory, product
+
+if TYPE_CHECKING:
+    from lidarsim.config.document import Place
+    from lidarsim.datasets.scatter._ways import Way
+
+__all__ = ["AnyThing", "Part", "PlacedPart", "Swing", "Thing", "thing_of"]
+
+STRIDE = 4
+"""Poses of a limb per step of its body: at the fastest gait, a knee turns by 12° from one to the next."""
+
+ROLL = np.pi / 4
+"""Greatest turn of a wheel from one pose to the next."""
+
+MOST_POSES = 1_000_000
+"""Greatest number of poses of a part."""
+
+
+class ModelFile(SceneFile):
+    """A scene file as one thing; parts whose names match `wheels` turn."""
+
+    wheels: str | None = None
+
+
+class Compound(Placement):
+    """Several parts as one thing; those whose names match `wheels` turn."""
+
+    shape: Literal["compound"]
+    parts: Annotated[list[AnyObject], Field(min_length=1)]
+    wheels: str | None = None
+    scale: Scale = 1.0
+
+
+class Walker(Object):
+    """A person whose limbs swing at the stride of its speed."""
+
+    shape: Literal["walker"]
+    height_m: Annotated[float, Field(ge=0.1, le=10)] = 1.75
+
+
+if TYPE_CHECKING:
+    AnyThing = Object | Compound
+else:
+    kinds = {**SHAPES, "scene_file": ModelFile, "compound": Compound, "walker": Walker}
+    AnyThing = Annotated[reduce(or_, kinds.values()), Discriminator("shape")]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a thing.
+
+    Attributes
+    ----------
+    item : Object
+        Its description, with its material.
+    shape : Shape
+        Its shape.
+    affine : ndarray of float64, shape (4, 4)
+        From the shape to the axes of the thing or, for a limb, to those of the limb.
+    more : dict
+        Arguments of `Scene.add` that replace those of the description.
+    wheel : bool
+        Whether it turns about the y axis through the middle of its bounds.
+    """
+
+    item: Object
+    shape: Shape
+    affine: Floats
+    more: dict[str, Any] = field(default_factory=dict)
+    wheel: bool = False
+
+
+@dataclass(frozen=True)
+class PlacedPart:
+    """A part at its place, which is static or moves."""
+
+    part: Part
+    transform: Floats
+    motion: Trajectory | None
+
+    def add_to(self, scene: Scene, place: Place, instance: int) -> None:
+        """Add the part to a scene."""
+        more = {"transform": self.transform, "motion": self.motion, "instance": instance, **self.part.more}
+        self.part.item._add(self.part.shape, scene, place, **more)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """The motion of parts relative to their thing, and what it takes up.
+
+    Attributes
+    ----------
+    poses : list of ndarray of float64, shape (m, 4, 4), or None
+        Poses of each part relative to the thing at `times`; None if it is fixed.
+    times : ndarray of float64, shape (m,)
+        Times since the start, s: each step of the thing is divided evenly.
+    per_step : int
+        Number of these times per step.
+    bounds : ndarray of float64, shape (2, 3)
+        Bounds of all parts at all of the times, in the axes of the thing, and at its foot those at rest.
+    reach : list of tuple of float
+        Of each part that moves, the distance of its farthest point from the origin of its poses, and the greatest turn
+        from one pose to the next, rad.
+    """
+
+    poses: list[Floats | None]
+    times: Floats
+    per_step: int
+    bounds: Floats
+    reach: list[tuple[float, float]] = field(default_factory=list)
+
+    def bulge(self, turn: float) -> float:
+        """Return how far a part may be beyond the outline of its thing, of which a step turns by at most `turn`.
+
+        Between two of its poses a part stays within its own bulge of the segments between their corners (see
+        `_outlines`). Both ends of these are in the outline of the thing, which is convex. So the bulges add.
+        """
+        return max((bulge_of(far, np.array([own + turn / self.per_step])) for far, own in self.reach), default=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """A thing that may be placed at many places and scales."""
+
+    parts: list[Part]
+    height: float | None = None
+    """Height of a walking person, m."""
+
+    @cached_property
+    def along_x(self) -> bool:
+        """Whether the axes of the first part tell that the thing heads along x, as those of its box would be.
+
+        If not, a thing that rests has a motion of speed 0, whose frame tells it.
+        """
+        u, _, vh = np.linalg.svd(self.parts[0].affine[:3, :3])
+        nearest = u @ vh
+        x = nearest[:, 1 if np.abs(nearest[2]).argmax() == 0 else 0]
+        return bool(x[0] == np.abs(x).max())
+
+    def swing(self, scale: float, way: Way, phase: float, place: Place) -> Swing:
+        """Return the motion of the parts along a way.
+
+        Raises
+        ------
+        ConfigError
+            If a person cannot walk so fast, or there are too many poses.
+        """
+        size = np.diag([scale, scale, scale, 1.0])
+        if self.height is not None:
+            return self._walk(self.height * scale, size, way, phase, place)
+        wheels = {index: _wheel(part, size) for index, part in enumerate(self.parts) if part.wheel and way.moves}
+        least = min((half[2] for _, half in wheels.values()), default=np.inf)
+        per_step = max(1, int(np.ceil(np.abs(way.speeds).max() * way.step / (ROLL * least))))
+        times = _divided(way.times, per_step, place)
+        rest = np.array([_extent(part.shape, size @ part.affine) for part in self.parts])
+        bounds = np.array([rest[:, 0].min(axis=0), rest[:, 1].max(axis=0)])
+        poses: list[Floats | None] = [None] * len(self.parts)
+        reach = []
+        for index, (middle, half) in wheels.items():
+            poses[index] = own = _rolling(middle, np.fmod(way.ahead(times) / half[2], 2 * np.pi))
+            reach.append((float(np.linalg.norm(half)), float(turns_of(own).max())))
+            far = np.hypot(half[0], half[2])
+            bounds[:, 0] = min(bounds[0, 0], middle[0] - far), max(bounds[1, 0], middle[0] + far)
+        return Swing(poses, times, per_step, bounds, reach)
+
+    def _walk(self, height: float, size: Floats, way: Way, phase: float, place: Place) -> Swing:
+        hip = _walker.HIP * height
+        relative = np.abs(way.speeds) / hip
+        if not (relative <= _walker.FASTEST).all():
+            fastest, got = _walker.FASTEST * hip, np.abs(way.speeds).max()
+            expected = f"expected at most {fastest:.3g} m/s of a walker {height:.3g} m tall, got {got:.3g}"
+            raise (place / "speed_m_per_s").error(expected)
+        times = _divided(way.times, STRIDE, place)
+        speeds = way.speed_ahead(times)
+        rates = _walker.gait_rate(speeds / hip)
+        cycles = np.concatenate([[0.0], np.cumsum((rates[:-1] + rates[1:]) / 2 * np.diff(times))])
+        poses = _walker.postures(height, phase + cycles, np.abs(speeds) / hip)
+        boxes = np.array([_extents(part.shape, pose @ size) for part, pose in zip(self.parts, poses, strict=True)])
+        bounds = np.array([boxes[:, :, 0].min(axis=(0, 1)), boxes[:, :, 1].max(axis=(0, 1))])
+        reach = [
+            (float(np.linalg.norm(np.abs(part.shape.bounds).max(axis=0)) * size[0, 0]), float(turns_of(pose).max()))
+            for part, pose in zip(self.parts, poses, strict=True)
+            if len(pose) > 1
+        ]
+        return Swing([*poses], times, STRIDE, bounds, reach)
+
+    def placed(self, scale: float, swing: Swing, body: Floats | Trajectory, start: float) -> tuple[PlacedPart, ...]:
+        """Return the parts at the place, or on the way, of the thing; `start` is the time of its first pose, s."""
+        size = np.diag([scale, scale, scale, 1.0])
+        parts = []
+        if not isinstance(body, Trajectory) and not self.along_x:
+            body = Trajectory.from_twist(body)
+        for part, own in zip(self.parts, swing.poses, strict=True):
+            sized = size @ part.affine
+            if isinstance(body, Trajectory):
+                if own is None:
+                    parts.append(PlacedPart(part, sized, body))
+                    continue
+                if part.wheel:
+                    middle = np.eye(4)
+                    middle[:3, 3] = -own[0, :3, 3]
+                    sized = middle @ sized
+                times = start + swing.times
+                times[[0, -1]] = body.times[[0, -1]]
+                parts.append(PlacedPart(part, sized, Trajectory(times, product(body._native.at(times), own))))
+            else:
+                parts.append(PlacedPart(part, body @ (sized if own is None else own[0] @ sized), None))
+        return tuple(parts)
+
+
+def thing_of(item: AnyThing, place: Place) -> Thing:
+    """Return a thing with its parts, wheels last, so that its box has the axes of its body.
+
+    Raises
+    ------
+    ConfigError
+        If a part has a motion of its own, no part matches `wheels` or all do, or a walker is placed.
+    """
+    if "instance" in item.model_fields_set:
+        raise (place / "instance").error("expected none, since each copy is an instance of its own")
+    if isinstance(item, Walker):
+        for key in sorted(item.model_fields_set & {"position_m", "rotation_deg", "matrix", "motion", "scale"}):
+            hint = "use height_m" if key == "scale" else "it walks upright, ahead"
+            raise (place / key).error(f"expected no {key} of a walker: {hint}")
+        limbs = _walker.limbs(item.height_m)
+        return Thing([Part(item, shape, np.eye(4)) for _, shape in limbs], item.height_m)
+    parts = list(_parts(item, place))
+    pattern = item.wheels if isinstance(item, ModelFile | Compound) else None
+    if not parts:
+        raise (place / "file").error("expected a file with objects, got none")
+    if pattern is not None:
+        parts = [replace(part, wheel=fnmatchcase(_name(part), pattern)) for part in parts]
+        if len({part.wheel for part in parts}) == 1:
+            names = ", ".join(sorted({shown(_name(part)) for part in parts}))
+            which = "a part that is no wheel" if parts[0].wheel else f"the name of a part, of {names}"
+            raise (place / "wheels").error(f"expected {which}, got {shown(pattern)}")
+        parts.sort(key=lambda part: part.wheel)
+    return Thing(parts)
+
+
+def _name(part: Part) -> str:
+    name: str = part.more.get("name", part.item.name)
+    return name
+
+
+def _parts(item: AnyThing, place: Place) -> Iterator[Part]:
+    if "motion" in item.model_fields_set:
+        raise (place / "motion").error("expected no motion, since the group moves its objects")
+    base = item.to_matrix(place, item.scale)
+    if isinstance(item, Compound):
+        for index, member in enumerate(item.parts):
+            if "instance" in member.model_fields_set:
+                raise (place / "parts" / index / "instance").error("expected none, since all parts are one instance")
+            for part in _parts(member, place / "parts" / index):
+                yield replace(part, affine=base @ part.affine)
+    elif isinstance(item, SceneFile):
+        for index, rule in enumerate(item.rules):
+            if rule.instance is not None:
+                raise (place / "rules" / index / "instance").error("expected none, since the file is one instance")
+        for placed in item.load(place).objects:
+            more: dict[str, Any] = {"name": f"{item.name}/{placed.name}".lstrip("/"), "material": placed.material}
+            if item.label or placed.label is not None:
+                more["label"] = item.label if placed.label is None else placed.label
+            inner = np.eye(4) if placed.transform is None else placed.transform
+            yield Part(item, placed.shape, base @ inner, more)
+    elif isinstance(item, Surfels):
+        disks, labels = item._disks(place)
+        yield Part(item, disks, base, {} if labels is None else {"label": labels})
+    else:
+        yield Part(item, item.build(place), base)
+
+
+def _extents(shape: Shape, affines: Floats) -> Floats:
+    """Return the bounds of a shape under affine maps of shape (m, 4, 4): (m, 2, 3)."""
+    if shape.transform is not None:
+        affines = affines @ shape.transform
+    linear, shift = affines[:, :3, :3], affines[:, :3, 3]
+    low, high = (shape._reach(sign * linear.reshape(-1, 3)).reshape(-1, 3) for sign in (-1.0, 1.0))
+    return np.stack([shift - low, shift + high], axis=1)
+
+
+def _extent(shape: Shape, affine: Floats) -> Floats:
+    """Return the bounds of a shape under an affine map, (2, 3)."""
+    linear = affine[:3, :3]
+    if (linear == np.diag(np.diag(linear))).all():
+        return shape._image(affine).bounds()
+    return shape._extent(affine[:3])
+
+
+def _wheel(part: Part, size: Floats) -> tuple[Floats, Floats]:
+    """Return the middle of a wheel, and half its size: its radius is half its height."""
+    low, high = _extent(part.shape, size @ part.affine)
+    return (low + high) / 2, (high - low) / 2
+
+
+def _rolling(middle: Floats, turn: Floats) -> Floats:
+    """Return poses at the middle of a wheel, turned about the y axis."""
+    poses = np.tile(np.eye(4), (len(turn), 1, 1))
+    poses[:, :3, 3] = middle
+    poses[:, 0, 0] = poses[:, 2, 2] = np.cos(turn)
+    poses[:, 0, 2] = np.sin(turn)
+    poses[:, 2, 0] = -poses[:, 0, 2]
+    return poses
+
+
+def _divided(times: Floats, per_step: int, place: Place) -> Floats:
+    """Return times with each step divided evenly."""
+    if len(times) * per_step > MOST_POSES:
+        raise place.error(f"expected at most {MOST_POSES:,} poses of a part in a sequence, got more")
+    share = np.arange(per_step) / per_step
+    return np.append((times[:-1, None] + np.diff(times)[:, None] * share).reshape(-1), times[-1])

@@ -1,0 +1,151 @@
+"""A walking person: limbs of fixed length that swing at their joints.
+
+Stride and joint angles against speed are those of R. Boulic, N. Magnenat Thalmann and D. Thalmann, A global human
+walking model with real-time kinematic personification, The Visual Computer 6, 1990, pp. 344-358. With the relative
+speed r = v / hip height (1/s), a cycle of two steps is 1.346 √r hip heights long (after V. T. Inman et al., Human
+Walking, 1981), so that a person of 1.75 m who walks at 1.4 m/s takes 1.1 s for 1.5 m. Flexion of hip, knee, ankle,
+shoulder and elbow is given there at a few moments of the cycle, linear in r between the relative speeds 0, 0.5, 1.3 and
+3; half waves of a cosine join them here. The sides are half a cycle apart. The pelvis moves up and down only, so that
+the lower foot stands on the ground.
+
+Lengths of the limbs are shares of the height after R. Drillis and R. Contini, Body segment parameters, 1966, as D. A.
+Winter gives them in Biomechanics and Motor Control of Human Movement, 2009, figure 4.1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lidarsim._validation import Floats
+from lidarsim.shapes import Capsule, Ellipsoid, Shape
+
+__all__ = ["FASTEST", "HIP", "gait_rate", "limbs", "postures"]
+
+FOOT_HEIGHT, SHANK, THIGH, TORSO = 0.039, 0.246, 0.245, 0.288
+UPPER_ARM, FOREARM = 0.186, 0.146 + 0.108 / 2  # half a hand is closed
+HALF_HIPS, HALF_SHOULDERS = 0.191 / 2, 0.259 / 2
+FOOT_RADIUS = 0.022
+HEEL, TOE = (-0.03, 0.0, FOOT_RADIUS - FOOT_HEIGHT), (0.152 - 0.03 - 2 * FOOT_RADIUS, 0.0, FOOT_RADIUS - FOOT_HEIGHT)
+HIP = FOOT_HEIGHT + SHANK + THIGH
+"""Lengths as shares of the height: the foot's height, the limbs from joint to joint, half the distance between joints,
+the ends of the axis of a foot, from the ankle, and the height of the hips."""
+
+SPEEDS = 0.0, 0.5, 1.3, 3.0
+"""Relative speeds, 1/s, at which the angles are given."""
+
+FASTEST = SPEEDS[-1]
+
+CYCLE = 1.346
+"""Length of a cycle in hip heights, over the square root of the relative speed."""
+
+# Moments of the cycle of a side, which begins as its heel strikes, and flexion at these, degrees, at each of `SPEEDS`.
+HIP_FLEXION = (
+    (0.5, (0, -15, -15, -15)),
+    (0.9, (0, 25, 25, 31)),
+    ((0.9, 0.9, 0.9, 1.1), (0, 25, 25, 30)),
+)
+KNEE_FLEXION = (
+    ((0.0, 0.0, 0.0, -0.03), (3, 3, 3, 6)),
+    ((0.17, 0.17, 0.17, 0.12), (3, 3, 3, 25)),
+    (0.4, (3, 3, 3, 3)),
+    ((0.75, 0.75, 0.75, 0.7), (3, 70, 70, 65)),
+)
+ANKLE_FLEXION = (
+    (0.0, (-3, -3, -3, 2)),
+    (0.08, (-3, -18, -18, -14)),
+    ((0.5, 0.5, 0.5, 0.4), (-3, 8, 8, 5)),
+    ((0.68, 0.68, 0.63, 0.57), (-3, -20, -20, -28)),  # the foot leaves the ground
+    (0.85, (-3, -3, -3, 2)),
+)
+ELBOW_FLEXION = (
+    (0.05, (3, 6, 14, 8)),
+    ((0.5, 0.5, 0.51, 0.55), (3, 20, 44, 70)),
+    ((0.9, 0.9, 0.9, 0.8), (3, 8, 17, 11)),
+)
+SHOULDER_SWING = 9.88
+"""Amplitude at the shoulder, degrees, over the relative speed."""
+
+Flexion = tuple[tuple[float | tuple[float, ...], tuple[float, ...]], ...]
+
+
+def gait_rate(relative_speed: Floats) -> Floats:
+    """Return the cycles per second at a relative speed of either sign: its magnitude over the length of a cycle."""
+    rate: Floats = np.sign(relative_speed) * np.sqrt(np.abs(relative_speed)) / CYCLE
+    return rate
+
+
+def limbs(height: float) -> list[tuple[str, Shape]]:
+    """Return names and shapes of the limbs; each hangs down from its joint at the origin, and the person faces x."""
+    h = height
+
+    def hanging(length: float, radius: float) -> Capsule:
+        return Capsule((0, 0, 0), (0, 0, -length * h), radius * h)
+
+    one_side = {
+        "thigh": hanging(THIGH, 0.046),
+        "shank": hanging(SHANK - 0.01, 0.032),
+        "foot": Capsule(np.multiply(h, HEEL), np.multiply(h, TOE), FOOT_RADIUS * h),
+        "upper arm": hanging(UPPER_ARM, 0.026),
+        "forearm": hanging(FOREARM, 0.021),
+    }
+    torso = Ellipsoid((0, 0, 0.45 * TORSO * h), (0.068 * h, HALF_SHOULDERS * h * 0.9, 0.62 * TORSO * h))
+    head = Ellipsoid((0, 0, (1 - HIP - 0.072) * h), (0.058 * h, 0.046 * h, 0.072 * h))
+    sides = [(f"{side} {name}", shape) for side in ("left", "right") for name, shape in one_side.items()]
+    return [("torso", torso), ("head", head), *sides]
+
+
+def postures(height: float, phase: Floats, relative_speed: Floats) -> list[Floats]:
+    """Return the poses of the limbs relative to the ground below the hips, each of shape (n, 4, 4).
+
+    Parameters
+    ----------
+    height : float
+        Height of the person, m.
+    phase : ndarray of float64, shape (n,)
+        Number of cycles since the left heel struck.
+    relative_speed : ndarray of float64, shape (n,)
+        Speed over the height of the hips, 1/s, from 0 to `FASTEST`.
+    """
+    chains = []
+    for side, shift in ((1.0, 0.0), (-1.0, 0.5)):
+        own = np.mod(phase + shift, 1.0)
+        hip, knee, ankle, elbow = (
+            np.radians(_flexion(points, own, relative_speed))
+            for points in (HIP_FLEXION, KNEE_FLEXION, ANKLE_FLEXION, ELBOW_FLEXION)
+        )
+        swing = SHOULDER_SWING * relative_speed
+        shoulder = np.radians(3 - swing / 2 - swing * np.cos(2 * np.pi * own))
+        thigh = _turned((0, side * HALF_HIPS * height, 0), -hip)
+        shank = thigh @ _turned((0, 0, -THIGH * height), knee)
+        foot = shank @ _turned((0, 0, -SHANK * height), -ankle)
+        upper = _turned((0, side * (HALF_SHOULDERS + 0.01) * height, 0.95 * TORSO * height), -shoulder)
+        fore = upper @ _turned((0, 0, -UPPER_ARM * height), -elbow)
+        chains.append([thigh, shank, foot, upper, fore])
+    ends = np.array([(*end, 1.0) for end in (HEEL, TOE)]).T * [[height], [height], [height], [1.0]]
+    lowest = np.min([(chain[2][:, 2] @ ends).min(axis=1) for chain in chains], axis=0) - FOOT_RADIUS * height
+    up = np.tile(np.eye(4), (len(phase), 1, 1))
+    up[:, 2, 3] = -lowest
+    return [up, up, *(up @ pose for chain in chains for pose in chain)]
+
+
+def _turned(joint: tuple[float, float, float], angle: Floats) -> Floats:
+    """Return poses at a joint, turned about the y axis: a positive angle turns what hangs down to the back."""
+    poses = np.tile(np.eye(4), (len(angle), 1, 1))
+    poses[:, :3, 3] = joint
+    poses[:, 0, 0] = poses[:, 2, 2] = np.cos(angle)
+    poses[:, 0, 2] = np.sin(angle)
+    poses[:, 2, 0] = -poses[:, 0, 2]
+    return poses
+
+
+def _flexion(points: Flexion, phase: Floats, relative_speed: Floats) -> Floats:
+    """Return an angle, degrees, at phases from 0 to 1: half waves of a cosine from each point to the next."""
+    speeds = [(np.broadcast_to(moment, len(SPEEDS)), angles) for moment, angles in points]
+    moments, angles = (np.array([np.interp(relative_speed, SPEEDS, row[k]) for row in speeds]) for k in (0, 1))
+    moments, angles = np.concatenate([moments - 1, moments, moments + 1]), np.tile(angles, (3, 1))
+    before = (phase >= moments).sum(axis=0) - 1  # of points at the same moment the last
+    each = np.arange(len(phase))
+    start, end = moments[before, each], moments[before + 1, each]
+    share = (1 - np.cos(np.pi * (phase - start) / (end - start))) / 2
+    flexion: Floats = angles[before, each] + share * (angles[before + 1, each] - angles[before, each])
+    return flexion
