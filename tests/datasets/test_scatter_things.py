@@ -516,6 +516,7 @@ def test_traffic_of_two_hundred_things() -> None:
         (WALKER | {"height_m": 0}, {}, r"objects\.0\.height_m: expected a value >= 0.1, got 0"),
         (WALKER | {"scale": 2.0}, {}, r"objects\.0\.scale: expected no scale of a walker: use height_m"),
         (WALKER | {"rotation_deg": {"yaw": 3}}, {}, r"rotation_deg: expected no rotation_deg of a walker"),
+        (BODY | {"instance": 7}, {}, r"instance: expected none, since each copy is an instance of its own"),
         (BODY | {"motion": {"linear_m_per_s": [1, 0, 0]}}, {}, r"motion: expected no motion, since the group"),
         (CART | {"wheels": "tyre*"}, {}, r"wheels: expected the name of a part, of .*'wheel 1\.2', got 'tyre\*'"),
         (CART | {"wheels": "*"}, {}, r"wheels: expected a part that is no wheel, got '\*'"),
