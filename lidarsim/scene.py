@@ -31,6 +31,7 @@ from lidarsim._validation import (
     t_range,
 )
 from lidarsim._views import Plotted, view
+from lidarsim.atmosphere import Atmosphere
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.materials import Material
 from lidarsim.rules import Options, Rule
@@ -138,11 +139,12 @@ class _Changes(TypedDict, total=False):
 class Snapshot:
     """The objects at one moment, in the core.
 
-    `items` are the objects. `ids` are their ids in order, followed by -1 for "no object"; None if these are 0, 1, 2, ….
+    `atmosphere` is the air, `items` are the objects. `ids` are their ids in order, followed by -1 for "no object"; None if these are 0, 1, 2, ….
     `span` is the time interval that the motions of all movers cover.
     """
 
     version: object
+    atmosphere: Atmosphere | None
     items: tuple[SceneObject, ...]
     native: core.Scene
     ids: npt.NDArray[np.int32] | None
@@ -199,6 +201,8 @@ class Scene(Pickled, Plotted):
     ----------
     class_names : mapping of int to str
         Read-only class names by label.
+    atmosphere : Atmosphere or None
+        The air of scans: fog, rain or snow; None for clear air. It can be set. Casts do not see it.
 
     Raises
     ------
@@ -232,6 +236,7 @@ class Scene(Pickled, Plotted):
 
     def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
         self._class_names = named_labels("class_names", class_names)
+        self._atmosphere: Atmosphere | None = None
         self._items: dict[int, SceneObject] = {}
         self._next = 0
         self._kept: Snapshot | None = None
@@ -457,6 +462,24 @@ class Scene(Pickled, Plotted):
         return MappingProxyType(self._class_names)
 
     @property
+    def atmosphere(self) -> Atmosphere | None:
+        """The air, as scans see it: Atmosphere, or None for clear air, which is the default.
+
+        Raises
+        ------
+        TypeError
+            If it is set to anything else.
+        """
+        return self._atmosphere
+
+    @atmosphere.setter
+    def atmosphere(self, value: Atmosphere | None) -> None:
+        if value is not None and not isinstance(value, Atmosphere):
+            raise ArgumentTypeError("atmosphere", "an Atmosphere or None", shown(value))
+        self._atmosphere = value
+        self._changed()
+
+    @property
     def objects(self) -> tuple[SceneObject, ...]:
         """The objects in the order of their ids: tuple of SceneObject."""
         return tuple(self._items.copy().values())
@@ -508,7 +531,7 @@ class Scene(Pickled, Plotted):
                 max((start for start, _ in spans), default=-math.inf),
                 min((end for _, end in spans), default=math.inf),
             )
-            kept = self._kept = Snapshot(version, items, native, ids, movers, span)
+            kept = self._kept = Snapshot(version, self._atmosphere, items, native, ids, movers, span)
         return kept
 
     def cast(
@@ -743,6 +766,8 @@ class Scene(Pickled, Plotted):
             kinds[what] = kinds.get(what, 0) + 1
         shown = sorted(kinds.items(), key=lambda kind: -kind[1])[:MOST_LINES]
         lines = [f"  {count:6,} × {what}" for what, count in shown]
+        if self._atmosphere:
+            lines.insert(0, f"  {self._atmosphere}")
         if len(kinds) > len(shown):
             lines.append(f"  {sum(kinds.values()) - sum(count for _, count in shown):6,} others")
         extent = ""
@@ -753,13 +778,19 @@ class Scene(Pickled, Plotted):
         return "\n".join((f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", *lines))
 
     def _contents(self) -> dict[str, Any]:
-        return {"class_names": dict(self._class_names), "objects": self.objects, "next": self._next}
+        return {
+            "class_names": dict(self._class_names),
+            "atmosphere": self._atmosphere,
+            "objects": self.objects,
+            "next": self._next,
+        }
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
         scene = cls.__new__(cls)
         Scene.__init__(scene)
         scene._class_names = contents["class_names"]
+        scene._atmosphere = contents["atmosphere"]
         scene._items = {item.id: item for item in contents["objects"]}
         scene._next = contents["next"]
         return scene

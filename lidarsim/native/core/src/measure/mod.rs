@@ -32,6 +32,7 @@ mod source;
 mod status;
 mod texture;
 mod waveform;
+mod weather;
 
 pub use appearance::{Appearance, Labels, Reflectivity};
 pub use backscatter::Backscatter;
