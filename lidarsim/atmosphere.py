@@ -21,7 +21,7 @@ MOST_RAIN, MOST_SNOW = 200.0, 10.0
 """The largest rates, mm/h."""
 
 WATER = 1.328
-"""Refractive index of water at 905 nm (G. M. Hale, M. R. Querry: Optical constants of water. Applied Optics 12, 1973)."""
+"""Refractive index of water at 905 nm (G. M. Hale, M. R. Querry, Optical constants of water, Appl. Optics 12, 1973)."""
 MIRRORED = ((WATER - 1.0) / (WATER + 1.0)) ** 2
 FOCUSED = (WATER / (2.0 - WATER)) ** 2
 DROP = 0.25 * MIRRORED * (1.0 + (1.0 - MIRRORED) ** 2 * FOCUSED)
@@ -96,9 +96,11 @@ class Atmosphere(Immutable):
 
     **Rain and snow.** Drops and flakes are single echoes, a Poisson process along the beam; it widens from `aperture`
     by the divergence of the `Beam`, and is taken to be uniformly bright. One of the diameter D has the intensity
-    `reflectance`·(πD²/4)/A(r)·ξ(r)·exp(−2αr), where A(r) is the section of the beam. Only those are drawn that the
-    detection limit lets through, and they are drawn exactly; so a scan in rain without a `detection` limit is refused.
-    The positions in one frame say nothing about those in the next. At most the 21 845 nearest of a pulse are drawn.
+    `reflectance`·(πD²/4)/A(r)·ξ(r)·exp(−2αr), where A(r) is the section of the beam, but no more than a white diffuser.
+    Only those are drawn that the `detection` limit lets through, and they are drawn exactly. Without a limit, these are
+    the ones as bright as a target of reflectivity 0.1 at the `max_range` of the `Lidar`; a scan in rain by a sensor
+    without either is refused. The positions in one frame say nothing about those in the next. At most the 21 845
+    nearest of a pulse are drawn.
 
     With a `Beam`, an echo of the air and another nearer to it than `separation`, or than 2σ, are one: the stronger.
 
@@ -332,7 +334,7 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: object) -> None:
     Raises
     ------
     ValueError
-        In fog without a range from which on the receiver sees it, or in rain or snow without a detection limit.
+        In fog without a range from which on the receiver sees it, or in rain or snow without a limit of what it sees.
     """
     if atmosphere is None:
         return
@@ -341,6 +343,6 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: object) -> None:
     if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:  # type: ignore[attr-defined]
         hint = "or give the measurement a crossover that begins beyond 0: at the sensor, the echo of fog is infinite"
         raise ArgumentValueError("min_range", "a number > 0 in fog", 0.0, hint)
-    if atmosphere.intercept > 0.0 and measurement.detection is None:
-        hint = "without one, each of the countless drops in the beam would be an echo"
+    if atmosphere.intercept > 0.0 and measurement.detection is None and lidar.max_range == math.inf:  # type: ignore[attr-defined]
+        hint = "or a finite max_range; without either, each of the countless drops in the beam would be an echo"
         raise ArgumentValueError("detection", "a detection limit in rain or snow", None, hint)

@@ -2,8 +2,8 @@
 
 The steps for a pulse are, in order: angular jitter, sub-rays of the beam, cast, intensity, echoes, fluctuation of the
 power, detection, drop-out, range noise and biases, false returns, quantisation, range gate, choice of returns. Misses
-stay misses, except for false returns and echoes of the air. The range gate of the `Lidar` applies to the measured range, noise included, not
-to the true range.
+stay misses, except for false returns and echoes of the air. The range gate of the `Lidar` applies to the measured
+range, noise included, not to the true range.
 
 Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011);
 Gaussian numbers use the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied

@@ -139,8 +139,8 @@ class _Changes(TypedDict, total=False):
 class Snapshot:
     """The objects at one moment, in the core.
 
-    `atmosphere` is the air, `items` are the objects. `ids` are their ids in order, followed by -1 for "no object"; None if these are 0, 1, 2, ….
-    `span` is the time interval that the motions of all movers cover.
+    `atmosphere` is the air, `items` are the objects. `ids` are their ids in order, followed by -1 for "no object"; None
+    if these are 0, 1, 2, …. `span` is the time interval that the motions of all movers cover.
     """
 
     version: object

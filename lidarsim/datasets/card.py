@@ -53,6 +53,7 @@ def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures
     rig = run.sensor if isinstance(run.sensor, Rig) else None
     parts = rig.items() if rig else ()
     sensors = [f"{escaped(name)}: {_sensor(part.lidar)}" for name, part in parts] or [_sensor(run.lidar)]
+    air = f"\nAir of the first frame: {escaped(str(run.scene.atmosphere))}.\n" if run.scene.atmosphere else ""
     text = f"""# {counted(recipe.sequences, "sequence")} of {counted(recipe.frames, "frame")}
 
 {points:,} points, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed {recipe.seed}.
@@ -60,7 +61,7 @@ Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, a
 `lidarsim generate --verify -o FOLDER` checks them.
 
 Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}.
-{recipe.layout.reading}
+{air}{recipe.layout.reading}
 ## Classes
 
 {_table("label | name", classes, points)}

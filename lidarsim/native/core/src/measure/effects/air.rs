@@ -17,7 +17,7 @@ pub(super) struct Air {
     pub(super) begin: f64,
     crossover: Option<Crossover>,
     /// α, 1/m.
-    extinction: f64,
+    pub(super) extinction: f64,
 }
 
 impl Air {

@@ -14,7 +14,7 @@
 //! further off takes away less than 2·Φ(−2) = 4.6 % of the peak: the integrand without g falls beyond its
 //! maximum, so where it is ended it is less than all the way from there to the peak. This is neglected.
 
-use std::f64::consts::PI;
+use std::f64::consts::{LN_2, PI};
 
 use super::Effect;
 use super::air::Air;
@@ -92,13 +92,16 @@ impl Response {
     /// ∫ g(R − r)·ξ(r)/r²·exp(−2αr) dr over all of the air, where the pulse is bright.
     fn at(&self, range: f64) -> f64 {
         let reach = REACH * self.sigma;
-        let (begin, end) = (self.air.begin.max(range - reach), range + reach);
+        let begin = self.air.begin.max(range - reach);
+        // Beyond this way the extinction leaves less than 2⁻³² of what it does at the beginning.
+        let end = (range + reach).min(begin + 16.0 * LN_2 / self.air.extinction);
         let middle = self.air.overlaps_from().clamp(begin, end);
         self.integral(range, begin, middle) + self.integral(range, middle, end)
     }
 
     /// The same over some ranges, by Simpson's rule in u = ln r: dr/r² = du/r. It is smooth in u however near
-    /// the sensor it begins. With at most 17σ in 256 steps, the error is below 10⁻⁶ of the response.
+    /// the sensor it begins. A step h has an error of (κh)⁴/180 of the integral, where the integrand changes by e
+    /// over 1/κ: with 256 steps over at most 17σ and at most 11.1/α that is below 10⁻⁶.
     fn integral(&self, range: f64, begin: f64, end: f64) -> f64 {
         const STEPS: u32 = 256;
         if begin >= end {

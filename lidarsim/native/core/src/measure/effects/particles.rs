@@ -217,3 +217,56 @@ impl Particles {
         Some(near + (far - near) * ((count - low) / (high - low)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::rng::Stream;
+
+    struct Rain;
+
+    impl Parameters for Rain {
+        type Error = &'static str;
+
+        fn value(&self, name: &'static str) -> Result<Value, Self::Error> {
+            Ok(match name {
+                "atmosphere.intercept" => Value::Number(8e6),
+                "atmosphere.slope" => Value::Number(2528.0),
+                "atmosphere.reflectance" => Value::Number(0.0236),
+                "atmosphere.aperture" => Value::Number(0.01),
+                "atmosphere.divergence" => Value::Number(0.003),
+                "measurement.detection.reflectivity" => Value::Number(0.1),
+                "measurement.detection.range" => Value::Number(100.0),
+                "measurement.extinction" | "measurement.power_sigma" | "min_range" => Value::Number(0.0),
+                _ => Value::Nothing,
+            })
+        }
+
+        fn unexpected(&self, name: &'static str, _: Value) -> Self::Error {
+            name
+        }
+    }
+
+    #[test]
+    fn particles_rise_in_range_and_are_seen() {
+        let rain = Particles::from_parameters(&Rain).unwrap().unwrap();
+        assert!(rain.counts.windows(2).all(|two| two[0] <= two[1]));
+        let indices: Vec<u64> = (0..4096).collect();
+        let batch = Pulses { stream: Stream::new(1, 2, 3), indices: &indices, rings: &[], directions: &[] };
+        let mut draws = Draws::default();
+        rain.draw(&batch, &mut draws.particles);
+        let mut count = 0;
+        for pulse in 0..indices.len() {
+            let particles: Vec<Particle> = rain.of(&batch, pulse).collect();
+            assert_eq!(rain.seen::<f64, 1>(&draws, pulse) != 0, !particles.is_empty());
+            assert!(particles.windows(2).all(|two| two[0].range < two[1].range));
+            // The least diameter is rounded.
+            let is_seen = |p: &Particle| p.intensity / (p.range * p.range) > 0.9999 * 0.1 / 1e4;
+            assert!(particles.iter().all(is_seen));
+            count += particles.len();
+        }
+        let mean = rain.seen_on_average() * indices.len() as f64;
+        assert!(mean > 100.0 && (count as f64 - mean).abs() < 5.0 * mean.sqrt());
+        assert_eq!([rain.range_of(0.0), rain.range_of(1e9)], [None; 2]);
+    }
+}
