@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 from lidarsim import _native
 from lidarsim._pickling import Immutable
-from lidarsim._validation import UINT32, beam_angle, integer, real
-from lidarsim.errors import ArgumentValueError
+from lidarsim._validation import UINT32, beam_angle, integer, real, shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = ["Atmosphere"]
 
@@ -34,8 +34,25 @@ FLAKE = 2.0 / 3.0 * 0.9 * (1000.0 / SNOW_DENSITY) ** (2.0 / 3.0)
 """The same of a flake, with the diameter of the drop that it melts to: that of a diffuse ball of reflectivity 0.9."""
 
 
+class Measurement(Protocol):
+    """The attributes of `lidarsim.Measurement`, which is in a higher layer, that echoes of the air depend on here."""
+
+    @property
+    def crossover(self) -> tuple[float, float] | None: ...
+    @property
+    def detection(self) -> object: ...
+
+
+@runtime_checkable
 class Sensor(Protocol):
-    """A `lidarsim.Lidar`, which is in a higher layer."""
+    """Those of `lidarsim.Lidar`."""
+
+    @property
+    def measurement(self) -> Measurement: ...
+    @property
+    def min_range(self) -> float: ...
+    @property
+    def max_range(self) -> float: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,8 +288,8 @@ class Atmosphere(Immutable):
 
         Raises
         ------
-        ValueError
-            If the sensor cannot be used in this air; see the notes above.
+        TypeError, ValueError
+            If `lidar` is not a Lidar, or cannot be used in this air; see the notes above.
 
         Examples
         --------
@@ -301,8 +318,8 @@ class Atmosphere(Immutable):
 
         Raises
         ------
-        ValueError
-            If the sensor cannot be used in this air; see the notes above.
+        TypeError, ValueError
+            If `lidar` is not a Lidar, or cannot be used in this air; see the notes above.
 
         Examples
         --------
@@ -321,7 +338,7 @@ class Atmosphere(Immutable):
         return f"Atmosphere({', '.join(f'{name}={value:.3g}' for name, value in values.items())})"
 
 
-def check_sensor(atmosphere: Atmosphere | None, lidar: object) -> None:
+def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor) -> None:
     """Raise an error if a sensor lacks what it needs in this air.
 
     Parameters
@@ -333,16 +350,20 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: object) -> None:
 
     Raises
     ------
+    TypeError
+        If `lidar` is not a Lidar.
     ValueError
         In fog without a range from which on the receiver sees it, or in rain or snow without a limit of what it sees.
     """
     if atmosphere is None:
         return
-    measurement = lidar.measurement  # type: ignore[attr-defined]
+    if not isinstance(lidar, Sensor):
+        raise ArgumentTypeError("lidar", "a Lidar", shown(lidar))
+    measurement = lidar.measurement
     begins = measurement.crossover[0] if measurement.crossover else 0.0
-    if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:  # type: ignore[attr-defined]
+    if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:
         hint = "or give the measurement a crossover that begins beyond 0: at the sensor, the echo of fog is infinite"
         raise ArgumentValueError("min_range", "a number > 0 in fog", 0.0, hint)
-    if atmosphere.intercept > 0.0 and measurement.detection is None and lidar.max_range == math.inf:  # type: ignore[attr-defined]
+    if atmosphere.intercept > 0.0 and measurement.detection is None and lidar.max_range == math.inf:
         hint = "or a finite max_range; without either, each of the countless drops in the beam would be an echo"
         raise ArgumentValueError("detection", "a detection limit in rain or snow", None, hint)

@@ -7,6 +7,7 @@ import dataclasses
 import itertools
 import math
 import pickle
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import pytest
 from scipy import integrate, stats
 
 import lidarsim as ls
+from lidarsim import _native
 from lidarsim.scan import scan as fire
 
 LIGHT = 299_792_458.0
@@ -464,6 +466,21 @@ def test_the_air_leaves_the_draws_of_surfaces(beam: ls.Beam | None) -> None:
     assert surfaces.sum() > 2500
     for name in ("range", "intensity", "status"):
         assert np.array_equal(getattr(with_it, name)[surfaces], getattr(without, name)[surfaces], equal_nan=True), name
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-4, rays=7)], ids=["ray", "beam"])
+def test_the_noise_of_the_air_has_the_documented_draws(beam: ls.Beam | None) -> None:
+    scan = sensor(16, beam=beam, range_sigma=0.5).scan(scene(FOG), seed=9)
+    # Effect 3, draw 32768 of each pulse.
+    key = _native.philox(np.array([[9, 0, zlib.crc32(b""), 0]], dtype=np.uint32), [0, 0])[0, :2].tolist()
+    counters = np.array([[pulse, 0, 0, 3 << 16 | 32768] for pulse in range(16)], dtype=np.uint32)
+    low, high = _native.philox(counters, key)[:, :2].astype(np.uint64).T
+    cells = (high << np.uint64(32) | low) >> np.uint64(12)
+    normals = _native.normal_quantile((cells + 0.5) / 2.0**52)
+    # The range and its error round once each.
+    kept = scan.status == ls.Status.hit
+    assert kept.sum() > 8
+    assert np.allclose(scan.range_error[kept, 0], 0.5 * normals[kept], rtol=0, atol=8 * 2.0**-52)
 
 
 def test_other_effects_leave_the_drops() -> None:

@@ -150,7 +150,7 @@ impl<C: Caster> Scan<'_, C> {
 /// Of an echo of the air and another nearer to it than the receiver tells apart, keeps the stronger, from the
 /// strongest of all on. Leaves the echoes by rising range. Those of surfaces are told apart already.
 fn tell_apart(separation: f64, echoes: &mut Vec<Echo>) {
-    echoes.sort_by(|a, b| b.power.total_cmp(&a.power));
+    echoes.sort_by(|one, other| other.power.total_cmp(&one.power));
     let mut kept = 0;
     for i in 0..echoes.len() {
         let echo = echoes[i];
