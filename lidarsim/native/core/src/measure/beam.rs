@@ -18,6 +18,9 @@ pub struct Beam {
     pub(super) separation: f64,
 }
 
+/// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
+pub(super) const REACH: f64 = 8.5;
+
 /// Duration of a pulse of a sensor without a beam, full width at half maximum, s: as a beam has by default.
 const PULSE_LENGTH: f64 = 5e-9;
 

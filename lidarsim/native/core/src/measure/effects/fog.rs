@@ -1,27 +1,28 @@
 //! Fog: the air along the whole pulse sends light back, with one peak close to the sensor.
 //!
 //! A slice dr of the air has the differential backscatter β·dr per unit of area, 1/sr, where a white diffuser
-//! at normal incidence has 1/π. So it has the intensity π·β·dr, and the receiver gets π·β·ξ(r)·exp(−2αr)/r²·dr
-//! of it, in the unit in which it gets ρ·ξ(R)·exp(−2αR)/R² of a surface: that of the peak of an echo, which the
-//! Gaussian pulse gives the shape g(x) = exp(−x²/2σ²). The response of the fog is then
+//! at normal incidence has 1/π. So it has the intensity π·β·dr, and the receiver gets
+//! π·β·ξ(r)·exp(−2αr)/r²·dr of it, in the unit in which it gets ρ·ξ(R)·exp(−2αR)/R² of a surface: that of the
+//! peak of an echo, which the Gaussian pulse gives the shape g(x) = exp(−x²/2σ²). The response of the fog is
+//! then
 //!
 //! W(R) = π·β·∫ g(R − r)·ξ(r)/r²·exp(−2αr) dr
 //!
 //! (R. H. Rasshofer, M. Spies, H. Spies: Influences of weather phenomena on automotive laser radar systems.
-//! Advances in Radio Science 9, 2011; M. Hahner et al.: Fog simulation on real LiDAR point clouds for 3D object
-//! detection in adverse weather. ICCV 2021). Its peak is the echo. A surface ends the fog. One nearer than 2σ
-//! behind the peak is not resolved from it (Sparrow's criterion): then the fog has no echo of its own. One
-//! further off takes away less than 2·Φ(−2) = 4.6 % of the peak: the integrand without g falls beyond its
-//! maximum, so where it is ended it is less than all the way from there to the peak. This is neglected.
+//! Advances in Radio Science 9, 2011; M. Hahner et al.: Fog simulation on real LiDAR point clouds for 3D
+//! object detection in adverse weather. ICCV 2021). Its peak is the echo. A surface ends the fog. One nearer
+//! than 2σ behind the peak is not resolved from it (Sparrow's criterion): then the fog has no echo of its
+//! own. One further off takes away less than 2·Φ(−2) = 4.6 % of the peak: the integrand without g falls
+//! beyond its maximum, so where it is ended it is less than all the way from there to the peak. This is
+//! neglected.
 
 use std::f64::consts::{LN_2, PI};
 
 use super::Effect;
 use super::air::Air;
 use crate::arith::elementary::{exp, ln};
-use crate::measure::beam::pulse_sigma;
+use crate::measure::beam::{REACH, pulse_sigma};
 use crate::measure::parameters::{Parameters, Value};
-use crate::measure::waveform::REACH;
 
 /// The echo of fog in front of no surface.
 #[derive(Clone, Debug)]
@@ -100,8 +101,8 @@ impl Response {
     }
 
     /// The same over some ranges, by Simpson's rule in u = ln r: dr/r² = du/r. It is smooth in u however near
-    /// the sensor it begins. A step h has an error of (κh)⁴/180 of the integral, where the integrand changes by e
-    /// over 1/κ: with 256 steps over at most 17σ and at most 11.1/α that is below 10⁻⁶.
+    /// the sensor it begins. A step h has an error of (κh)⁴/180 of the integral, where the integrand changes
+    /// by e over 1/κ: with 256 steps over at most 17σ and at most 11.1/α that is below 10⁻⁶.
     fn integral(&self, range: f64, begin: f64, end: f64) -> f64 {
         const STEPS: u32 = 256;
         if begin >= end {

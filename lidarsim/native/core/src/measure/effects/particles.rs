@@ -3,9 +3,9 @@
 //! Their diameters D are distributed by N(D) = N₀·exp(−ΛD), per volume and diameter (J. S. Marshall, W. M.
 //! Palmer: The distribution of raindrops with size. Journal of Meteorology 5, 1948). In a beam of the section
 //! A(r), uniformly bright, a particle has the share q·D²·π/4/A(r) of the intensity of a white diffuser that
-//! fills the beam. It is seen if its power is at least that of the detection limit, so if D ≥ D₀(r): those that
-//! are seen are a Poisson process along the beam of the density A(r)·(N₀/Λ)·exp(−Λ·D₀(r)), with diameters that
-//! exceed D₀ by an exponential variable of the mean 1/Λ. So no other particle is ever drawn.
+//! fills the beam. It is seen if its power is at least that of the detection limit, so if D ≥ D₀(r): those
+//! that are seen are a Poisson process along the beam of the density A(r)·(N₀/Λ)·exp(−Λ·D₀(r)), with
+//! diameters that exceed D₀ by an exponential variable of the mean 1/Λ. So no other particle is ever drawn.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
@@ -93,8 +93,8 @@ impl Effect for Particles {
     }
 }
 
-/// The power of the weakest particle that is seen: that of the detection limit; without one, that of a diffuser
-/// of the reflectivity 0.1 at the greatest range of the sensor.
+/// The power of the weakest particle that is seen: that of the detection limit; without one, that of a
+/// diffuser of the reflectivity 0.1 at the greatest range of the sensor.
 fn least_power<P: Parameters>(parameters: &P) -> Result<f64, P::Error> {
     if let Some(detection) = DetectionLimit::from_parameters(parameters)? {
         return Ok(detection.power);
