@@ -109,7 +109,8 @@ class Atmosphere(Immutable):
     2021). Its one peak is the echo of the fog, of the power W and the intensity W·R². A surface nearer than 2σ behind
     the peak hides it; with a beam, the sub-rays that hit such a surface do. The integral diverges at the sensor, so the
     receiver must see the air only from some range on: where the `crossover` begins or, without one that begins beyond
-    0, the `min_range` of the `Lidar`. A scan in fog without either is refused.
+    0, the `min_range` of the `Lidar`. A scan in fog without either is refused. Real receivers rarely see the whole beam
+    so close: without a `crossover`, the echo of dense fog outshines all but the nearest surfaces.
 
     **Rain and snow.** Drops and flakes are single echoes, a Poisson process along the beam; it widens from `aperture`
     by the divergence of the `Beam`, and is taken to be uniformly bright. One of the diameter D has the intensity
@@ -131,7 +132,7 @@ class Atmosphere(Immutable):
     >>> lidar = ls.Lidar(pattern, min_range=0.9)
     >>> scan = lidar.scan(scene)
     >>> ls.Source(scan.source[0, 0]).name, scan.range.round(2), scan.label
-    ('atmosphere', array([[1.05]]), array([[99]], dtype=uint32))
+    ('atmosphere', array([[1.21]]), array([[99]], dtype=uint32))
     """
 
     extinction: float = 0.0
@@ -220,8 +221,8 @@ class Atmosphere(Immutable):
         Examples
         --------
         >>> import lidarsim as ls
-        >>> ls.Atmosphere.rain(10.0).extinction
-        0.039810717055349734
+        >>> round(ls.Atmosphere.rain(10.0).extinction, 4)
+        0.0398
         """
         rate = real("rate", rate, above=0.0, at_most=MOST_RAIN)
         return cls(
@@ -295,8 +296,8 @@ class Atmosphere(Immutable):
         --------
         >>> import lidarsim as ls
         >>> lidar = ls.Lidar.preset("hesai-pandar64", noise="datasheet")
-        >>> ls.Atmosphere.fog(50.0).fog_echo(lidar)
-        (0.4, 0.0)
+        >>> [round(number, 4) for number in ls.Atmosphere.fog(50.0).fog_echo(lidar)]
+        [0.4994, 0.0014]
         """
         check_sensor(self, lidar)
         echo, _ = _native.air_echoes(lidar, self)
@@ -325,8 +326,8 @@ class Atmosphere(Immutable):
         --------
         >>> import lidarsim as ls
         >>> lidar = ls.Lidar.preset("hesai-pandar64", noise="datasheet")
-        >>> ls.Atmosphere.rain(10.0).particles_seen(lidar)
-        0.0
+        >>> round(ls.Atmosphere.rain(10.0).particles_seen(lidar), 3)
+        0.896
         """
         check_sensor(self, lidar)
         return _native.air_echoes(lidar, self)[1]

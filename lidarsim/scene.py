@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack
@@ -521,6 +522,9 @@ class Scene(Pickled, Plotted):
         kept = self._kept
         if kept is None or kept.version is not version:
             items = self.objects
+            if kept is not None and len(items) == len(kept.items) and all(map(operator.is_, items, kept.items)):
+                kept = self._kept = replace(kept, version=version, atmosphere=self._atmosphere)
+                return kept
             native = core.Scene(list(items), None if kept is None else kept.native)
             ids = None
             if items and items[-1].id != len(items) - 1:

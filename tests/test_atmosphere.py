@@ -536,6 +536,18 @@ def test_scenes_keep_their_atmosphere(tmp_path: Path) -> None:
     assert ls.Scene().atmosphere is None
 
 
+def test_a_change_of_the_air_keeps_the_objects_in_the_core() -> None:
+    made = scene(None, 20.0)
+    before = made._snapshot()
+    made.atmosphere = FOG
+    after = made._snapshot()
+    assert after.native is before.native
+    assert (before.atmosphere, after.atmosphere) == (None, FOG)
+    made.add(ls.Plane((1, 0, 0), 30.0))
+    assert made._snapshot().native is not before.native
+    assert made._snapshot().atmosphere is FOG
+
+
 def test_only_an_atmosphere_is_one() -> None:
     made = scene(FOG)
     with pytest.raises(TypeError, match=r"^atmosphere: expected an Atmosphere or None, got 'fog'"):
