@@ -5,6 +5,7 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns
 from lidarsim import viewers as viewers  # registers views
+from lidarsim.atmosphere import Atmosphere
 from lidarsim.boxes import Boxes
 from lidarsim.cells import Cells
 from lidarsim.comparison import Comparison, compare
@@ -40,6 +41,7 @@ from lidarsim.trajectory import Trajectory, register_trajectory_format
 from lidarsim.viewers import show
 
 __all__ = [
+    "Atmosphere",
     "Beam",
     "Box",
     "Boxes",

@@ -456,7 +456,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     for file in run.imports:
         _print_import(file)
     for lidar in run.lidars.values():
-        _print_sensor(lidar)
+        _print_sensor(lidar, run.scene.atmosphere)
     pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
     kinds = {"pose": pose, "objects": [*spans.values()], "all": [*pose, *spans.values()] if pose and spans else []}
     defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
@@ -817,8 +817,18 @@ def _terrain(number: int, mesh: ls.TriangleMesh) -> str:
     )
 
 
-def _print_sensor(lidar: ls.Lidar) -> None:
-    """Print the properties of a sensor, one per line."""
+def _air(air: ls.Atmosphere, lidar: ls.Lidar) -> str:
+    """Return what echoes of the air a sensor gets in front of no surface."""
+    seen = []
+    if echo := air.fog_echo(lidar):
+        seen.append(f"an echo of intensity {echo[1]:.3g} at {echo[0]:.3g} m")
+    if air.intercept:
+        seen.append(f"{air.particles_seen(lidar):.3g} echoes of drops or flakes per pulse")
+    return " and ".join(seen) or "without echoes"
+
+
+def _print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:
+    """Print the properties of a sensor, and what it sees of the air, one per line."""
     does = describe(lidar.pattern)
     seconds = does.time[1] - does.time[0]
     exact = ls.Measurement()
@@ -836,5 +846,7 @@ def _print_sensor(lidar: ls.Lidar) -> None:
         "range": f"{_span((lidar.min_range, lidar.max_range))} m",
         "measurement": ", ".join(f"{name} {value}" for name, value in effects.items()) or "exact",
     }
+    if air:
+        lines["air"] = f"{air}, {_air(air, lidar)}"
     known = {name: value for name, value in lines.items() if "nan" not in value}
     facts({"sensor": lidar.name or "(no name)", **known})

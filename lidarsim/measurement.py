@@ -2,8 +2,8 @@
 
 The steps for a pulse are, in order: angular jitter, sub-rays of the beam, cast, intensity, echoes, fluctuation of the
 power, detection, drop-out, range noise and biases, false returns, quantisation, range gate, choice of returns. Misses
-stay misses, except for false returns. The range gate of the `Lidar` applies to the measured range, noise included, not
-to the true range.
+stay misses, except for false returns and echoes of the air. The range gate of the `Lidar` applies to the measured
+range, noise included, not to the true range.
 
 Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011);
 Gaussian numbers use the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied
@@ -11,7 +11,9 @@ Statistics 37, 1988). The generator's key is derived from the seed and the senso
 frame, effect and draw. The noise of a pulse depends only on these, and not on threads, other pulses or other effects.
 The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1 elevation), 2 drop-out, 3 range noise (one
 draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in place of the pulse), 5 fluctuation of the
-power (one draw per echo, the nearest first), 6 false returns (draw 0 whether there is one, 1 its range).
+power (one draw per echo, the nearest first), 6 false returns (draw 0 whether there is one, 1 its range), 7 drops and
+flakes (draws 3k to 3k + 2 the way to the k-th, its size and its place in the beam). Echoes of the air (`Atmosphere`)
+have the draws from 32768 on of effects 3 and 5: fog, then drops and flakes.
 """
 
 from __future__ import annotations
@@ -189,7 +191,8 @@ class Measurement(Immutable):
         The intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. Only
         a `detection` limit hides echoes that become too weak. Default: the overlap is 1 everywhere.
     extinction : float
-        Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR).
+        Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR). That of the
+        scene's `Atmosphere` adds to it.
     false_returns : float
         Probability that a pulse has one more return, without a surface, 0 to 1. Its range is uniform over the range
         gate of the `Lidar`, which must have a `max_range`, and is quantised. It is the weakest echo of its pulse: it

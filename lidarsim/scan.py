@@ -20,6 +20,7 @@ from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
 from lidarsim._validation import Floats, Transform, as_array, integer, one_of, real, shown
 from lidarsim._views import Plotted
+from lidarsim.atmosphere import check_sensor
 from lidarsim.boxes import Boxes, boxes_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.laser_scan import LaserScan, laser_scan_of
@@ -145,8 +146,10 @@ class Scan(Pickled, Plotted):
         Rate of change of the true range, m/s, as an FMCW lidar measures it: the velocity of the surface point relative
         to the beam's origin, along the actual direction of the pulse. None if neither the sensor nor any object moves.
     source : ndarray of uint8, shape (n, k), or None
-        `Source` of each return, 255 for unused entries; None without `false_returns`. Returns without a surface have
-        `object_id` -1, `label` 0 and no ground truth: `true_range`, `range_error`, `normal` and `incidence` are nan.
+        `Source` of each return, 255 for unused entries; None without `false_returns` and in air that has no echoes.
+        Returns without a surface have `object_id` -1, `instance` 0 and no `normal`, `incidence` and `radial_velocity`:
+        these are nan. Echoes of the air have the label of the `Atmosphere`, and their range before errors as
+        `true_range`. False returns have `label` 0 and no `true_range` and `range_error`.
     true_direction : ndarray of float64, shape (n, k, 3), or None
         Direction from the beam's origin to the true point of each return, in the sensor frame. None if there is neither
         angular jitter nor a beam; it is then the nominal direction of the pulse.
@@ -512,7 +515,8 @@ class Scan(Pickled, Plotted):
         ndarray of float64, shape (m, 3)
             One point for each point of `point_cloud`, in the same order, m. It lies on the surface of the object
             `object_id`, at `true_range` along the actual direction of the pulse; with a beam, along the sub-ray that
-            the ground truth is taken from (see `Scan`). For false returns, it is nan.
+            the ground truth is taken from (see `Scan`). For echoes of the air, it is where the drop or flake is, or the
+            peak of the fog's echo. For false returns, it is nan.
 
         Raises
         ------
@@ -602,9 +606,10 @@ def scan(
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
     where = _where(pose)
+    check_sensor(scene.atmosphere, lidar)
     if indices is None:
         count = math.prod(lidar.pattern.shape)
-        _native.expect_room(min(count, sys.maxsize), lidar)  # fail before the pattern makes pulses
+        _native.expect_room(min(count, sys.maxsize), lidar, scene.atmosphere)  # fail before the pattern makes pulses
     pulses = pulses_of(lidar.pattern, frame)
     period = 1.0 / lidar.pattern.rate
     path = _path(where, pulses, time, period)
@@ -627,6 +632,7 @@ def scan(
         lidar,
         time,
         (seed, sensor_id(lidar.name), frame),
+        world.atmosphere,
     )
     arrays["object_id"] = world.ids_of(arrays["object_id"])
     return Scan(
@@ -673,6 +679,7 @@ def check_coverage(
     if not isinstance(scene, Scene):
         raise ArgumentTypeError("scene", "a Scene", shown(scene))
     where = _where(pose)
+    check_sensor(scene.atmosphere, lidar)
     world, period = scene._snapshot(), 1.0 / lidar.pattern.rate
     for frame in sorted({frames[0], frames[-1]}) if frames else ():
         integer("frame", frame, at_least=0, at_most=2**32 - 1)

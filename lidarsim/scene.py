@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
+import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypedDict, Unpack
@@ -33,6 +34,7 @@ from lidarsim._validation import (
     t_range,
 )
 from lidarsim._views import Plotted, view
+from lidarsim.atmosphere import Atmosphere
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.materials import Material
 from lidarsim.rules import Options, Rule
@@ -148,11 +150,12 @@ class Animations(Protocol):
 class Snapshot:
     """The objects at one moment, in the core.
 
-    `items` are the objects. `ids` are their ids in order, followed by -1 for "no object"; None if these are 0, 1, 2, ….
-    `span` is the time interval that the motions of all movers cover.
+    `atmosphere` is the air, `items` are the objects. `ids` are their ids in order, followed by -1 for "no object"; None
+    if these are 0, 1, 2, …. `span` is the time interval that the motions of all movers cover.
     """
 
     version: object
+    atmosphere: Atmosphere | None
     items: tuple[SceneObject, ...]
     native: core.Scene
     ids: npt.NDArray[np.int32] | None
@@ -215,6 +218,8 @@ class Scene(Pickled, Plotted):
     ----------
     class_names : mapping of int to str
         Read-only class names by label.
+    atmosphere : Atmosphere or None
+        The air of scans: fog, rain or snow; None for clear air. It can be set. Casts do not see it.
 
     Raises
     ------
@@ -248,6 +253,7 @@ class Scene(Pickled, Plotted):
 
     def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
         self._class_names = named_labels("class_names", class_names)
+        self._atmosphere: Atmosphere | None = None
         self._items: dict[int, SceneObject] = {}
         self._next = 0
         self._kept: Snapshot | None = None
@@ -588,6 +594,24 @@ class Scene(Pickled, Plotted):
         return MappingProxyType(self._class_names)
 
     @property
+    def atmosphere(self) -> Atmosphere | None:
+        """The air, as scans see it: Atmosphere, or None for clear air, which is the default.
+
+        Raises
+        ------
+        TypeError
+            If it is set to anything else.
+        """
+        return self._atmosphere
+
+    @atmosphere.setter
+    def atmosphere(self, value: Atmosphere | None) -> None:
+        if value is not None and not isinstance(value, Atmosphere):
+            raise ArgumentTypeError("atmosphere", "an Atmosphere or None", shown(value))
+        self._atmosphere = value
+        self._changed()
+
+    @property
     def objects(self) -> tuple[SceneObject, ...]:
         """The objects in the order of their ids: tuple of SceneObject."""
         return tuple(self._items.copy().values())
@@ -629,6 +653,9 @@ class Scene(Pickled, Plotted):
         kept = self._kept
         if kept is None or kept.version is not version:
             items = self.objects
+            if kept is not None and len(items) == len(kept.items) and all(map(operator.is_, items, kept.items)):
+                kept = self._kept = replace(kept, version=version, atmosphere=self._atmosphere)
+                return kept
             native = core.Scene(list(items), None if kept is None else kept.native)
             ids = None
             if items and items[-1].id != len(items) - 1:
@@ -639,7 +666,7 @@ class Scene(Pickled, Plotted):
                 max((start for start, _ in spans), default=-math.inf),
                 min((end for _, end in spans), default=math.inf),
             )
-            kept = self._kept = Snapshot(version, items, native, ids, movers, span)
+            kept = self._kept = Snapshot(version, self._atmosphere, items, native, ids, movers, span)
         return kept
 
     def cast(
@@ -874,6 +901,8 @@ class Scene(Pickled, Plotted):
             kinds[what] = kinds.get(what, 0) + 1
         shown = sorted(kinds.items(), key=lambda kind: -kind[1])[:MOST_LINES]
         lines = [f"  {count:6,} × {what}" for what, count in shown]
+        if self._atmosphere:
+            lines.insert(0, f"  {self._atmosphere}")
         if len(kinds) > len(shown):
             lines.append(f"  {sum(kinds.values()) - sum(count for _, count in shown):6,} others")
         extent = ""
@@ -884,7 +913,12 @@ class Scene(Pickled, Plotted):
         return "\n".join((f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", *lines))
 
     def _contents(self) -> dict[str, Any]:
-        contents = {"class_names": dict(self._class_names), "objects": self.objects, "next": self._next}
+        contents = {
+            "class_names": dict(self._class_names),
+            "atmosphere": self._atmosphere,
+            "objects": self.objects,
+            "next": self._next,
+        }
         return contents if self._animations is None else contents | {"animations": self._animations}
 
     @classmethod
@@ -892,6 +926,7 @@ class Scene(Pickled, Plotted):
         scene = cls.__new__(cls)
         Scene.__init__(scene)
         scene._class_names = contents["class_names"]
+        scene._atmosphere = contents["atmosphere"]
         scene._items = {item.id: item for item in contents["objects"]}
         scene._next = contents["next"]
         scene._animations = contents.get("animations")

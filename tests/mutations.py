@@ -548,6 +548,42 @@ MUTANTS = [
         ("tests/test_measurement.py", "-k", "false_returns"),
     ),
     Mutant(
+        "fog: π of a white diffuser",
+        "let power = PI * backscatter * peak;",
+        "let power = backscatter * peak;",
+        ("tests/test_atmosphere.py", "-k", "peak_of_the_response"),
+    ),
+    Mutant(
+        "fog: hidden up to 2σ",
+        "clear_to: range + 2.0 * response.sigma",
+        "clear_to: range + response.sigma",
+        ("tests/test_atmosphere.py", "-k", "near_surface"),
+    ),
+    Mutant(
+        "particles: sizes from the least on",
+        "self.sight.least_diameter(range) + exponential(DRAWS * k + 1)",
+        "exponential(DRAWS * k + 1)",
+        ("tests/test_atmosphere.py", "-k", "poisson"),
+    ),
+    Mutant(
+        "particles: as they may fluctuate",
+        "least_power: least_power / brightest,",
+        "least_power,",
+        ("tests/test_atmosphere.py", "-k", "fluctuation"),
+    ),
+    Mutant(
+        "particles: not behind a surface",
+        "if particle.range >= surface[lane] {",
+        "if false {",
+        ("tests/test_atmosphere.py", "-k", "behind_a_surface"),
+    ),
+    Mutant(
+        "weather: draws of its own",
+        "FIRST_NUMBER: u16 = 1 << 15;",
+        "FIRST_NUMBER: u16 = 0;",
+        ("tests/test_atmosphere.py", "-k", "documented_draws"),
+    ),
+    Mutant(
         "range noise of weak echoes",
         "F::splat(least_power).div(echoes.power)",
         "F::splat(least_power).mul(echoes.power)",

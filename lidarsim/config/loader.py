@@ -94,6 +94,8 @@ def _scene(config: Config, place: Place) -> Scene:
     scene = Scene(class_names=labelled(config.class_names, place / "class_names"))
     for index, item in enumerate(config.scene):
         item.add_to(scene, place / "scene" / index)
+    if config.atmosphere is not None:
+        scene.atmosphere = config.atmosphere.build(place / "atmosphere")
     return scene
 
 
@@ -150,6 +152,8 @@ def _with_scene(root: Node, scene: Node) -> Node:
     if "class_names" in found:
         names = found["class_names"][1]
         root = replace(root, ["class_names"], merge(names, own["class_names"][1]) if "class_names" in own else names)
+    if "atmosphere" in found and "atmosphere" not in own:
+        root = replace(root, ["atmosphere"], found["atmosphere"][1])
     return replace(root, ["scene"], found["scene"][1])
 
 

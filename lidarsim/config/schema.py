@@ -27,6 +27,7 @@ from lidarsim import _validation, patterns, shapes
 from lidarsim._files import check_names, load_array, name_problem
 from lidarsim._shown import plain
 from lidarsim._validation import pose as rigid
+from lidarsim.atmosphere import Atmosphere
 from lidarsim.io import raster, scenes
 from lidarsim.io._georeference import gps_time, projected
 from lidarsim.materials import Material, named
@@ -59,6 +60,8 @@ UNITS: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
     "deg_per_s": ("rad/s", np.radians),
     "m_per_s": ("", np.positive),
     "per_m": ("", np.positive),
+    "per_m_sr": ("", np.positive),
+    "mm_per_h": ("", np.positive),
     "deg": ("rad", np.radians),
     "mrad": ("rad", lambda value: value / 1e3),
     "mm": ("m", lambda value: value / 1e3),
@@ -809,11 +812,49 @@ def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
     return {int(label): name for label, name in names.items()}
 
 
+class Fog(Model):
+    """Fog."""
+
+    visibility_m: float
+
+
+class Precipitation(Model):
+    """Rain or snow."""
+
+    rate_mm_per_h: float
+
+
+class Air(Model):
+    """The atmosphere of a scene: of fog, rain or snow, whose values its other keys replace."""
+
+    fog: Fog | None = None
+    rain: Precipitation | None = None
+    snow: Precipitation | None = None
+    extinction_per_m: float = 0.0
+    backscatter_per_m_sr: float = 0.0
+    label: int = 0
+    aperture_mm: float = 10.0
+    divergence_mrad: float = 3.0
+
+    def build(self, place: Place) -> Atmosphere:
+        """Return the atmosphere."""
+        kinds = [name for name in ("fog", "rain", "snow") if getattr(self, name) is not None]
+        if len(kinds) > 1:
+            raise (place / kinds[1]).error(f"expected one of fog, rain and snow, got {kinds[0]} beside it")
+        air = Atmosphere()
+        for name in kinds:
+            model = getattr(self, name)
+            air = construct(getattr(Atmosphere, name), model, type(model).model_fields, place / name)
+        keys = set(type(self).model_fields) - {"fog", "rain", "snow"}
+        return construct(partial(dataclasses.replace, air), self, keys, place)
+
+
 class SceneDocument(Model):
     """A scene in a separate file; its objects are checked with the run."""
 
     scene: list[object]
     class_names: dict[str, str] = {}
+    atmosphere: object = None
 
 
 class Config(Model):
@@ -821,6 +862,7 @@ class Config(Model):
 
     scene: list[AnyObject]
     class_names: dict[str, str] = {}
+    atmosphere: Air | None = None
     sensor: AnySensor | None = None
     rig: dict[str, Mounted] | None = None
     pose: PoseOverTime = Pose()

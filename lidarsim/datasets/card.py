@@ -63,6 +63,7 @@ def write(plan: Plan, summary: Summary, ranges: Sequence[int], pictures: int) ->
     rig = run.sensor if isinstance(run.sensor, Rig) else None
     parts = rig.items() if rig else ()
     sensors = [f"{escaped(name)}: {_sensor(part.lidar)}" for name, part in parts] or [_sensor(run.lidar)]
+    air = f"\nAir of the first frame: {escaped(str(run.scene.atmosphere))}.\n" if run.scene.atmosphere else ""
     text = f"""# {counted(recipe.sequences, "sequence")} of {counted(recipe.frames, "frame")}
 
 {points:,} points, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed {recipe.seed}.
@@ -70,7 +71,7 @@ Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, a
 `lidarsim generate --verify -o FOLDER` checks them.
 
 Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, run)}
-{recipe.layout.reading}
+{air}{recipe.layout.reading}
 {_splits(recipe, summary)}## Classes
 
 {_table("label | name", classes, points)}

@@ -665,7 +665,7 @@ def test_class_names_of_a_scene_of_its_own() -> None:
         ("1: wall", "4294967296: wall", "hall.yaml:1: class_names.4294967296: expected a label, 0 to 4294967295"),
         ("{1: wall, 7: bin}", "[wall, bin]", "hall.yaml:1: class_names: expected a mapping, got a list of 2"),
         ("class_names:", "class_name:", "hall.yaml:1: class_name: unknown key; did you mean class_names?"),
-        ("scene:", "objects:", "hall.yaml:2: objects: unknown key; expected one of scene, class_names"),
+        ("scene:", "objects:", "hall.yaml:2: objects: unknown key; expected one of scene, class_names, atmosphere"),
         ("label: 7", "label: car", "hall.yaml:3: scene.0.label: expected an integer, got 'car'"),
     ],
 )
@@ -920,7 +920,7 @@ def test_missing_configuration() -> None:
 
 
 def test_a_document_that_is_no_mapping() -> None:
-    keys = "scene, class_names, sensor, rig, pose, seed, first_frame, frames, cloud, georeference"
+    keys = "scene, class_names, atmosphere, sensor, rig, pose, seed, first_frame, frames, cloud, georeference"
     assert refusal("- 1") == f"run.yaml:1: expected a mapping with keys {keys}, got a list of 1"
 
 

@@ -6,6 +6,7 @@ put together by the names of its parameters, and a parameter of an unknown name 
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import math
 import sys
@@ -242,6 +243,10 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     ),
     **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction", "power_sigma", "false_returns"), lambda _: 1e-3),
     "crossover": lambda _: (0.5, 2.0),
+    "visibility": lambda _: 50.0,
+    **dict.fromkeys(("backscatter", "aperture", "divergence"), lambda _: 1e-3),
+    **dict.fromkeys(("intercept", "slope", "reflectance"), lambda _: 1.0),
+    "lidar": lambda _: dataclasses.replace(lidar(), min_range=0.1, max_range=80.0),
     "detection": lambda _: ls.Detection(0.1, 100.0),
     "beam": lambda _: ls.Beam(1e-3, rays=7),
     "returns": lambda _: 2,

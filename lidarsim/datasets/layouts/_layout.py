@@ -212,6 +212,7 @@ class Layout(Model):
         """Raise `ValueError` if a label is too great for the files of this layout."""
         most = self.greatest_label
         labels = {"class_names": iter(class_names)}
+        labels["atmosphere"] = iter([scene.atmosphere.label] if scene.atmosphere else [])
         labels["scene"] = (int(np.max(item.label, initial=0)) for item in scene.objects)
         for argument, given in labels.items():
             for label in given:

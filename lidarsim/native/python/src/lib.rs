@@ -45,6 +45,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyTextureMap>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
+    m.add_function(wrap_pyfunction!(scan::air_echoes, m)?)?;
     m.add_function(wrap_pyfunction!(scan::scan_columns, m)?)?;
     m.add_function(wrap_pyfunction!(cloud::points_of, m)?)?;
     m.add_function(wrap_pyfunction!(coverage::coverage, m)?)?;

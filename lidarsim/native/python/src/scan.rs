@@ -15,15 +15,20 @@ use pyo3::types::{PyDict, PyTuple};
 
 use crate::{Points, PyPath, PyScene, argument_error, detached, elements, kernels, points};
 
-/// The attributes of a `lidarsim.Lidar`.
-struct Attributes<'a, 'py>(&'a Bound<'py, PyAny>);
+/// The attributes of a `lidarsim.Lidar`; below `atmosphere`, those of a `lidarsim.Atmosphere`, if there is
+/// one.
+struct Attributes<'a, 'py>(&'a Bound<'py, PyAny>, Option<&'a Bound<'py, PyAny>>);
 
 impl Parameters for Attributes<'_, '_> {
     type Error = PyErr;
 
     fn value(&self, name: &'static str) -> PyResult<Value> {
-        let mut value = self.0.clone();
-        for part in name.split('.') {
+        let (mut value, path) = match (name.strip_prefix("atmosphere."), self.1) {
+            (None, _) => (self.0.clone(), name),
+            (Some(path), Some(atmosphere)) => (atmosphere.clone(), path),
+            (Some(_), None) => return Ok(Value::Nothing),
+        };
+        for part in path.split('.') {
             if value.is_none() {
                 break;
             }
@@ -174,8 +179,14 @@ fn described<'py, T: Entry>(py: Python<'py>, of_returns: bool, unused: T) -> PyR
 
 /// Raises MemoryError if a scan of this many pulses does not fit into memory.
 #[pyfunction]
-pub fn expect_room(py: Python<'_>, pulses: usize, lidar: &Bound<'_, PyAny>) -> PyResult<()> {
-    let measurement = Measurement::from_parameters(&Attributes(lidar))?;
+#[pyo3(signature = (pulses, lidar, atmosphere=None))]
+pub fn expect_room<'py>(
+    py: Python<'py>,
+    pulses: usize,
+    lidar: &Bound<'py, PyAny>,
+    atmosphere: Option<&Bound<'py, PyAny>>,
+) -> PyResult<()> {
+    let measurement = Measurement::from_parameters(&Attributes(lidar, atmosphere))?;
     let (most, strays, tells_sources) =
         (measurement.most_returns(), measurement.strays(), measurement.tells_sources());
     detached(py, || ScanColumns::expect_room(Layout { pulses, most, strays, moves: false, tells_sources }))
@@ -186,6 +197,7 @@ pub fn expect_room(py: Python<'_>, pulses: usize, lidar: &Bound<'_, PyAny>) -> P
 /// `indices` are the pulses' indices in the whole frame, unless they are all of it, in order. `draws` are
 /// seed, sensor and frame.
 #[pyfunction]
+#[pyo3(signature = (scene, path, pulses, indices, lidar, start, draws, atmosphere=None))]
 #[expect(clippy::too_many_arguments, reason = "one call a scan")]
 pub fn scan<'py>(
     py: Python<'py>,
@@ -196,10 +208,11 @@ pub fn scan<'py>(
     lidar: &Bound<'py, PyAny>,
     start: f64,
     draws: (u64, u32, u32),
+    atmosphere: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let Pulses { directions, origins, times, rings } = pulses.slices()?;
     let indices = indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
-    let measurement = Measurement::from_parameters(&Attributes(lidar))?;
+    let measurement = Measurement::from_parameters(&Attributes(lidar, atmosphere))?;
     check_rings(rings, measurement.rings())?;
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
@@ -222,6 +235,17 @@ pub fn scan<'py>(
         Ok(columns)
     })?;
     arrays(py, measured.map_err(|bad| explain(bad, &frame))?)
+}
+
+/// The echoes of an atmosphere in front of no surface: range and power of that of fog, if there is one, and
+/// how many drops or flakes of a pulse are seen on average.
+#[pyfunction]
+pub fn air_echoes<'py>(
+    lidar: &Bound<'py, PyAny>,
+    atmosphere: &Bound<'py, PyAny>,
+) -> PyResult<(Option<[f64; 2]>, f64)> {
+    let measurement = Measurement::from_parameters(&Attributes(lidar, Some(atmosphere)))?;
+    Ok((measurement.fog_echo(), measurement.particles_seen()))
 }
 
 /// `known` is the number of rings with sensor parameters, if these differ between rings.

@@ -18,16 +18,39 @@ pub struct Beam {
     pub(super) separation: f64,
 }
 
+/// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
+pub(super) const REACH: f64 = 8.5;
+
+/// Duration of a pulse of a sensor without a beam, full width at half maximum, s: as a beam has by default.
+const PULSE_LENGTH: f64 = 5e-9;
+
+/// Standard deviation of the pulses of a sensor, as a range, m.
+pub(super) fn pulse_sigma<P: Parameters>(parameters: &P) -> Result<f64, P::Error> {
+    let length = parameters.optional_number("measurement.beam.pulse_length")?.unwrap_or(PULSE_LENGTH);
+    Ok(sigma(HALF_SPEED_OF_LIGHT * length))
+}
+
+/// Full angles of the beam of a sensor, if it has one, rad.
+pub(super) fn divergence<P: Parameters>(parameters: &P) -> Result<Option<[f64; 2]>, P::Error> {
+    let Some(azimuth) = parameters.optional_number("measurement.beam.divergence_azimuth")? else {
+        return Ok(None);
+    };
+    Ok(Some([azimuth, parameters.number("measurement.beam.divergence_elevation")?]))
+}
+
+/// Standard deviation of a Gaussian of this full width at half maximum: it is half of its maximum √(2 ln 2)
+/// standard deviations from its middle.
+fn sigma(width: f64) -> f64 {
+    width / (8.0 * std::f64::consts::LN_2).sqrt()
+}
+
 impl Beam {
     pub(super) fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
-        let Some(azimuth) = parameters.optional_number("measurement.beam.divergence_azimuth")? else {
-            return Ok(None);
-        };
-        let elevation = parameters.number("measurement.beam.divergence_elevation")?;
+        let Some(divergence) = divergence(parameters)? else { return Ok(None) };
         let rays = parameters.number("measurement.beam.rays")? as usize;
         let pulse_length = parameters.number("measurement.beam.pulse_length")?;
         let separation = parameters.number("measurement.beam.separation")?;
-        let beam = Beam::new([azimuth, elevation], rays, HALF_SPEED_OF_LIGHT * pulse_length);
+        let beam = Beam::new(divergence, rays, HALF_SPEED_OF_LIGHT * pulse_length);
         Ok(Some(Beam { separation, ..beam }))
     }
 
@@ -52,8 +75,7 @@ impl Beam {
                 cells.push((offset, energy / inside(1.0) / (6 * k) as f64));
             }
         }
-        // A Gaussian is half of its maximum √(2 ln 2) standard deviations from its middle.
-        Beam { cells, pulse_sigma: pulse_length / (8.0 * std::f64::consts::LN_2).sqrt(), separation: 0.0 }
+        Beam { cells, pulse_sigma: sigma(pulse_length), separation: 0.0 }
     }
 
     /// The number of sub-rays.
@@ -63,6 +85,16 @@ impl Beam {
 
     pub(super) fn offset(&self, sub_ray: usize) -> [f64; 2] {
         self.cells[sub_ray].0
+    }
+
+    /// The sub-ray in whose part of the energy this share of it ends.
+    pub(super) fn at_share(&self, share: f64) -> usize {
+        let mut sum = 0.0;
+        let parts = self.cells.iter().take_while(|(_, part)| {
+            sum += part;
+            sum < share
+        });
+        parts.count().min(self.cells.len() - 1)
     }
 
     /// Offset of each sub-ray.

@@ -53,6 +53,13 @@ impl Echo {
         Echo { source: Source::Surface, ray, true_range: range, range, intensity, power, measured: Ok(range) }
     }
 
+    /// Light from the air, before the receiver. `ray`: that it lies on.
+    pub(super) fn of_air(ray: usize, range: f64, intensity: f64) -> Self {
+        let power = intensity / (range * range);
+        let (source, measured) = (Source::Atmosphere, Ok(range));
+        Echo { source, ray, true_range: range, range, intensity, power, measured }
+    }
+
     /// A return that no surface sent. `ray`: of its pulse.
     #[inline(always)]
     pub(super) fn falsely(ray: usize, range: f64, intensity: f64) -> Self {
@@ -96,6 +103,21 @@ impl Returns {
             Returns::Strongest | Returns::First | Returns::Last => 1,
             Returns::Dual => 2,
             Returns::Nearest(n) => n,
+        }
+    }
+
+    /// Of N pulses with two echoes and one return, those that report the echo of this range and power rather
+    /// than the other.
+    #[inline(always)]
+    pub(super) fn prefer<F: Floats<f64, N>, const N: usize>(
+        self,
+        [range, power]: [F; 2],
+        other: [F; 2],
+    ) -> u32 {
+        match self {
+            Returns::Strongest | Returns::Dual => other[1].lt(power),
+            Returns::First | Returns::Nearest(_) => range.lt(other[0]),
+            Returns::Last => other[0].lt(range),
         }
     }
 

@@ -7,7 +7,7 @@ use super::caster::Caster;
 use super::columns::{Entries, Rows, unused};
 use super::direction::beside;
 use super::echo::Echo;
-use super::effects::{Echoes, Pulses};
+use super::effects::{Draws, Echoes, Pulses};
 use super::scan::Scan;
 use super::scratch::Scratch;
 use super::source::Source;
@@ -36,7 +36,10 @@ impl<C: Caster> Scan<'_, C> {
         for pulse in 0..pulses.len() {
             waveform.echoes(beam, scratch, pulse, &mut echoes);
             for (echo, number) in echoes.iter_mut().zip(0..) {
-                self.receive(pulse, number, echo, &batch, scratch);
+                self.receive(pulse, number, echo, &batch, &scratch.draws);
+            }
+            if self.measurement.effects.has_weather() {
+                self.insert_weather(beam, pulse, &batch, scratch, &mut echoes);
             }
             let false_return =
                 self.measurement.effects.false_returns::<f64, 1>(pulse, &batch, &scratch.draws);
@@ -53,7 +56,11 @@ impl<C: Caster> Scan<'_, C> {
                     row += 1;
                     continue;
                 }
-                self.report(row, pulse, echo, scratch, rows);
+                if echo.source == Source::Atmosphere {
+                    self.report_air(row, echo, scratch, rows);
+                } else {
+                    self.report(row, pulse, echo, scratch, rows);
+                }
                 if let Some(entry) = rows.true_direction.get_mut(row) {
                     let direction = self.measurement.effects.directions(&batch, &scratch.draws)[pulse];
                     entry.write(beside(direction, beam.offset(echo.ray - pulse * beam.len())));
@@ -70,11 +77,11 @@ impl<C: Caster> Scan<'_, C> {
         scratch.indices = indices;
     }
 
-    /// Applies the effects to an echo, the `number`-th of a pulse.
+    /// Applies the effects to an echo of a pulse, with its number of the draws.
     #[inline(always)]
-    fn receive(&self, pulse: usize, number: u16, echo: &mut Echo, batch: &Pulses, scratch: &Scratch) {
+    pub(super) fn receive(&self, pulse: usize, number: u16, echo: &mut Echo, batch: &Pulses, draws: &Draws) {
         let mut echoes = Echoes::<f64, 1>::new(pulse, number, echo.range, echo.intensity, echo.power, 0);
-        self.measurement.effects.apply(batch, &scratch.draws, &mut echoes);
+        self.measurement.effects.apply(batch, draws, &mut echoes);
         (echo.intensity, echo.power) = (echoes.intensity, echoes.power);
         let [status] = echoes.statuses();
         echo.measured = match Status::ALL[usize::from(status)] {
@@ -109,6 +116,22 @@ impl<C: Caster> Scan<'_, C> {
         if row < scratch.rows.range_rate.len() {
             scratch.rows.range_rate[row] = self.range_rate(pulse, echo.ray, scratch);
         }
+    }
+
+    /// Writes an echo of the air, but for its direction.
+    #[inline(always)]
+    fn report_air(&self, row: usize, echo: &Echo, scratch: &mut Scratch, rows: &mut Rows) {
+        let range = echo.measured.unwrap_or(f64::NAN);
+        let entries = Entries {
+            range: [range],
+            true_range: [echo.true_range],
+            range_error: [range - echo.true_range],
+            intensity: [echo.intensity as f32],
+            label: [self.measurement.air_label],
+            source: [echo.source as u8],
+            ..Entries::UNUSED
+        };
+        report_nothing(row, entries, scratch, rows);
     }
 }
 

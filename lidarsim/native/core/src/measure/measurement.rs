@@ -11,6 +11,8 @@ pub struct Measurement {
     pub(super) effects: Effects,
     pub(super) beam: Option<Beam>,
     pub(super) returns: Returns,
+    /// Of echoes of the atmosphere.
+    pub(super) air_label: u32,
 }
 
 impl Measurement {
@@ -19,6 +21,7 @@ impl Measurement {
             effects: Effects::from_parameters(parameters)?,
             beam: Beam::from_parameters(parameters)?,
             returns: Returns::from_parameters(parameters)?,
+            air_label: parameters.optional_number("atmosphere.label")?.map_or(0, |label| label as u32),
         })
     }
 
@@ -40,6 +43,16 @@ impl Measurement {
     /// Whether returns may come from anything but surfaces.
     pub fn tells_sources(&self) -> bool {
         self.effects.tells_sources()
+    }
+
+    /// The range and power of the echo of fog in front of no surface, if there is one.
+    pub fn fog_echo(&self) -> Option<[f64; 2]> {
+        self.effects.fog().map(|fog| [fog.range, fog.power])
+    }
+
+    /// How many drops or flakes of a pulse in front of no surface are seen on average.
+    pub fn particles_seen(&self) -> f64 {
+        self.effects.particles().map_or(0.0, |particles| particles.seen_on_average())
     }
 
     /// How many rings the sensor has parameters for; none if these are the same for all rings.

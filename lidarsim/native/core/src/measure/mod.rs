@@ -33,6 +33,7 @@ mod source;
 mod status;
 mod texture;
 mod waveform;
+mod weather;
 
 pub use appearance::{Appearance, Labels, Reflectivity};
 pub use backscatter::Backscatter;

@@ -10,6 +10,7 @@ use super::scan::Scan;
 use super::scratch::Scratch;
 use super::source::Source;
 use super::status::Status;
+use super::weather::{AIR, Reported};
 use crate::arith::simd::{Floats, Isa};
 use crate::memory::resize;
 
@@ -32,7 +33,7 @@ impl<C: Caster> Scan<'_, C> {
             let directions = self.measurement.effects.directions(&batch, &scratch.draws);
             let hits = scratch.hits.object.iter().zip(directions);
             for (entry, (object, direction)) in rows.true_direction.iter_mut().zip(hits) {
-                entry.write(if *object >= 0 { *direction } else { unused::true_direction });
+                entry.write(if *object >= 0 || *object == AIR { *direction } else { unused::true_direction });
             }
         }
         for i in 0..scratch.rows.range_rate.len() {
@@ -70,15 +71,22 @@ impl<C: Caster> Scan<'_, C> {
         self.measurement.effects.apply(&batch, draws, &mut echoes);
 
         let nan = I::F64x8::splat(f64::NAN);
-        let mut range = I::pick(echoes.kept, echoes.reported(), nan);
-        let mut intensity = I::pick(echoes.kept, echoes.intensity, nan);
+        let mut reported = echoes.report();
+        if self.measurement.effects.has_weather() {
+            let surface = I::pick(missed, I::F64x8::splat(f64::INFINITY), truth);
+            self.add_weather::<I>(part, &batch, draws, surface, &mut reported);
+        }
+        let Reported { kept, mut aerial, truth, .. } = reported;
+        let mut range = I::pick(kept, reported.range, nan);
+        let mut intensity = I::pick(kept, reported.intensity, nan);
         let (mut range_error, mut falsely) = (range.sub(truth), 0);
         if let Some(others) = self.measurement.effects.false_returns(part, &batch, draws) {
             let preferred = self.measurement.returns.prefer_false(others.reported(), truth);
-            falsely = others.kept & (preferred | !echoes.kept);
+            falsely = others.kept & (preferred | !kept);
             range = I::pick(falsely, others.reported(), range);
             intensity = I::pick(falsely, others.intensity, intensity);
             range_error = I::pick(falsely, nan, range_error);
+            aerial &= !falsely;
             // They hit nothing.
             missed |= falsely;
             for (k, object) in object_id.iter_mut().enumerate() {
@@ -88,16 +96,26 @@ impl<C: Caster> Scan<'_, C> {
             }
             hits.object.as_chunks_mut().0[part] = object_id;
         }
+        let untrue = missed & !aerial;
+        if aerial != 0 {
+            missed |= aerial;
+            let hit = hits.object.as_chunks_mut::<8>().0[part].iter_mut();
+            for (k, (object, hit)) in object_id.iter_mut().zip(hit).enumerate() {
+                if aerial & 1 << k != 0 {
+                    (*object, *hit) = (-1, AIR);
+                }
+            }
+        }
         let ids = std::array::from_fn(|k| self.instance_and_label(object_id[k], primitive[k]));
         let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
         let mut normal = [[0.0; 3]; 8];
         let parts = parts.map(|part| part.map(|x| x as f32));
         normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
         let mut status = [Status::Hit as u8; 8];
-        if echoes.kept != 0xff || falsely != 0 {
+        if echoes.kept != 0xff || (falsely | aerial) != 0 {
             status = echoes.statuses();
             for k in 0..8 {
-                if falsely & 1 << k != 0 {
+                if (falsely | aerial) & 1 << k != 0 {
                     status[k] = Status::Hit as u8;
                 }
                 if missed & 1 << k != 0 {
@@ -109,16 +127,20 @@ impl<C: Caster> Scan<'_, C> {
             part,
             Entries {
                 range: range.store(),
-                true_range: I::pick(missed, nan, truth).store(),
+                true_range: I::pick(untrue, nan, truth).store(),
                 range_error: range_error.store(),
                 intensity: intensity.store().map(|x| x as f32),
                 normal,
                 object_id,
                 instance: ids.map(|[instance, _]: [u32; 2]| instance),
-                label: ids.map(|[_, label]| label),
-                source: std::array::from_fn(|k| match (falsely & 1 << k, object_id[k]) {
-                    (0, 0..) => Source::Surface as u8,
-                    (0, _) => Entries::<1>::UNUSED.source[0],
+                label: std::array::from_fn(|k| match aerial & 1 << k {
+                    0 => ids[k][1],
+                    _ => self.measurement.air_label,
+                }),
+                source: std::array::from_fn(|k| match (falsely & 1 << k, aerial & 1 << k, object_id[k]) {
+                    (0, 0, 0..) => Source::Surface as u8,
+                    (0, 0, _) => Entries::<1>::UNUSED.source[0],
+                    (0, ..) => Source::Atmosphere as u8,
                     _ => Source::FalseReturn as u8,
                 }),
             },

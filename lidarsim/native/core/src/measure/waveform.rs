@@ -2,14 +2,11 @@
 
 use std::ops::Range;
 
-use super::beam::Beam;
+use super::beam::{Beam, REACH};
 use super::echo::{Echo, Light};
 use super::scratch::Scratch;
 use crate::arith::elementary::exp;
 use crate::geometry::point::dot;
-
-/// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
-const REACH: f64 = 8.5;
 
 /// Received light over range: a sum of one Gaussian for each sub-ray, as wide as the pulse, with the power of
 /// the sub-ray. Its peaks are the echoes; an echo has all light between the valleys on either side.

@@ -7,8 +7,8 @@ use crate::measure::parameters::{Parameters, Value};
 /// The overlap ξ: 0 up to `near`, linear in between, 1 from `far` on, m.
 #[derive(Clone, Debug)]
 pub(super) struct Crossover {
-    near: f64,
-    far: f64,
+    pub(super) near: f64,
+    pub(super) far: f64,
 }
 
 impl Effect for Crossover {

@@ -15,7 +15,7 @@ impl Effect for Extinction {
     type Draws = ();
 
     fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
-        let coefficient = parameters.number("measurement.extinction")?;
+        let coefficient = Extinction::coefficient(parameters)?;
         Ok((coefficient > 0.0).then_some(Extinction { coefficient }))
     }
 
@@ -24,5 +24,13 @@ impl Effect for Extinction {
         for (transmission, range) in transmission.iter_mut().zip(ranges) {
             *transmission *= exp(-2.0 * self.coefficient * range);
         }
+    }
+}
+
+impl Extinction {
+    /// α: that of the measurement and that of the scene's atmosphere, 1/m.
+    pub(super) fn coefficient<P: Parameters>(parameters: &P) -> Result<f64, P::Error> {
+        let of_scene = parameters.optional_number("atmosphere.extinction")?.unwrap_or(0.0);
+        Ok(parameters.number("measurement.extinction")? + of_scene)
     }
 }

@@ -5,7 +5,7 @@ use super::{Echoes, Effect, Pulses};
 use crate::arith::elementary::exp;
 use crate::arith::simd::{Floats, lanes};
 use crate::measure::parameters::Parameters;
-use crate::measure::rng::EffectId;
+use crate::measure::rng::{EffectId, normal_quantile};
 
 #[derive(Clone, Debug)]
 pub(super) struct Fluctuation {
@@ -51,6 +51,14 @@ impl Effect for Fluctuation {
 }
 
 impl Fluctuation {
+    /// A bound of all factors that are ever drawn.
+    pub(super) fn largest_factor(&self) -> f64 {
+        // The uniform numbers that normals are made of are at most 1 − 2⁻⁵³.
+        let mut factor = [normal_quantile(1.0 - 0.5 * f64::EPSILON)];
+        self.turn_into_factors(&mut factor);
+        factor[0]
+    }
+
     /// exp(w·g − w²/2) of normals g: of mean 1. Written as a product, it has no ∞ − ∞ for any w.
     #[inline(always)]
     fn turn_into_factors(&self, normals: &mut [f64]) {

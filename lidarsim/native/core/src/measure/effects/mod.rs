@@ -6,6 +6,7 @@
 //! An effect that is off draws nothing and costs nothing. Draws depend only on seed, sensor, frame, pulse and
 //! effect (`rng.rs`), so no effect changes the noise of another.
 
+mod air;
 mod bias;
 mod crossover;
 mod detection;
@@ -13,8 +14,10 @@ mod dropout;
 mod extinction;
 mod false_returns;
 mod fluctuation;
+mod fog;
 mod gate;
 mod jitter;
+mod particles;
 mod quantization;
 mod range_noise;
 mod reading;
@@ -26,6 +29,8 @@ use super::rng::{EffectId, Stream};
 use super::status::Status;
 use crate::arith::simd::Floats;
 use crate::geometry::vector::Point;
+
+pub(super) use air::FIRST_NUMBER;
 
 /// Declares the effects, in the order in which they are applied.
 macro_rules! effects {
@@ -99,6 +104,8 @@ effects! {
     jitter: jitter::Jitter,
     crossover: crossover::Crossover,
     extinction: extinction::Extinction,
+    fog: fog::Fog,
+    particles: particles::Particles,
     fluctuation: fluctuation::Fluctuation,
     detection: detection::DetectionLimit,
     dropout: dropout::Dropout,
@@ -124,7 +131,27 @@ impl Effects {
 
     /// Whether returns may come from anything but surfaces.
     pub(super) fn tells_sources(&self) -> bool {
-        self.false_returns.is_some()
+        self.false_returns.is_some() || self.has_weather()
+    }
+
+    /// Whether the air has echoes.
+    #[inline(always)]
+    pub(super) fn has_weather(&self) -> bool {
+        self.fog.is_some() || self.particles.is_some()
+    }
+
+    /// Whether the power of an echo is changed at random.
+    #[inline(always)]
+    pub(super) fn fluctuates(&self) -> bool {
+        self.fluctuation.is_some()
+    }
+
+    pub(super) fn fog(&self) -> Option<&fog::Fog> {
+        self.fog.as_ref()
+    }
+
+    pub(super) fn particles(&self) -> Option<&particles::Particles> {
+        self.particles.as_ref()
     }
 
     /// The false returns of N pulses, those from N·part on; none if there never are any. A pulse that is
@@ -264,7 +291,7 @@ impl Pulses<'_> {
         echoes: &Echoes<F, N>,
     ) -> F {
         let mut normals = [0.0; N];
-        for (normal, pulse) in normals.iter_mut().zip(&self.indices[echoes.pulses()]) {
+        for (normal, pulse) in normals.iter_mut().zip(&self.indices[echoes.pulses().start..]) {
             *normal = self.stream.normal(*pulse, const { id::<E>() }, draw);
         }
         F::load(&normals)

@@ -1,0 +1,121 @@
+//! Fog: the air along the whole pulse sends light back, with one peak close to the sensor.
+//!
+//! A slice dr of the air has the differential backscatter β·dr per unit of area, 1/sr, where a white diffuser
+//! at normal incidence has 1/π. So it has the intensity π·β·dr, and the receiver gets
+//! π·β·ξ(r)·exp(−2αr)/r²·dr of it, in the unit in which it gets ρ·ξ(R)·exp(−2αR)/R² of a surface: that of the
+//! peak of an echo, which the Gaussian pulse gives the shape g(x) = exp(−x²/2σ²). The response of the fog is
+//! then
+//!
+//! W(R) = π·β·∫ g(R − r)·ξ(r)/r²·exp(−2αr) dr
+//!
+//! (R. H. Rasshofer, M. Spies, H. Spies: Influences of weather phenomena on automotive laser radar systems.
+//! Advances in Radio Science 9, 2011; M. Hahner et al.: Fog simulation on real LiDAR point clouds for 3D
+//! object detection in adverse weather. ICCV 2021). Its peak is the echo. A surface ends the fog. One nearer
+//! than 2σ behind the peak is not resolved from it (Sparrow's criterion): then the fog has no echo of its
+//! own. One further off takes away less than 2·Φ(−2) = 4.6 % of the peak: the integrand without g falls
+//! beyond its maximum, so where it is ended it is less than all the way from there to the peak. This is
+//! neglected.
+
+use std::f64::consts::{LN_2, PI};
+
+use super::Effect;
+use super::air::Air;
+use crate::arith::elementary::{exp, ln};
+use crate::measure::beam::{REACH, pulse_sigma};
+use crate::measure::parameters::{Parameters, Value};
+
+/// The echo of fog in front of no surface.
+#[derive(Clone, Debug)]
+pub(in crate::measure) struct Fog {
+    /// m.
+    pub(in crate::measure) range: f64,
+    /// Received, in the unit of surfaces.
+    pub(in crate::measure) power: f64,
+    /// A surface nearer than this hides the echo, m.
+    pub(in crate::measure) clear_to: f64,
+}
+
+/// The integral of the response.
+struct Response {
+    air: Air,
+    /// Standard deviation of the pulse, m.
+    sigma: f64,
+}
+
+impl Effect for Fog {
+    type Draws = ();
+
+    fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
+        let backscatter = parameters.optional_number("atmosphere.backscatter")?.unwrap_or(0.0);
+        if backscatter == 0.0 {
+            return Ok(None);
+        }
+        let response = Response { air: Air::from_parameters(parameters)?, sigma: pulse_sigma(parameters)? };
+        if response.air.begin == 0.0 {
+            // The integral diverges.
+            return Err(parameters.unexpected("min_range", Value::Number(0.0)));
+        }
+        let (range, peak) = response.peak();
+        let power = PI * backscatter * peak;
+        Ok((power > 0.0).then_some(Fog { range, power, clear_to: range + 2.0 * response.sigma }))
+    }
+}
+
+impl Response {
+    /// Where the response has its peak, and how high it is.
+    ///
+    /// The integrand without g rises to one maximum, at the latest where the overlap is complete, and falls
+    /// beyond it; so its convolution with a Gaussian has one peak (I. A. Ibragimov: On the composition of
+    /// unimodal distributions. Theory of Probability and its Applications 1, 1956), which a golden-section
+    /// search finds. In front of all air the response rises, and it falls where it sees only air behind the
+    /// maximum. The peak is found to 2⁻²⁰σ, where it is flat to 2⁻⁴¹ of its height.
+    fn peak(&self) -> (f64, f64) {
+        let shrink = (5.0_f64.sqrt() - 1.0) / 2.0;
+        let (mut low, mut high) = (self.air.begin, self.air.overlaps_from() + REACH * self.sigma);
+        let (mut a, mut b) = (high - shrink * (high - low), low + shrink * (high - low));
+        let (mut at_a, mut at_b) = (self.at(a), self.at(b));
+        let width = self.sigma / f64::from(1 << 20);
+        while high - low > width.max(high * f64::EPSILON * 4.0) {
+            if at_a < at_b {
+                (low, a, at_a) = (a, b, at_b);
+                b = low + shrink * (high - low);
+                at_b = self.at(b);
+            } else {
+                (high, b, at_b) = (b, a, at_a);
+                a = high - shrink * (high - low);
+                at_a = self.at(a);
+            }
+        }
+        let range = low + 0.5 * (high - low);
+        (range, self.at(range))
+    }
+
+    /// ∫ g(R − r)·ξ(r)/r²·exp(−2αr) dr over all of the air, where the pulse is bright.
+    fn at(&self, range: f64) -> f64 {
+        let reach = REACH * self.sigma;
+        let begin = self.air.begin.max(range - reach);
+        // Beyond this way the extinction leaves less than 2⁻³² of what it does at the beginning.
+        let end = (range + reach).min(begin + 16.0 * LN_2 / self.air.extinction);
+        let middle = self.air.overlaps_from().clamp(begin, end);
+        self.integral(range, begin, middle) + self.integral(range, middle, end)
+    }
+
+    /// The same over some ranges, by Simpson's rule in u = ln r: dr/r² = du/r. It is smooth in u however near
+    /// the sensor it begins. A step h has an error of (κh)⁴/180 of the integral, where the integrand changes
+    /// by e over 1/κ: with 256 steps over at most 17σ and at most 11.1/α that is below 10⁻⁶.
+    fn integral(&self, range: f64, begin: f64, end: f64) -> f64 {
+        const STEPS: u32 = 256;
+        if begin >= end {
+            return 0.0;
+        }
+        let (first, step) = (ln(begin), (ln(end) - ln(begin)) / f64::from(STEPS));
+        let mut sum = 0.0;
+        for k in 0..=STEPS {
+            let weight = if k == 0 || k == STEPS { 1.0 } else { f64::from(2 + 2 * (k % 2)) };
+            let r = exp(first + step * f64::from(k));
+            let way = (range - r) / self.sigma;
+            sum += weight * self.air.share(r, 0.5 * way * way) / r;
+        }
+        sum * step / 3.0
+    }
+}
