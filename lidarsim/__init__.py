@@ -5,6 +5,7 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns
 from lidarsim import viewers as viewers  # registers views
+from lidarsim.batch import ScanBatch, scan_many
 from lidarsim.boxes import Boxes
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
@@ -58,6 +59,7 @@ __all__ = [
     "RigSensor",
     "Rule",
     "Scan",
+    "ScanBatch",
     "Scene",
     "SceneObject",
     "Shape",
@@ -83,6 +85,7 @@ __all__ = [
     "register_lidar_reader",
     "register_scene_reader",
     "register_trajectory_format",
+    "scan_many",
     "show",
 ]
 

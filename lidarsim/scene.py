@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -20,8 +20,10 @@ from lidarsim._shown import plain
 from lidarsim._validation import (
     UINT32,
     Floats,
+    Instances,
     Transform,
     as_array,
+    instances,
     integer,
     named_labels,
     one_or_each,
@@ -153,8 +155,19 @@ class Snapshot:
         """Return the ids of objects by their places in the core; -1 stays -1."""
         return places if self.ids is None else self.ids[places]
 
+    def without(self, instances: Collection[int]) -> Snapshot:
+        """Return the same moment without the objects of some instances."""
+        if not instances:
+            return self
+        items = [item for item in self.items if item.instance not in instances]
+        movers = tuple(mover for mover in self.movers if mover[0].instance not in instances)
+        ids = np.array([*(item.id for item in items), -1], dtype=np.int32)
+        return Snapshot(object(), tuple(items), core.Scene(items), ids, movers, self.span)
+
     def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
         """Return the checked time of each of `count` rays, or None if nothing moves."""
+        if not self.movers and type(time) is float and math.isfinite(time):
+            return None
         when = one_or_each("time", time, "n")
         if when.ndim and len(when) != count:
             raise ArgumentValueError("time", f"one number or one for each of {count} rays", len(when))
@@ -519,6 +532,7 @@ class Scene(Pickled, Plotted):
         t_min: float = 0.0,
         t_max: float = math.inf,
         time: float | npt.ArrayLike = 0.0,
+        ignore: Instances = (),
     ) -> Hits:
         """Find the nearest hit of each ray.
 
@@ -530,6 +544,8 @@ class Scene(Pickled, Plotted):
             Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
         time : float or array_like, shape (n,)
             Time of each ray, s: the ray meets every object at its pose at that time.
+        ignore : collection of int
+            Instances that the rays pass through as if they were not in the scene: a robot's own body, for example.
 
         Returns
         -------
@@ -540,12 +556,14 @@ class Scene(Pickled, Plotted):
         Raises
         ------
         ValueError
-            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, or the
-            motion of an object does not cover the times.
+            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, the motion
+            of an object does not cover the times, or no object is of an instance to ignore.
         """
         now = self._snapshot()
         o, d = rays(origins, directions)
-        t, places, primitives, normals = now.native.cast(o, d, *t_range(t_min, t_max), now.times(time, len(o)))
+        t, places, primitives, normals = now.native.cast(
+            o, d, *t_range(t_min, t_max), now.times(time, len(o)), instances("ignore", ignore)
+        )
         return Hits(t, now.ids_of(places), primitives, normals)
 
     def cast_all(
@@ -557,6 +575,7 @@ class Scene(Pickled, Plotted):
         t_min: float = 0.0,
         t_max: float = math.inf,
         time: float | npt.ArrayLike = 0.0,
+        ignore: Instances = (),
     ) -> Hits:
         """Find all hits of each ray, as if every surface let it pass.
 
@@ -570,6 +589,8 @@ class Scene(Pickled, Plotted):
             Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
         time : float or array_like, shape (n,)
             Time of each ray, s, as in `cast`.
+        ignore : collection of int
+            Instances that the rays pass through, as in `cast`.
 
         Returns
         -------
@@ -583,7 +604,7 @@ class Scene(Pickled, Plotted):
         ------
         ValueError
             If a shape is wrong, a number is not finite, a direction is zero, `most` is not positive, the interval of t
-            is invalid, or the motion of an object does not cover the times.
+            is invalid, the motion of an object does not cover the times, or no object is of an instance to ignore.
         MemoryError
             If there is no memory for n·k hits; raised before work.
 
@@ -603,7 +624,7 @@ class Scene(Pickled, Plotted):
         now = self._snapshot()
         o, d = rays(origins, directions)
         t, places, primitives, normals = now.native.cast_all(
-            o, d, *t_range(t_min, t_max), now.times(time, len(o)), most
+            o, d, *t_range(t_min, t_max), now.times(time, len(o)), most, instances("ignore", ignore)
         )
         shape = len(o), most
         return Hits(
@@ -621,6 +642,7 @@ class Scene(Pickled, Plotted):
         t_min: float = 0.0,
         t_max: float = math.inf,
         time: npt.ArrayLike = 0.0,
+        ignore: Instances = (),
     ) -> npt.NDArray[np.bool_]:
         """Return whether each ray hits anything: the same as ``scene.cast(...).hit``, but faster.
 
@@ -633,6 +655,8 @@ class Scene(Pickled, Plotted):
             Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
         time : float, or array_like, shape (n,)
             Time of each ray, s, as in `cast`.
+        ignore : collection of int
+            Instances that the rays pass through, as in `cast`.
 
         Returns
         -------
@@ -642,8 +666,8 @@ class Scene(Pickled, Plotted):
         Raises
         ------
         ValueError
-            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, or the
-            motion of an object does not cover the times.
+            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, the motion
+            of an object does not cover the times, or no object is of an instance to ignore.
 
         Examples
         --------
@@ -657,7 +681,7 @@ class Scene(Pickled, Plotted):
         """
         now = self._snapshot()
         o, d = rays(origins, directions)
-        return now.native.occluded(o, d, *t_range(t_min, t_max), now.times(time, len(o)))
+        return now.native.occluded(o, d, *t_range(t_min, t_max), now.times(time, len(o)), instances("ignore", ignore))
 
     def __getitem__(self, object_id: int) -> SceneObject:
         """Return an object by its id."""
@@ -754,6 +778,14 @@ class Scene(Pickled, Plotted):
 
     def _contents(self) -> dict[str, Any]:
         return {"class_names": dict(self._class_names), "objects": self.objects, "next": self._next}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        # Objects are immutable. The hierarchy over them is shared until either scene changes.
+        version, kept = self._version, self._kept
+        scene = self._restored({**self._contents(), "class_names": dict(self._class_names)})
+        if kept is not None and kept.version is version and kept.items == scene.objects:
+            scene._version, scene._kept = version, kept
+        return scene
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:

@@ -222,18 +222,28 @@ def test_a_sensor_inside_of_an_object_is_noted() -> None:
     shell, inside = ls.Scene(), dataclasses.replace(lidar(columns=10), min_range=0.5)
     shell.add(far)
     shell.add(body)
-    note = "all hits are on object 1, nearer than min_range: the sensor may be inside of it"
+    note = "all hits are on object 1, nearer than {}: is the sensor inside its own body? ignore=[2] hides it"
     summary = inside.scan(shell).summary()
-    assert summary.note == note
-    assert str(summary).splitlines()[-2:] == ["pulses                  160", note]
-    assert note in repr(inside.scan(shell))
-    assert pickle.loads(pickle.dumps(summary)).note == note  # noqa: S301 - our own
-    # not so if anything else is seen, or what is near is the smaller part, or two things
-    assert not dataclasses.replace(inside, min_range=0.3).scan(shell).summary().note
-    assert not inside.scan(shell, [[1, 0, 0, 19.3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]).summary().note
-    assert not inside.scan(ls.Scene()).summary().note
+    assert summary.note == note.format("min_range")
+    assert str(summary).splitlines()[-2:] == ["pulses                  160", summary.note]
+    assert summary.note in repr(inside.scan(shell))
+    assert pickle.loads(pickle.dumps(summary)).note == summary.note  # noqa: S301 - our own
+    assert not inside.scan(shell, ignore=[2]).summary().note
+    # the gate may let the body through
+    open_gate = dataclasses.replace(inside, min_range=0.3)
+    assert open_gate.scan(shell).summary().note == note.format("0.5 m")
+    # not so if anything else is seen, or what is near is the smaller part, is beyond 0.5 m, or is two things
+    away = [[1, 0, 0, 19.3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    assert not any(sensor.scan(shell, away).summary().note for sensor in (inside, open_gate))
+    assert not any(sensor.scan(ls.Scene()).summary().note for sensor in (inside, open_gate))
+    ball = ls.Scene()
+    ball.add(ls.Sphere((0, 0, 0), 0.6))
+    assert not inside.scan(ball).summary().note
     shell.add(ls.Box((0.2, 0.2, 0.2), center=(0.2, 0, 0)))
-    assert not inside.scan(shell).summary().note
+    assert not any(sensor.scan(shell).summary().note for sensor in (inside, open_gate))
+    shell.update(2, instance=2)
+    summary = inside.scan(shell).summary()
+    assert summary.note == note.format("min_range").replace("object 1", "the objects of instance 2")
 
 
 def test_an_empty_scene_is_all_misses() -> None:

@@ -2,6 +2,7 @@
 
 mod affine;
 mod cloud;
+mod many;
 mod object;
 mod path;
 mod plain;
@@ -43,12 +44,17 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyTexture>()?;
     m.add_class::<PyTextureMap>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
+    m.add_class::<scan::PyReceiver>()?;
+    m.add_function(wrap_pyfunction!(many::scan_many, m)?)?;
+    m.add_function(wrap_pyfunction!(many::first_not_rigid, m)?)?;
+    m.add_function(wrap_pyfunction!(many::is_plain_pose, m)?)?;
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
     m.add_function(wrap_pyfunction!(scan::scan_columns, m)?)?;
     m.add_function(wrap_pyfunction!(cloud::points_of, m)?)?;
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
+    m.add_function(wrap_pyfunction!(plain::are_plain_points, m)?)?;
     m.add_function(wrap_pyfunction!(plain::plain_matrix, m)?)?;
     m.add_function(wrap_pyfunction!(plain::plain_vector, m)?)?;
     m.add_function(wrap_pyfunction!(threads, m)?)?;

@@ -21,4 +21,5 @@ mod triangle_hits;
 pub use all_hits::{HitRows, cast_all, objects_met};
 pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use driver::Cast;
+pub use ray_sort::NEAR;
 pub use schedule::pieces;
