@@ -225,7 +225,7 @@ def scan_many(
     for each in lidars:
         _native.expect_room(min(math.prod(each.pattern.shape), sys.maxsize), each)  # before the pattern makes pulses
     shots, shot_of = _shots(lidars, kinds, frames)
-    pulses = max((len(made) for _, made in shots), default=0)
+    pulses = max(len(made) for _, made in shots) if rows else max(len(pulses_of(each.pattern, 0)) for each in lidars)
     for row, world in enumerate(world_of.tolist() if any(world.movers for world in scenes) else ()):
         each, made = shots[shot_of[row]]
         if scenes[world].movers and len(made):
@@ -342,7 +342,7 @@ def _each(
     if dtype is np.float64:
         return np.broadcast_to(one_or_each(name, value, rows), rows).copy()
     given = as_array(name, value, "integers")
-    if given.dtype.kind not in "iu":
+    if given.dtype.kind not in "iu" and given.size:
         raise ArgumentTypeError(name, "integers", shown(value) if given.ndim == 0 else f"dtype {given.dtype}")
     if given.ndim and given.shape != (rows,):
         raise ArgumentValueError(name, f"one integer, or one for each of {rows} rows", f"shape {given.shape}")
