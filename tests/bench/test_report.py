@@ -74,6 +74,10 @@ def results() -> dict[str, Any]:
             {"what": "still", "over": "still", "seconds": 0.004, "ratio": 1.0},
             {"what": "moving", "over": "still", "seconds": 0.006, "ratio": 1.5},
         ],
+        "robots": [
+            {"what": "cast", "over": "cast", "seconds": 0.008, "ratio": 1.0},
+            {"what": "scan_many", "over": "cast", "seconds": 0.009, "ratio": 1.125},
+        ],
         "scaling": [
             {"scene": scene, "rays": "128 × 1024", "threads": threads, "mrays": 20.0 * ratio, "ratio": ratio}
             for scene, most in (("city", 1.9), ("terrain", 1.8))
