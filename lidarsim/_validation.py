@@ -335,14 +335,13 @@ NEARLY_RIGID = 1e-3
 def pose(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix from a `scipy.spatial.transform.RigidTransform` or a 4×4 rigid matrix.
 
-    Rigid means that the rotation part is orthonormal to within `RIGID`, and not a reflection.
+    Rigid means that the rotation part is orthonormal to within `RIGID`, and not a reflection. The matrix is a copy.
     """
     if _native.is_plain_pose(value, RIGID):
-        matrix: Floats = in_order(value, np.float64)  # type: ignore[arg-type]
-        return matrix
+        return np.array(value, order="C")
     matrix = affine(name, value)
     _check_rigid(matrix[None], lambda _: name)
-    return matrix
+    return matrix.copy()
 
 
 def poses(name: str, value: Transform) -> Floats:

@@ -330,7 +330,7 @@ def _sensor(name: str, parts: Part) -> RigSensor:
 
 
 def _pose(name: str, value: Transform | None) -> Floats:
-    return np.eye(4) if value is None else np.array(_validation.pose(name, value))
+    return np.eye(4) if value is None else _validation.pose(name, value)
 
 
 def _what(value: object) -> str:

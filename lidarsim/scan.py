@@ -792,7 +792,7 @@ def sensor_id(name: str) -> int:
 def _where(pose: Transform | Trajectory | None) -> Floats | Trajectory:
     if isinstance(pose, Trajectory):
         return pose
-    return np.eye(4) if pose is None else _validation.pose("pose", pose).copy()
+    return np.eye(4) if pose is None else _validation.pose("pose", pose)
 
 
 def path_of(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float) -> _native.Path:

@@ -1093,3 +1093,55 @@ def test_directions_kept_in_float32_will_do() -> None:
     length = math.sqrt(math.fsum(x * x for x in direction[0]))
     assert length != 1.0
     assert scan.true_range[0, 0] == pytest.approx(t[0] * length, rel=1e-15)
+
+
+def test_single_returns_are_views_without_the_axis_of_returns() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Sphere((10, 0, 0), 2.0), motion=ls.Trajectory.from_twist(np.eye(4), (1, 0, 0)))
+    noise = ls.Measurement(range_sigma=0.01, azimuth_sigma=1e-3)
+    scan = dataclasses.replace(lidar(columns=10), measurement=noise).scan(scene)
+    single = scan.single
+    for name in single._fields:
+        view, whole = getattr(single, name), getattr(scan, name)
+        if whole is None:
+            assert view is None
+            continue
+        assert view.shape == (len(scan), *whole.shape[2:])
+        assert np.shares_memory(view, whole)
+        assert np.array_equal(view, whole.reshape(view.shape), equal_nan=whole.dtype.kind == "f")
+    per_pulse = {field.name for field in dataclasses.fields(ls.Scan)} & set(_native.scan_columns())
+    assert set(single._fields) == per_pulse
+    dual = dataclasses.replace(lidar(columns=10), measurement=ls.Measurement(beam=ls.Beam(0.01), returns="dual"))
+    with pytest.raises(
+        ValueError, match=r"single: expected a sensor with one return per pulse, got up to 2; scan.range"
+    ):
+        _ = dual.scan(scene).single
+
+
+def test_a_scan_keeps_the_pose_that_it_was_given() -> None:
+    pose, sensor = np.eye(4), lidar(columns=4)
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -3.0))
+    scan = sensor.scan(scene, pose)
+    before = scan.point_cloud("world").xyz
+    pose[2, 3] = 9.0  # the caller's array goes on to the next step
+    assert np.array_equal(scan.point_cloud("world").xyz, before)
+
+
+def test_nearly_rigid_poses_are_refused_with_the_repair() -> None:
+    rotation = Rotation.from_euler("zyx", [0.3, 0.2, 0.1]).as_matrix()
+    sensor, pose = lidar(columns=4), np.eye(4)
+    hint = "orthonormalise it: Rotation.from_matrix(T[:3, :3]).as_matrix() of scipy.spatial.transform"
+    for error, repaired in ((1e-7, None), (1e-5, True), (4e-4, True), (2e-3, False)):
+        pose[:3, :3] = rotation * (1.0 + error / 2.0)
+        if repaired is None:
+            sensor.scan(ls.Scene(), pose)
+            continue
+        with pytest.raises(ValueError, match="pose: expected a rigid transform") as caught:
+            sensor.scan(ls.Scene(), pose)
+        assert (hint in str(caught.value)) == repaired
+        pose[:3, :3] = Rotation.from_matrix(pose[:3, :3]).as_matrix()
+        sensor.scan(ls.Scene(), pose)
+    pose[:3, :3] = np.diag([1.0, 1.0, -1.0])
+    with pytest.raises(ValueError, match="a reflection, determinant -1"):
+        sensor.scan(ls.Scene(), pose)

@@ -47,7 +47,7 @@ LEFT_OUT = {
 }
 """Beginnings of names, and why they are not called here."""
 
-RESULTS = {"Boxes", "Comparison", "Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
+RESULTS = {"Boxes", "Comparison", "Scan", "ScanBatch", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
 """Classes that functions return: their methods are called, their constructors not."""
 
 HEAVY = ("to_open3d", "to_pyvista", "from_open3d", "from_pyvista", "from_trimesh", "plot", "show")
@@ -221,6 +221,8 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "scene": lambda _: ball_and_floor(),
     "seed": lambda _: 3,
     "first": lambda _: 1,
+    "ignore": lambda _: [1],
+    "out": lambda _: None,
     "count": lambda _: 2,
     "sensors": lambda _: {"top": (lidar(), turned(0.0, 0, 0, 2))},
     # Trajectories
@@ -258,6 +260,9 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "compare.sensor": lambda _: None,
     "materials.named.name": lambda _: "asphalt",
     "Lidar.model": lambda _: "",
+    "scan_many.lidar": lambda _: [lidar(), lidar()],
+    "scan_many.sensor": lambda _: np.array([0, 1, 0]),
+    "Lidar.preset.rate": lambda _: None,
     "mujoco.World.model": lambda _: MODEL,
     "mujoco.World.rules": lambda _: [ls.Rule(node="*", label=1)],
     "Lidar.preset.name": lambda _: "velodyne-vlp16",
@@ -447,6 +452,7 @@ INSTANCES = {
     "Scene": ball_and_floor,
     "Lidar": lidar,
     "Boxes": lambda: lidar().scan(ball_and_floor()).boxes(),
+    "ScanBatch": lambda: lidar().scan_many(ball_and_floor(), [np.eye(4)] * 2),
     "Comparison": lambda: ls.compare(cloud(), cloud()),
 }
 """By class, what is better than what its constructor makes of the example."""
