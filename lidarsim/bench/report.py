@@ -218,7 +218,7 @@ def to_markdown(results: Results) -> str:
         "## Robots",
         ROBOTS,
         _table(
-            "what | over | ms | ×",
+            "robots | over | ms | ×",
             (
                 [
                     row["what"],
@@ -350,6 +350,11 @@ def summary(results: Results) -> str:
                 line += f"; {_count(row['resident'])} bytes per triangle, Open3D {_count(peer['resident'])}"
             lines.append(line)
     lines += [f"{row['what']}: {_short(row['ratio'])} × the bare cast" for row in results["scan"][1:]]
+    lines += [
+        f"robots, {row['what']}: {_short(row['ratio'])} × {row['over']}"
+        for row in results["robots"]
+        if row["what"] != row["over"]
+    ]
     lines += [
         f"{row['scenes']} random scenes of {row['objects']} objects, a {row['what']} by 32 channels each: "
         f"building takes {row['share']:.1%} of the time"

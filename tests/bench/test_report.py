@@ -170,6 +170,7 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
     assert [cells[3] for cells in table(text, "triangles")] == ["100"] * 4
     assert table(text, "what | ms | × cast") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
     assert table(text, "what | over") == [["still", "", "4", "1"], ["moving", "still", "6", "1.5"]]
+    assert table(text, "robots | over") == [["cast", "", "8", "1"], ["scan_many", "cast", "9", "1.12"]]
     assert table(text, "rays | cast") == [["random", "45.6", "22.8", "2", "0"]]
     assert table(text, "scenes | objects") == [
         ["200", "50", "scan", "69,472", "1", "250", "4750", "5.0%"],
@@ -188,6 +189,7 @@ def test_the_summary_is_of_the_rows(results: dict[str, Any]) -> None:
         "- 2 threads: 1.9, 1.8 × one, on the meshes by 128 channels",
         "- city: built in 0.25 s, Open3D 0.3 s; 80 bytes per triangle, Open3D 88",
         "- Lidar.scan, range noise: 1.25 × the bare cast",
+        "- robots, scan_many: 1.12 × cast",
         "- 200 random scenes of 50 objects, a scan by 32 channels each: building takes 10.0% of the time",
         "- lidarsim against exact arithmetic: 0 wrong of 3,000 rays, ranges within 0.5 ulp",
     ]
