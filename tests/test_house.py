@@ -291,7 +291,8 @@ def test_rust_imports_run_one_way() -> None:
     assert len(core.imports()) > 100
     assert rust_faults(core, LAYERS) == []
     assert (
-        rust_faults(python, ["plain", "affine", "path", "shape", "texture", "object", "scene", "scan", "cloud"]) == []
+        rust_faults(python, ["plain", "affine", "path", "shape", "texture", "object", "scene", "scan", "many", "cloud"])
+        == []
     )
     assert not any({"pyo3", "numpy"} & set(tokens) for tokens in core.sources.values())
 

@@ -225,7 +225,7 @@ pub fn scan_many<'py>(
         };
         let scans = memory::collect(frames.iter().enumerate().map(|(i, frame)| Scan {
             frame,
-            measurement: &*measurements[shot[i] as usize],
+            measurement: &measurements[shot[i] as usize],
             appearances: &scene_of[scene[i] as usize].appearances,
             caster: own_worlds.get(i).unwrap_or(&worlds[world_of[i]]),
         }));
@@ -282,8 +282,8 @@ impl Ignored {
     }
 }
 
-/// The worlds in which the rows take place, and the index of each row's. Rows of one scene share it if nothing
-/// moves, or if they fire the same pulses at the same time.
+/// The worlds in which the rows take place, and the index of each row's. Rows of one scene share it if
+/// nothing moves, or if they fire the same pulses at the same time.
 fn worlds<'a>(
     scenes: &[&'a PyScene],
     frames: &[Frame],
