@@ -147,8 +147,8 @@ def instances_of_rows(
     if not each:
         alike = instances(name, value)  # type: ignore[arg-type]
         return None if alike is None else (alike, None)
-    sets = [item if isinstance(item, Collection) else () for item in value]  # type: ignore[union-attr]
-    if len(sets) != rows or not all(isinstance(item, Collection) for item in value):  # type: ignore[union-attr]
+    sets = [item if isinstance(item, Collection) else () for item in value]
+    if len(sets) != rows or not all(isinstance(item, Collection) for item in value):
         expected = f"instance numbers, or a collection of them for each of {rows} rows"
         raise ArgumentValueError(name, expected, f"{len(sets)} collections" if len(sets) != rows else shown(value))
     found = instances(name, value.reshape(-1) if isinstance(value, np.ndarray) else [*chain.from_iterable(sets)])

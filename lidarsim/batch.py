@@ -275,7 +275,7 @@ def _sensors(lidar: Sensor | Sequence[Sensor], sensor: npt.ArrayLike | None) -> 
     return cast("list[Sensor]", lidars), 0 if sensor is None else sensor
 
 
-def _where(poses: Poses) -> tuple[Floats | list[Trajectory], int]:
+def _where(poses: object) -> tuple[Floats | list[Trajectory], int]:
     """Return the poses, checked and copied, or the trajectories; and the number of rows."""
     if isinstance(poses, Trajectory):
         hint = "one for each row, in a list"
@@ -357,7 +357,8 @@ def _each(
 def _seeds(seed: npt.ArrayLike, rows: int) -> npt.NDArray[np.uint64]:
     given = _each("seed", seed, rows, np.uint64, at_most=2**64 - 1)
     if np.ndim(seed) == 0:
-        return np.random.SeedSequence(int(seed)).generate_state(rows, np.uint64)  # type: ignore[arg-type]
+        derived: npt.NDArray[Any] = np.random.SeedSequence(int(np.asarray(seed))).generate_state(rows, np.uint64)
+        return derived
     return given
 
 

@@ -227,7 +227,7 @@ class PointCloud(Pickled, Plotted):
         own = self.__dict__
         return (*(name for name in CANONICAL if name in own), *sorted(own.keys() - CANONICAL.keys()))
 
-    def __array__(self, dtype: npt.DTypeLike = None, *, copy: bool | None = None) -> npt.NDArray[Any]:
+    def __array__(self, dtype: npt.DTypeLike | None = None, *, copy: bool | None = None) -> npt.NDArray[Any]:
         """Return the points, `xyz`, so that ``np.asarray(cloud)`` has shape (n, 3); `to_structured` has all fields."""
         return np.array(self.xyz, dtype=dtype, copy=copy)
 

@@ -7,7 +7,7 @@ import enum
 import math
 import sys
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, Protocol, Self
@@ -275,8 +275,9 @@ class Scan(Pickled, Plotted):
             raise ArgumentValueError(
                 "single", "a sensor with one return per pulse", got, "scan.range[:, 0] has the first"
             )
-        values = (getattr(self, name) for name in Returns._fields)
-        return Returns(*(None if value is None else value[:, 0] if value.ndim > 1 else value for value in values))
+        values: Iterator[Any] = (getattr(self, name) for name in Returns._fields)
+        views: list[Any] = [value[:, 0] if value is not None and value.ndim > 1 else value for value in values]
+        return Returns(*views)
 
     @property
     def poses(self) -> Floats:

@@ -162,11 +162,11 @@ class Snapshot:
         items = [item for item in self.items if item.instance not in instances]
         movers = tuple(mover for mover in self.movers if mover[0].instance not in instances)
         ids = np.array([*(item.id for item in items), -1], dtype=np.int32)
-        return Snapshot(object(), tuple(items), core.Scene(items), ids, movers, self.span)
+        return Snapshot(object(), tuple(items), core.Scene([*items]), ids, movers, self.span)
 
     def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
         """Return the checked time of each of `count` rays, or None if nothing moves."""
-        if not self.movers and type(time) is float and math.isfinite(time):
+        if not self.movers and isinstance(time, float) and math.isfinite(time):
             return None
         when = one_or_each("time", time, "n")
         if when.ndim and len(when) != count:

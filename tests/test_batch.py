@@ -150,7 +150,9 @@ def test_rows_may_have_their_own_worlds_and_sensors() -> None:
 def test_frames_of_a_pattern_that_changes() -> None:
     lidar = ls.Lidar(ls.patterns.Mid360(rate=1000.0), measurement=NOISE)
     scene, places = room(), poses(5)
+    scene.add(ls.Sphere((0, 0, 0), 30.0))  # all around, as the sensor looks up
     batch = lidar.scan_many(scene, places, fields=ALL, frame=[0, 4, 4, 9, 0])
+    assert (batch.status == ls.Status.hit).mean(axis=1).min() > 0.8
     for i in range(5):
         check_row(batch, i, lidar.scan(scene, places[i], frame=int(batch.frame[i]), seed=int(batch.seed[i])))
 

@@ -96,7 +96,8 @@ class Pulses(_OfOneOrigin):
     @property
     def elevation(self) -> npt.NDArray[np.float64]:
         """Elevation of each pulse above the x-y plane, -π/2 to π/2 rad: ndarray of float64, shape (n,)."""
-        return np.arcsin(np.clip(self.directions[:, 2], -1.0, 1.0))
+        elevation: npt.NDArray[np.float64] = np.arcsin(np.clip(self.directions[:, 2], -1.0, 1.0))
+        return elevation
 
     def __len__(self) -> int:
         return len(self.directions)
