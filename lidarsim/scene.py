@@ -164,7 +164,7 @@ class Snapshot:
         ids = np.array([*(item.id for item in items), -1], dtype=np.int32)
         return Snapshot(object(), tuple(items), core.Scene([*items]), ids, movers, self.span)
 
-    def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
+    def times(self, time: float | npt.ArrayLike, count: int) -> Floats | None:
         """Return the checked time of each of `count` rays, or None if nothing moves."""
         if not self.movers and isinstance(time, float) and math.isfinite(time):
             return None

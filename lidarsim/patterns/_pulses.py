@@ -91,7 +91,8 @@ class Pulses(_OfOneOrigin):
     def azimuth(self) -> npt.NDArray[np.float64]:
         """Azimuth of each pulse, counterclockwise from x, -π to π rad: ndarray of float64, shape (n,)."""
         x, y, _ = self.directions.T
-        return np.arctan2(y, x)
+        azimuth: npt.NDArray[np.float64] = np.arctan2(y, x)
+        return azimuth
 
     @property
     def elevation(self) -> npt.NDArray[np.float64]:
