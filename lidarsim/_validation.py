@@ -125,7 +125,7 @@ def instances(name: str, value: Instances) -> npt.NDArray[np.int64] | None:
     expected = "a collection of instance numbers"
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise ArgumentTypeError(name, expected, shown(value))
-    given = as_array(name, value if isinstance(value, np.ndarray) else list(value), expected)
+    given = as_array(name, value if isinstance(value, np.ndarray) else items(name, value, "instance numbers"), expected)
     if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
         raise ArgumentTypeError(name, expected, f"{given.dtype} of shape {given.shape}")
     outside = (given < 0) | (given > UINT32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._pickling import Pickled
-from lidarsim._validation import Floats, Instances, Transform, frames, integer, real, short
+from lidarsim._validation import Floats, Instances, Transform, frames, integer, items, real, short
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan import check_coverage, sensor_id
 from lidarsim.sensor import Lidar
@@ -143,7 +143,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
             As for `Lidar.scan`.
         """
         body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
-        start, unseen = real("time", time), tuple(ignore) if isinstance(ignore, Iterable) else ignore
+        start, unseen = real("time", time), items("ignore", ignore, "instance numbers")
         return {
             name: lidar.scan(scene, mounted(body, mount), time=start + offset, frame=frame, seed=seed, ignore=unseen)
             for name, (lidar, mount, offset) in self.items()
@@ -198,7 +198,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         """
         wanted = frames(first, count)
         seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
-        unseen = tuple(ignore) if isinstance(ignore, Iterable) else ignore
+        unseen = items("ignore", ignore, "instance numbers")
         poses = self.check_coverage(scene, pose, count, first=first, ignore=unseen)
 
         def scans(frame: int) -> Iterator[tuple[str, Scan]]:

@@ -101,7 +101,15 @@ class Rule:
         -------
         bool
             Whether both patterns match all of the text.
+
+        Raises
+        ------
+        TypeError
+            If an argument is not a string.
         """
+        for what, text in (("node", node), ("material", material)):
+            if not isinstance(text, str):
+                raise ArgumentTypeError(what, "a string", shown(text))
         return fnmatchcase(node, self.node) and fnmatchcase(material, self.material)
 
 

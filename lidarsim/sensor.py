@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,7 @@ from lidarsim import scan as _scan
 from lidarsim._files import check_regular
 from lidarsim._pickling import Pickled
 from lidarsim._shown import short, text_table
-from lidarsim._validation import Instances, Transform, array, frames, integer, real, shown
+from lidarsim._validation import Instances, Transform, array, frames, integer, items, real, shown
 from lidarsim.batch import Poses, ScanBatch, scan_many
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.measurement import Measurement
@@ -234,7 +234,7 @@ class Lidar(Pickled):
         """
         numbers = frames(first, count)
         seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
-        unseen = tuple(ignore) if isinstance(ignore, Iterable) else ignore
+        unseen = items("ignore", ignore, "instance numbers")
         where = _scan.check_coverage(self, scene, pose, numbers, ignore=unseen)
         rate = self.pattern.rate
         return (self.scan(scene, where, time=k / rate, frame=k, seed=seed, ignore=unseen) for k in numbers)
