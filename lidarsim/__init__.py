@@ -6,6 +6,7 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns
 from lidarsim import viewers as viewers  # registers views
 from lidarsim.atmosphere import Atmosphere
+from lidarsim.batch import ScanBatch, scan_many
 from lidarsim.boxes import Boxes
 from lidarsim.cells import Cells
 from lidarsim.comparison import Comparison, compare
@@ -66,6 +67,7 @@ __all__ = [
     "RigSensor",
     "Rule",
     "Scan",
+    "ScanBatch",
     "Scene",
     "SceneObject",
     "Shape",
@@ -92,6 +94,7 @@ __all__ = [
     "register_lidar_reader",
     "register_scene_reader",
     "register_trajectory_format",
+    "scan_many",
     "show",
 ]
 

@@ -14,13 +14,17 @@ from lidarsim.trajectory import Trajectory
 __all__ = [
     "Affine",
     "Path",
+    "Receiver",
     "Scene",
     "SceneObject",
     "Shape",
     "Texture",
     "TextureMap",
+    "are_plain_points",
     "coverage",
     "expect_room",
+    "first_not_rigid",
+    "is_plain_pose",
     "isa",
     "normal_quantile",
     "philox",
@@ -30,6 +34,7 @@ __all__ = [
     "points_of",
     "scan",
     "scan_columns",
+    "scan_many",
     "self_crossing",
     "threads",
 ]
@@ -119,6 +124,7 @@ class Scene:
     def __new__(cls, items: list[SceneObject], like: Scene | None = None) -> Scene: ...
     @staticmethod
     def of_shape(shape: Shape) -> Scene: ...
+    def expect_instances(self, ignored: npt.NDArray[np.int64]) -> None: ...
     def prepare(self) -> None: ...
     def cast(
         self,
@@ -127,6 +133,7 @@ class Scene:
         t_min: float,
         t_max: float,
         times: npt.NDArray[np.float64] | None,
+        ignored: npt.NDArray[np.int64] | None = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]: ...
     def cast_all(
         self,
@@ -136,6 +143,7 @@ class Scene:
         t_max: float,
         times: npt.NDArray[np.float64] | None,
         most: int,
+        ignored: npt.NDArray[np.int64] | None = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]: ...
     def occluded(
         self,
@@ -144,12 +152,13 @@ class Scene:
         t_min: float,
         t_max: float,
         times: npt.NDArray[np.float64] | None,
+        ignored: npt.NDArray[np.int64] | None = None,
     ) -> npt.NDArray[np.bool_]: ...
 
 @final
 class Path:
     @staticmethod
-    def still(matrix: Sequence[_Point]) -> Path: ...
+    def still(matrix: npt.NDArray[np.float64] | Sequence[_Point]) -> Path: ...
     @staticmethod
     def twist(matrix: Sequence[_Point], linear: _Point, angular: _Point) -> Path: ...
     @staticmethod
@@ -171,7 +180,18 @@ def scan(
     start: float,
     draws: tuple[int, int, int],
     atmosphere: object = None,
+    ignored: npt.NDArray[np.int64] | None = None,
 ) -> dict[str, npt.NDArray[Any]]: ...
+def scan_many(
+    scenes: list[Scene],
+    atmospheres: list[Any],
+    shots: list[tuple[object, object, int]],
+    poses: npt.NDArray[np.float64] | list[Path],
+    rows: object,
+    pulses: int,
+    most: int,
+    columns: dict[str, npt.NDArray[Any]],
+) -> None: ...
 def scan_columns() -> dict[str, tuple[np.dtype[Any], tuple[int, ...], bool, npt.NDArray[Any]]]: ...
 def expect_room(pulses: int, lidar: object, atmosphere: object = None) -> None: ...
 def coverage(
@@ -185,6 +205,14 @@ def coverage(
     first: npt.NDArray[np.int32] | None,
 ) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.float64]]: ...
 def air_echoes(lidar: object, atmosphere: object) -> tuple[tuple[float, float] | None, float]: ...
+
+@final
+class Receiver:
+    def __new__(cls, lidar: object) -> Receiver: ...
+
+def first_not_rigid(matrices: npt.NDArray[np.float64], tolerance: float) -> tuple[int, float, float] | None: ...
+def is_plain_pose(value: object, tolerance: float) -> bool: ...
+def are_plain_points(origins: object, directions: object) -> bool: ...
 def points_of(scan: object, path: Path, frame: str, moment: float | None) -> dict[str, npt.NDArray[Any]]: ...
 def philox(counters: npt.NDArray[np.uint32], key: Sequence[int]) -> npt.NDArray[np.uint32]: ...
 def normal_quantile(p: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -111,6 +112,49 @@ def items(name: str, value: object, kind: str) -> list[Any]:
         return list(value)  # type: ignore[call-overload, no-any-return]
     except TypeError:
         raise ArgumentTypeError(name, f"a sequence of {kind}", shown(value)) from None
+
+
+Instances = Iterable[int] | npt.NDArray[np.integer[Any]]
+"""Instance numbers of objects, as an argument."""
+
+
+def instances(name: str, value: Instances) -> npt.NDArray[np.int64] | None:
+    """Return instance numbers, of shape (m,), or None if there are none; the core finds those that are unknown."""
+    if isinstance(value, tuple) and not value:
+        return None
+    expected = "a collection of instance numbers"
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        raise ArgumentTypeError(name, expected, shown(value))
+    given = as_array(name, value if isinstance(value, np.ndarray) else items(name, value, "instance numbers"), expected)
+    if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+        raise ArgumentTypeError(name, expected, f"{given.dtype} of shape {given.shape}")
+    outside = (given < 0) | (given > UINT32)
+    if outside.any():
+        raise ArgumentValueError(name, f"instance numbers from 0 to {UINT32}", given[int(np.argmax(outside))])
+    return given.astype(np.int64) if given.size else None
+
+
+def instances_of_rows(
+    name: str, value: Instances | Collection[Instances], rows: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint64] | None] | None:
+    """Return instance numbers, and where those of each row end if rows differ; None if there are none at all."""
+    if isinstance(value, np.ndarray):
+        each = value.ndim > 1
+    elif isinstance(value, Collection) and not isinstance(value, str | bytes):
+        each = any(isinstance(item, Collection) and not isinstance(item, np.generic) for item in value)
+    else:
+        each = False
+    if not each:
+        alike = instances(name, value)  # type: ignore[arg-type]
+        return None if alike is None else (alike, None)
+    sets = [item if isinstance(item, Collection) else () for item in value]
+    if len(sets) != rows or not all(isinstance(item, Collection) for item in value):
+        expected = f"instance numbers, or a collection of them for each of {rows} rows"
+        raise ArgumentValueError(name, expected, f"{len(sets)} collections" if len(sets) != rows else shown(value))
+    found = instances(name, value.reshape(-1) if isinstance(value, np.ndarray) else [*chain.from_iterable(sets)])
+    if found is None:
+        return None
+    return found, np.cumsum([len(item) for item in sets], dtype=np.uint64)
 
 
 def flag(name: str, value: object) -> bool:
@@ -265,6 +309,8 @@ def positive(name: str, values: Sequence[float]) -> Sequence[float]:
 
 def rays(origins: npt.ArrayLike, directions: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Return origins and directions as (n, 3) arrays; the native core checks their values."""
+    if _native.are_plain_points(origins, directions):
+        return origins, directions  # type: ignore[return-value]
     return (
         array("origins", origins, ("n", 3), finite=False),
         array("directions", directions, ("n", 3), finite=False),
@@ -273,27 +319,56 @@ def rays(origins: npt.ArrayLike, directions: npt.ArrayLike) -> tuple[Floats, Flo
 
 def t_range(t_min: object, t_max: object) -> tuple[float, float]:
     """Return a range of ray parameters, 0 <= t_min <= t_max."""
+    if type(t_min) is float and type(t_max) is float and 0.0 <= t_min <= t_max and t_min < math.inf:
+        return t_min, t_max
     low = real("t_min", t_min, at_least=0.0)
     return low, real("t_max", t_max, at_least=low, infinite=True)
+
+
+RIGID = 1e-6
+"""Largest |RRᵀ - I| of a rotation R in a pose: the accuracy of float32 files."""
+
+NEARLY_RIGID = 1e-3
+"""Largest |RRᵀ - I| for which the error names the repair: a rotation that was rounded, or multiplied up many times."""
 
 
 def pose(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix from a `scipy.spatial.transform.RigidTransform` or a 4×4 rigid matrix.
 
-    Rigid means that the rotation part is orthonormal to within 1e-6, the accuracy of float32 files, and not a
-    reflection.
+    Rigid means that the rotation part is orthonormal to within `RIGID`, and not a reflection. The matrix is a copy.
     """
+    if _native.is_plain_pose(value, RIGID):
+        return np.array(value, order="C")
     matrix = affine(name, value)
-    rotation = matrix[:3, :3]
-    with np.errstate(over="ignore", invalid="ignore"):
-        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        determinant = np.linalg.det(rotation)
-    if not error <= 1e-6 or determinant < 0:
-        kind = "a reflection" if error <= 1e-6 else f"one {error:.3g} away from it"
-        raise ArgumentValueError(
-            name, "a rigid transform (orthonormal rotation)", f"{kind}, determinant {determinant:.6g}"
-        )
-    return matrix
+    _check_rigid(matrix[None], lambda _: name)
+    return matrix.copy()
+
+
+def poses(name: str, value: Transform) -> Floats:
+    """Return (N, 4, 4) float64 matrices from a `RigidTransform` of N poses or an array_like of rigid matrices."""
+    if hasattr(value, "as_matrix"):
+        value = value.as_matrix()
+    matrices = array(name, value, ("N", 4, 4))
+    wrong = (matrices[:, 3] != _LAST).any(axis=1)
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        affine(f"{name}[{i}]", matrices[i])
+    _check_rigid(matrices, lambda i: f"{name}[{i}]")
+    return matrices
+
+
+def _check_rigid(matrices: Floats, name: Callable[[int], str]) -> None:
+    """Raise an error that names the first of some (N, 4, 4) matrices that is not rigid."""
+    wrong = _native.first_not_rigid(matrices.reshape(-1, 16), RIGID)
+    if wrong is not None:
+        i, error, determinant = wrong
+        kind, hint = f"one {error:.3g} away from it", ""
+        if error <= RIGID:
+            kind = "a reflection"
+        elif error <= NEARLY_RIGID and determinant > 0:
+            hint = "orthonormalise it: Rotation.from_matrix(T[:3, :3]).as_matrix() of scipy.spatial.transform"
+        got = f"{kind}, determinant {determinant:.6g}"
+        raise ArgumentValueError(name(i), "a rigid transform (orthonormal rotation)", got, hint)
 
 
 def affine(name: str, value: Transform) -> Floats:

@@ -16,7 +16,6 @@ from lidarsim._pickling import Pickled
 from lidarsim._shown import counted, html_table, plain, text_table
 from lidarsim._validation import Floats, array
 from lidarsim.patterns import Pulses
-from lidarsim.patterns.description import angles_of
 from lidarsim.patterns.raster import FIXED
 from lidarsim.scene import SceneObject, Snapshot
 
@@ -479,7 +478,7 @@ def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
     known = _VIEWS.get(pulses)
     if known is not None:
         return known
-    azimuth, elevation = angles_of(pulses)
+    azimuth, elevation = pulses.azimuth, pulses.elevation
     azimuths, elevations = (-math.pi, math.tau), (-0.5 * math.pi, 0.5 * math.pi)
     if len(pulses):
         if np.ptp(elevation) > FIXED:

@@ -231,6 +231,10 @@ class PointCloud(Pickled, Plotted):
         own = self.__dict__
         return (*(name for name in CANONICAL if name in own), *sorted(own.keys() - CANONICAL.keys()))
 
+    def __array__(self, dtype: npt.DTypeLike | None = None, *, copy: bool | None = None) -> npt.NDArray[Any]:
+        """Return the points, `xyz`, so that ``np.asarray(cloud)`` has shape (n, 3); `to_structured` has all fields."""
+        return np.array(self.xyz, dtype=dtype, copy=copy)
+
     def __len__(self) -> int:
         """Return the number of points."""
         return len(self.xyz)

@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._pickling import Pickled
-from lidarsim._validation import Floats, Transform, frames, integer, real, short
+from lidarsim._validation import Floats, Instances, Transform, frames, integer, items, real, short
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan import check_coverage, sensor_id
 from lidarsim.sensor import Lidar
@@ -102,6 +102,53 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         """Frame rate of the rig, Hz: the rate of its fastest sensor."""
         return max(sensor.lidar.pattern.rate for sensor in self._sensors.values())
 
+    def scan(
+        self,
+        scene: Scene,
+        pose: Transform | Trajectory | None = None,
+        *,
+        time: float = 0.0,
+        frame: int = 0,
+        seed: int = 0,
+        ignore: Instances = (),
+    ) -> dict[str, Scan]:
+        """Scan a scene for one frame with each sensor.
+
+        The scan of a sensor equals ``lidar.scan(scene, pose @ mount, time=time + offset, frame=frame)``. `frames`
+        scans a sequence of frames, in which slower sensors take part less often.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene to scan.
+        pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
+            Body to world. Default: the identity.
+        time : float
+            Start of the frame, s, without the offsets of the sensors.
+        frame : int
+            Number of the frame, 0 to 2³² − 1.
+        seed : int
+            Seed of the noise, 0 to 2⁶⁴ − 1.
+        ignore : collection of int
+            Instances that no sensor sees, such as the body of the rig.
+
+        Returns
+        -------
+        dict of str to Scan
+            The scans by sensor name, in the order of the rig.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for `Lidar.scan`.
+        """
+        body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
+        start, unseen = real("time", time), items("ignore", ignore, "instance numbers")
+        return {
+            name: lidar.scan(scene, mounted(body, mount), time=start + offset, frame=frame, seed=seed, ignore=unseen)
+            for name, (lidar, mount, offset) in self.items()
+        }
+
     def frames(
         self,
         scene: Scene,
@@ -110,6 +157,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         *,
         first: int = 0,
         seed: int = 0,
+        ignore: Instances = (),
     ) -> Iterator[dict[str, Scan]]:
         """Scan a scene frame by frame with all sensors.
 
@@ -134,6 +182,8 @@ class Rig(Pickled, Mapping[str, RigSensor]):
             Number of the first frame, >= 0.
         seed : int
             Seed of the noise.
+        ignore : collection of int
+            Instances that no sensor sees, such as the body of the rig.
 
         Returns
         -------
@@ -143,23 +193,30 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         Raises
         ------
         TypeError, ValueError
-            At once, if an argument has the wrong type or shape or is out of its range, or if the trajectory does not
-            cover the first and the last frame of each sensor.
+            At once, if an argument has the wrong type or shape or is out of its range, if the trajectory does not cover
+            the first and the last frame of each sensor, or if no object is of an instance to ignore.
         """
         wanted = frames(first, count)
         seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
-        poses = self.check_coverage(scene, pose, count, first=first)
+        unseen = items("ignore", ignore, "instance numbers")
+        poses = self.check_coverage(scene, pose, count, first=first, ignore=unseen)
 
         def scans(frame: int) -> Iterator[tuple[str, Scan]]:
             for name, (lidar, _, offset) in self.items():
                 for k in self._numbers(self[name], frame, frame + 1):
                     time = k / lidar.pattern.rate + offset
-                    yield name, lidar.scan(scene, poses[name], time=time, frame=k, seed=seed)
+                    yield name, lidar.scan(scene, poses[name], time=time, frame=k, seed=seed, ignore=unseen)
 
         return (dict(scans(frame)) for frame in wanted)
 
     def check_coverage(
-        self, scene: Scene, pose: Transform | Trajectory | None, count: int, *, first: int = 0
+        self,
+        scene: Scene,
+        pose: Transform | Trajectory | None,
+        count: int,
+        *,
+        first: int = 0,
+        ignore: Instances = (),
     ) -> dict[str, Floats | Trajectory]:
         """Check that trajectory and motions cover the first and last frame of each sensor; return the sensors' poses.
 
@@ -173,6 +230,8 @@ class Rig(Pickled, Mapping[str, RigSensor]):
             Number of frames of the rig, >= 0.
         first : int
             Number of the first frame, >= 0.
+        ignore : collection of int
+            Instances that no sensor sees.
 
         Returns
         -------
@@ -182,8 +241,8 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         Raises
         ------
         TypeError, ValueError
-            If an argument has the wrong type or shape or is out of its range, or if the body or an object has no pose
-            at the time of a pulse.
+            If an argument has the wrong type or shape or is out of its range, if the body or an object has no pose at
+            the time of a pulse, or if no object is of an instance to ignore.
         """
         wanted = frames(first, count)
         body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
@@ -194,6 +253,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
                 mounted(body, sensor.mount),
                 self._numbers(sensor, wanted.start, wanted.stop),
                 offset=sensor.offset,
+                ignore=ignore,
             )
             for name, sensor in self.items()
         }
@@ -270,7 +330,7 @@ def _sensor(name: str, parts: Part) -> RigSensor:
 
 
 def _pose(name: str, value: Transform | None) -> Floats:
-    return np.eye(4) if value is None else np.array(_validation.pose(name, value))
+    return np.eye(4) if value is None else _validation.pose(name, value)
 
 
 def _what(value: object) -> str:

@@ -105,11 +105,11 @@ class Rule:
         Raises
         ------
         TypeError
-            If an argument is no text.
+            If an argument is not a string.
         """
-        for name, text in (("node", node), ("material", material)):
+        for what, text in (("node", node), ("material", material)):
             if not isinstance(text, str):
-                raise ArgumentTypeError(name, "text", shown(text))
+                raise ArgumentTypeError(what, "a string", shown(text))
         return fnmatchcase(node, self.node) and fnmatchcase(material, self.material)
 
 

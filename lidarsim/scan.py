@@ -7,10 +7,10 @@ import enum
 import math
 import sys
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
-from lidarsim._validation import Floats, Transform, as_array, integer, one_of, real, shown
+from lidarsim._validation import Floats, Instances, Transform, as_array, instances, integer, one_of, real, shown
 from lidarsim._views import Plotted
 from lidarsim.atmosphere import check_sensor
 from lidarsim.boxes import Boxes, boxes_of
@@ -32,7 +32,20 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene, Snapshot
 from lidarsim.trajectory import Trajectory
 
-__all__ = ["Scan", "Source", "Status", "Summary", "check_coverage", "moment_and_pose", "moment_of", "scan", "sensor_id"]
+__all__ = [
+    "Returns",
+    "Scan",
+    "Source",
+    "Status",
+    "Summary",
+    "check_coverage",
+    "moment_and_pose",
+    "moment_of",
+    "path_of",
+    "scan",
+    "sensor_id",
+    "until_of",
+]
 
 
 class Sensor(Protocol):
@@ -81,7 +94,7 @@ class Summary(dict[str, int]):
     """Number of pulses for each `Status`, by its name; prints as a table."""
 
     note: str = ""
-    """A warning if all hits are on one object that is nearer than the sensor's minimum range."""
+    """A warning if all hits are on one thing that is nearer than the sensor's minimum range, or than `BODY`."""
 
     def __str__(self) -> str:
         """Return one line for each status, with its share of all pulses."""
@@ -92,12 +105,34 @@ class Summary(dict[str, int]):
     __repr__ = __str__
 
 
+BODY = 0.5
+"""Distance, m, below which a thing that hides everything else may be what carries the sensor."""
+
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Named values of `deskew`, in periods of the pattern since the start of the scan."""
 
 _IDENTITY: list[list[float]] = np.eye(4).tolist()
 _UNUSED = {name: unused.item(0) for name, (_, _, _, unused) in _native.scan_columns().items()}
 """Value of the unused entries of each array, and of pixels without a pulse."""
+
+
+class Returns(NamedTuple):
+    """The arrays of a `Scan` with one return per pulse, as views without the axis of returns; see `Scan.single`."""
+
+    range: npt.NDArray[np.float64]
+    true_range: npt.NDArray[np.float64]
+    range_error: npt.NDArray[np.float64]
+    intensity: npt.NDArray[np.float32]
+    object_id: npt.NDArray[np.int32]
+    instance: npt.NDArray[np.uint32]
+    label: npt.NDArray[np.uint32]
+    normal: npt.NDArray[np.float32]
+    incidence: npt.NDArray[np.float32]
+    status: npt.NDArray[np.uint8]
+    return_count: npt.NDArray[np.uint8]
+    true_direction: Floats | None
+    radial_velocity: npt.NDArray[np.float32] | None
+    source: npt.NDArray[np.uint8] | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,6 +190,8 @@ class Scan(Pickled, Plotted):
         angular jitter nor a beam; it is then the nominal direction of the pulse.
     class_names : mapping of int to str
         Names of labels, from the scene.
+    ignore : tuple of int
+        Instances that the sensor did not see.
 
     Notes
     -----
@@ -182,6 +219,7 @@ class Scan(Pickled, Plotted):
     radial_velocity: npt.NDArray[np.float32] | None = None
     source: npt.NDArray[np.uint8] | None = None
     class_names: Mapping[int, str] = field(default_factory=dict)
+    ignore: tuple[int, ...] = ()
     _world: Snapshot | None = field(default=None, repr=False)
     """The scene as it was scanned."""
 
@@ -217,6 +255,33 @@ class Scan(Pickled, Plotted):
         rows += [("range", f"{found} m") for found in [extent(self.range)] if found]
         name = getattr(self.lidar, "name", "") or type(self.lidar.pattern).__name__
         return f"Scan of {name}, frame {self.frame} at {self.time:g} s: {len(self):,} pulses", rows
+
+    @property
+    def single(self) -> Returns:
+        """The arrays of a sensor with one return per pulse, in shape (n,) instead of (n, 1): Returns.
+
+        Raises
+        ------
+        ValueError
+            If the sensor has more returns; ``scan.range[:, 0]`` are then those reported first.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> ball = scene.add(ls.Sphere((10, 0, 0), 2.0))
+        >>> scan = ls.Lidar(ls.patterns.Grid([0.0, 1.0], [0.0], rate=10.0)).scan(scene)
+        >>> scan.range.shape, scan.single.range
+        ((2, 1), array([ 8., nan]))
+        """
+        if self.range.shape[1] != 1:
+            got = f"up to {self.range.shape[1]}"
+            raise ArgumentValueError(
+                "single", "a sensor with one return per pulse", got, "scan.range[:, 0] has the first"
+            )
+        values: Iterator[Any] = (getattr(self, name) for name in Returns._fields)
+        views: list[Any] = [value[:, 0] if value is not None and value.ndim > 1 else value for value in values]
+        return Returns(*views)
 
     @property
     def poses(self) -> Floats:
@@ -336,7 +401,7 @@ class Scan(Pickled, Plotted):
             cloud.normal[own] = np.einsum("nij,nj->ni", moved[:, :3, :3], cloud.normal[own])
 
     def _path(self) -> _native.Path:
-        return _path(self.pose, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
+        return path_of(self.pose, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
 
     def _scanned(self) -> Snapshot:
         if self._world is None:
@@ -404,6 +469,7 @@ class Scan(Pickled, Plotted):
         world = self._scanned()
         if moment is not None:
             world.check_motions(moment, moment)
+        world = world.without(self.ignore)
         return boxes_of(self, world, self._path(), moment, in_world=not self._is_elsewhere(frame), min_points=least)
 
     def laser_scan(self) -> LaserScan:
@@ -544,16 +610,22 @@ class Scan(Pickled, Plotted):
         -------
         Summary
             A mapping from the name of each `Status` to the number of pulses. Its `note` warns if the sensor may be
-            inside an object: all hits are on one object, nearer than `min_range`.
+            inside an object, or inside the body that carries it: all first hits are on one instance, nearer than
+            `min_range` or 0.5 m.
         """
         counts = np.bincount(self.status, minlength=len(Status))
         summary = Summary({status.name: int(counts[status]) for status in Status})
-        if summary["below_min_range"] and not summary["hit"]:
-            seen = self.object_id[:, 0] >= 0
-            objects = np.unique(self.object_id[seen, 0])
-            if len(objects) == 1 and (self.true_range[seen, 0] < self.lidar.min_range).all():
-                which = f"object {objects[0]}"
-                summary.note = f"all hits are on {which}, nearer than min_range: the sensor may be inside of it"
+        seen = self.object_id[:, 0] >= 0
+        things, objects = (np.unique(ids[seen, 0]) for ids in (self.instance, self.object_id))
+        if len(things) == 1:
+            farthest = self.true_range[seen, 0].max()
+            below_gate = farthest < self.lidar.min_range and not summary["hit"]
+            if below_gate or farthest < BODY:
+                which = f"object {objects[0]}" if len(objects) == 1 else f"the objects of instance {things[0]}"
+                summary.note = (
+                    f"all hits are on {which}, nearer than {'min_range' if below_gate else f'{BODY} m'}:"
+                    f" is the sensor inside its own body? ignore=[{things[0]}] hides it"
+                )
         return summary
 
 
@@ -566,6 +638,7 @@ def scan(
     frame: int = 0,
     seed: int = 0,
     indices: npt.ArrayLike | None = None,
+    ignore: Instances = (),
 ) -> Scan:
     """Fire the pulses of a frame at a scene and measure the returns.
 
@@ -586,6 +659,8 @@ def scan(
         Seed of all noise, 0 to 2⁶⁴ − 1. The same seed, sensor name and frame give the same bits.
     indices : array_like of int, shape (m,), optional
         Fire only these pulses of the frame, in this order. Their noise is the same as in the whole frame.
+    ignore : collection of int
+        Instances that the sensor does not see, as in `Lidar.scan`.
 
     Returns
     -------
@@ -596,7 +671,8 @@ def scan(
     ------
     TypeError, ValueError
         If an argument is of the wrong type or out of its range, if the trajectory or the motion of an object does not
-        cover all pulses, or if a pulse of the pattern is not finite or its direction is not of unit length.
+        cover all pulses, if a pulse of the pattern is not finite or its direction is not of unit length, or if no
+        object is of an instance to ignore.
     MemoryError
         If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
     """
@@ -607,12 +683,13 @@ def scan(
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
     where = _where(pose)
     check_sensor(scene.atmosphere, lidar)
+    unseen = instances("ignore", ignore)
     if indices is None:
         count = math.prod(lidar.pattern.shape)
         _native.expect_room(min(count, sys.maxsize), lidar, scene.atmosphere)  # fail before the pattern makes pulses
     pulses = pulses_of(lidar.pattern, frame)
     period = 1.0 / lidar.pattern.rate
-    path = _path(where, pulses, time, period)
+    path = path_of(where, pulses, time, period)
     whole = pulses
     chosen = None if indices is None else _indices(indices, len(pulses))
     if chosen is not None:
@@ -623,7 +700,7 @@ def scan(
     world = scene._snapshot()
     if world.movers and len(pulses):
         fired = time + pulses.time.min(), time + pulses.time.max()
-        world.check_motions(*fired, lambda end: _carried_on(end, whole, time, period))
+        world.check_motions(*fired, until_of(whole, time, period))
     arrays = _native.scan(
         world.native,
         path,
@@ -633,6 +710,7 @@ def scan(
         time,
         (seed, sensor_id(lidar.name), frame),
         world.atmosphere,
+        unseen,
     )
     arrays["object_id"] = world.ids_of(arrays["object_id"])
     return Scan(
@@ -642,7 +720,8 @@ def scan(
         pose=where,
         time=time,
         frame=frame,
-        class_names=dict(scene.class_names),
+        class_names=dict(scene._class_names),
+        ignore=() if unseen is None else tuple(unseen.tolist()),
         _world=world,
     )
 
@@ -654,6 +733,7 @@ def check_coverage(
     frames: range,
     *,
     offset: float = 0.0,
+    ignore: Instances = (),
 ) -> Floats | Trajectory:
     """Check that trajectory and motions cover all pulses of the first and last frame, and return the pose.
 
@@ -665,6 +745,8 @@ def check_coverage(
         Numbers of the frames; frame k starts at ``k / rate + offset``.
     offset : float
         Time of frame 0, s.
+    ignore : collection of int
+        Instances that the sensor does not see.
 
     Returns
     -------
@@ -674,13 +756,17 @@ def check_coverage(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong type, or the sensor or an object has no pose at the time of a pulse.
+        If an argument is of the wrong type, the sensor or an object has no pose at the time of a pulse, or no object
+        is of an instance to ignore.
     """
     if not isinstance(scene, Scene):
         raise ArgumentTypeError("scene", "a Scene", shown(scene))
     where = _where(pose)
     check_sensor(scene.atmosphere, lidar)
     world, period = scene._snapshot(), 1.0 / lidar.pattern.rate
+    unseen = instances("ignore", ignore)
+    if unseen is not None:
+        world.native.expect_instances(unseen)
     for frame in sorted({frames[0], frames[-1]}) if frames else ():
         integer("frame", frame, at_least=0, at_most=2**32 - 1)
         pulses, start = pulses_of(lidar.pattern, frame), real("time", frame / lidar.pattern.rate + offset)
@@ -690,8 +776,7 @@ def check_coverage(
             _check_span(where, pulses, start, period)
         if world.movers:
             fired = start + pulses.time
-            carried_on = partial(_carried_on, pulses=pulses, start=start, period=period)
-            world.check_motions(fired.min(), fired.max(), carried_on)
+            world.check_motions(fired.min(), fired.max(), until_of(pulses, start, period))
     return where.copy() if isinstance(where, np.ndarray) else where
 
 
@@ -778,13 +863,18 @@ def _where(pose: Transform | Trajectory | None) -> Floats | Trajectory:
     return np.eye(4) if pose is None else _validation.pose("pose", pose)
 
 
-def _path(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float) -> _native.Path:
+def path_of(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float) -> _native.Path:
     """Return the path of the sensor while it fires a frame."""
     if not isinstance(pose, Trajectory):
-        return _native.Path.still(pose.tolist())
+        return _native.Path.still(pose)
     end = pose.span[1]
     until = _carried_on(end, pulses, start, period)
     return pose._native.held(until) if until > end else pose._native
+
+
+def until_of(pulses: Pulses, start: float, period: float) -> Callable[[float], float]:
+    """Return the function from the end of a motion to the time up to which it may be extrapolated for a frame."""
+    return partial(_carried_on, pulses=pulses, start=start, period=period)
 
 
 def _carried_on(last: float, pulses: Pulses, start: float, period: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import operator
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -21,9 +21,11 @@ from lidarsim._shown import plain
 from lidarsim._validation import (
     UINT32,
     Floats,
+    Instances,
     Transform,
     array,
     as_array,
+    instances,
     integer,
     named_labels,
     one_or_each,
@@ -172,8 +174,20 @@ class Snapshot:
         """Return the ids of objects by their places in the core; -1 stays -1."""
         return places if self.ids is None else self.ids[places]
 
-    def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
+    def without(self, instances: Collection[int]) -> Snapshot:
+        """Return the same moment without the objects of some instances."""
+        if not instances:
+            return self
+        items = [item for item in self.items if item.instance not in instances]
+        movers = tuple(mover for mover in self.movers if mover[0].instance not in instances)
+        ids = np.array([*(item.id for item in items), -1], dtype=np.int32)
+        native = core.Scene([*items])
+        return replace(self, version=object(), items=tuple(items), native=native, ids=ids, movers=movers)
+
+    def times(self, time: float | npt.ArrayLike, count: int) -> Floats | None:
         """Return the checked time of each of `count` rays, or None if nothing moves."""
+        if not self.movers and isinstance(time, float) and math.isfinite(time):
+            return None
         when = one_or_each("time", time, "n")
         if when.ndim and len(when) != count:
             raise ArgumentValueError("time", f"one number or one for each of {count} rays", len(when))
@@ -677,6 +691,7 @@ class Scene(Pickled, Plotted):
         t_min: float = 0.0,
         t_max: float = math.inf,
         time: float | npt.ArrayLike = 0.0,
+        ignore: Instances = (),
     ) -> Hits:
         """Find the nearest hit of each ray.
 
@@ -688,6 +703,8 @@ class Scene(Pickled, Plotted):
             Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
         time : float or array_like, shape (n,)
             Time of each ray, s: the ray meets every object at its pose at that time.
+        ignore : collection of int
+            Instances that the rays pass through as if they were not in the scene: a robot's own body, for example.
 
         Returns
         -------
@@ -698,12 +715,14 @@ class Scene(Pickled, Plotted):
         Raises
         ------
         ValueError
-            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, or the
-            motion of an object does not cover the times.
+            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, the motion
+            of an object does not cover the times, or no object is of an instance to ignore.
         """
         now = self._snapshot()
         o, d = rays(origins, directions)
-        t, places, primitives, normals = now.native.cast(o, d, *t_range(t_min, t_max), now.times(time, len(o)))
+        t, places, primitives, normals = now.native.cast(
+            o, d, *t_range(t_min, t_max), now.times(time, len(o)), instances("ignore", ignore)
+        )
         return Hits(t, now.ids_of(places), primitives, normals)
 
     def cast_all(
@@ -715,6 +734,7 @@ class Scene(Pickled, Plotted):
         t_min: float = 0.0,
         t_max: float = math.inf,
         time: float | npt.ArrayLike = 0.0,
+        ignore: Instances = (),
     ) -> Hits:
         """Find all hits of each ray, as if every surface let it pass.
 
@@ -728,6 +748,8 @@ class Scene(Pickled, Plotted):
             Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
         time : float or array_like, shape (n,)
             Time of each ray, s, as in `cast`.
+        ignore : collection of int
+            Instances that the rays pass through, as in `cast`.
 
         Returns
         -------
@@ -741,7 +763,7 @@ class Scene(Pickled, Plotted):
         ------
         ValueError
             If a shape is wrong, a number is not finite, a direction is zero, `most` is not positive, the interval of t
-            is invalid, or the motion of an object does not cover the times.
+            is invalid, the motion of an object does not cover the times, or no object is of an instance to ignore.
         MemoryError
             If there is no memory for n·k hits; raised before work.
 
@@ -761,7 +783,7 @@ class Scene(Pickled, Plotted):
         now = self._snapshot()
         o, d = rays(origins, directions)
         t, places, primitives, normals = now.native.cast_all(
-            o, d, *t_range(t_min, t_max), now.times(time, len(o)), most
+            o, d, *t_range(t_min, t_max), now.times(time, len(o)), most, instances("ignore", ignore)
         )
         shape = len(o), most
         return Hits(
@@ -779,6 +801,7 @@ class Scene(Pickled, Plotted):
         t_min: float = 0.0,
         t_max: float = math.inf,
         time: npt.ArrayLike = 0.0,
+        ignore: Instances = (),
     ) -> npt.NDArray[np.bool_]:
         """Return whether each ray hits anything: the same as ``scene.cast(...).hit``, but faster.
 
@@ -791,6 +814,8 @@ class Scene(Pickled, Plotted):
             Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
         time : float, or array_like, shape (n,)
             Time of each ray, s, as in `cast`.
+        ignore : collection of int
+            Instances that the rays pass through, as in `cast`.
 
         Returns
         -------
@@ -800,8 +825,8 @@ class Scene(Pickled, Plotted):
         Raises
         ------
         ValueError
-            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, or the
-            motion of an object does not cover the times.
+            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, the motion
+            of an object does not cover the times, or no object is of an instance to ignore.
 
         Examples
         --------
@@ -815,7 +840,7 @@ class Scene(Pickled, Plotted):
         """
         now = self._snapshot()
         o, d = rays(origins, directions)
-        return now.native.occluded(o, d, *t_range(t_min, t_max), now.times(time, len(o)))
+        return now.native.occluded(o, d, *t_range(t_min, t_max), now.times(time, len(o)), instances("ignore", ignore))
 
     def __getitem__(self, object_id: int) -> SceneObject:
         """Return an object by its id."""
@@ -920,6 +945,14 @@ class Scene(Pickled, Plotted):
             "next": self._next,
         }
         return contents if self._animations is None else contents | {"animations": self._animations}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        # Objects are immutable. The hierarchy over them is shared until either scene changes.
+        version, kept = self._version, self._kept
+        scene = self._restored({**self._contents(), "class_names": dict(self._class_names)})
+        if kept is not None and kept.version is version and kept.items == scene.objects:
+            scene._version, scene._kept = version, kept
+        return scene
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass, field, fields
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from lidarsim import _native
 from lidarsim import scan as _scan
 from lidarsim._files import check_regular
 from lidarsim._pickling import Pickled
 from lidarsim._shown import short, text_table
-from lidarsim._validation import Transform, array, frames, integer, real, shown
+from lidarsim._validation import Instances, Transform, array, frames, integer, items, real, shown
+from lidarsim.batch import Poses, ScanBatch, scan_many
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
@@ -140,6 +144,7 @@ class Lidar(Pickled):
         time: float = 0.0,
         frame: int = 0,
         seed: int = 0,
+        ignore: Instances = (),
     ) -> Scan:
         """Scan a scene for one frame.
 
@@ -155,6 +160,9 @@ class Lidar(Pickled):
             Number of the frame, 0 to 2³² − 1; non-repetitive patterns and noise differ between frames.
         seed : int
             Seed of the noise, 0 to 2⁶⁴ − 1. The same seed, frame and name of the sensor give the same bits.
+        ignore : collection of int
+            Instances that the sensor does not see, as if they were not in the scene: the body that carries it, for
+            example, or a window that it looks through.
 
         Returns
         -------
@@ -165,12 +173,12 @@ class Lidar(Pickled):
         ------
         TypeError, ValueError
             If an argument has the wrong type or shape or is out of its range, if the trajectory or the motion of an
-            object does not cover all pulses, or if a pulse of the pattern is not finite or its direction is not of unit
-            length.
+            object does not cover all pulses, if a pulse of the pattern is not finite or its direction is not of unit
+            length, or if no object is of an instance to ignore.
         MemoryError
             If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
         """
-        return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed)
+        return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed, ignore=ignore)
 
     def frames(
         self,
@@ -180,6 +188,7 @@ class Lidar(Pickled):
         *,
         first: int = 0,
         seed: int = 0,
+        ignore: Instances = (),
     ) -> Iterator[Scan]:
         """Scan a scene frame by frame; frame k starts at ``k / pattern.rate``, s.
 
@@ -198,6 +207,8 @@ class Lidar(Pickled):
             Number of the first frame, >= 0.
         seed : int
             Seed of the noise.
+        ignore : collection of int
+            Instances that the sensor does not see, as in `scan`.
 
         Returns
         -------
@@ -207,8 +218,8 @@ class Lidar(Pickled):
         Raises
         ------
         TypeError, ValueError
-            At once, if an argument has the wrong type or shape or is out of its range, or if the trajectory does not
-            cover the first and the last frame.
+            At once, if an argument has the wrong type or shape or is out of its range, if the trajectory does not cover
+            the first and the last frame, or if no object is of an instance to ignore.
 
         Examples
         --------
@@ -223,9 +234,80 @@ class Lidar(Pickled):
         """
         numbers = frames(first, count)
         seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
-        where = _scan.check_coverage(self, scene, pose, numbers)
+        unseen = items("ignore", ignore, "instance numbers")
+        where = _scan.check_coverage(self, scene, pose, numbers, ignore=unseen)
         rate = self.pattern.rate
-        return (self.scan(scene, where, time=k / rate, frame=k, seed=seed) for k in numbers)
+        return (self.scan(scene, where, time=k / rate, frame=k, seed=seed, ignore=unseen) for k in numbers)
+
+    def scan_many(
+        self,
+        scene: Scene | Sequence[Scene],
+        poses: Poses,
+        *,
+        time: npt.ArrayLike = 0.0,
+        frame: npt.ArrayLike = 0,
+        seed: npt.ArrayLike = 0,
+        ignore: Instances | Collection[Instances] = (),
+        fields: Collection[str] | None = None,
+        out: ScanBatch | None = None,
+    ) -> ScanBatch:
+        """Fire one frame from each of N poses, in one call: the scans of many robots, or of many worlds.
+
+        See `lidarsim.scan_many`, which also takes several sensors.
+
+        Parameters
+        ----------
+        scene : Scene or sequence of N Scenes
+            The scene, or one for each row. Copies (`copy.copy`) of a scene share its meshes.
+        poses : array_like, shape (N, 4, 4), RigidTransform of N poses, or sequence of N Trajectories
+            Sensor to world.
+        time : float or array_like, shape (N,)
+            Start of the frame, s.
+        frame : int or array_like of int, shape (N,)
+            Number of the frame.
+        seed : int or array_like of int, shape (N,)
+            Seed of the noise. An array holds the seed of each row. From one number, a seed is derived for each row, so
+            that rows differ: ``np.random.SeedSequence(seed).generate_state(N, np.uint64)``.
+        ignore : collection of int, or collection of N collections of int
+            Instances that the sensor does not see: of all rows, or of each row.
+        fields : collection of str, optional
+            The arrays of the batch. Default: range, xyz, intensity, status, label and object_id.
+        out : ScanBatch, optional
+            A batch of the same shape, whose arrays are overwritten; `fields` is then its own.
+
+        Returns
+        -------
+        ScanBatch
+            Arrays of shape (N, n), or (N, n, k) for sensors of several returns.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for `scan`; the error names the row. Also if `out` does not fit.
+        MemoryError
+            If there is no memory for the arrays.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Plane((1, 0, 0), 10.0))
+        >>> lidar = ls.Lidar(ls.patterns.Grid([-0.5, 0.0, 0.5], [0.0], rate=20.0))
+        >>> poses = np.broadcast_to(np.eye(4), (1000, 4, 4)).copy()
+        >>> poses[:, 0, 3] = np.linspace(0, 9, 1000)
+        >>> batch = lidar.scan_many(scene, poses, fields=["range", "status"])
+        >>> batch.range.shape, batch.range[-1].round(3)
+        ((1000, 3), array([1.139, 1.   , 1.139]))
+        >>> poses[:, 0, 3] -= 1
+        >>> batch = lidar.scan_many(scene, poses, out=batch)
+        """
+        return scan_many(self, scene, poses, time=time, frame=frame, seed=seed, ignore=ignore, fields=fields, out=out)
+
+    @cached_property
+    def _receiver(self) -> _native.Receiver:
+        """The measurement in the core."""
+        return _native.Receiver(self)
 
     @staticmethod
     def presets() -> list[str]:
@@ -239,7 +321,9 @@ class Lidar(Pickled):
         return sorted(path.stem for path in PRESETS.glob("*.yaml"))
 
     @classmethod
-    def preset(cls, name: str, *, mode: str | None = None, noise: str | None = None) -> Lidar:
+    def preset(
+        cls, name: str, *, mode: str | None = None, noise: str | None = None, rate: float | None = None
+    ) -> Lidar:
         """Return the preset of a real sensor.
 
         Parameters
@@ -252,6 +336,9 @@ class Lidar(Pickled):
             "datasheet" enables the noise stated in the sensor's datasheet. "measured" replaces it by what captures of
             real units show, as far as that is known: noise, channel biases, beam, least separation of echoes,
             fluctuation of power, lost pulses and least range. Most values are from one unit. Default: none.
+        rate : float, optional
+            Frames per second, Hz. A frame of a sensor that fires at a fixed rate then has more or fewer pulses.
+            Default: that of the file or mode.
 
         Returns
         -------
@@ -262,18 +349,21 @@ class Lidar(Pickled):
         Raises
         ------
         TypeError, ValueError
-            If there is no such preset, mode or noise.
+            If there is no such preset, mode or noise, or the pattern has no such rate.
 
         Examples
         --------
         >>> import lidarsim as ls
+        >>> ls.Lidar.preset("livox-mid360", rate=20).pattern.shape
+        (4, 2500)
         >>> ls.Lidar.preset("hesai-xt32", noise="datasheet").measurement.range_sigma
         0.005
         >>> ls.Lidar.preset("hesai-xt32", noise="measured").measurement.range_sigma
         0.0028
         """
         _, read = _readers["lidarsim YAML"]
-        return read(preset_path(name), mode=mode, noise=noise)
+        lidar = read(preset_path(name), mode=mode, noise=noise)
+        return lidar if rate is None else replace(lidar, pattern=replace(lidar.pattern, rate=rate))  # type: ignore[type-var]
 
     @classmethod
     def from_file(cls, path: str | Path, **options: Any) -> Lidar:

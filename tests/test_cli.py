@@ -76,7 +76,7 @@ def test_scan_writes_what_python_scans(capsys: pytest.CaptureFixture[str]) -> No
 def test_a_sensor_inside_of_an_object_is_noted_once(capsys: pytest.CaptureFixture[str]) -> None:
     pod = "{shape: sphere, center_m: [0, 0, 2], radius_m: 0.1, name: pod}"
     Path("pod.yaml").write_text(CONFIG.replace("scene:\n", f"scene:\n  - {pod}\n"), encoding="utf-8")
-    note = "all hits are on object 0, nearer than min_range: the sensor may be inside of it\n"
+    note = "all hits are on object 0, nearer than min_range: is the sensor inside its own body? ignore=[1] hides it\n"
     assert lidarsim("scan", "pod.yaml", "-o", "scan.npz", "--frames", "2") == 0
     assert capsys.readouterr().out.count(note) == 1
     assert lidarsim("scan", "run.yaml", "-o", "scan.npz") == 0

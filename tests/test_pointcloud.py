@@ -432,3 +432,14 @@ class TestLoading:
         with pytest.raises(OSError, match="cannot be read") as caught:
             PointCloud.load(path)
         assert str(caught.value) == f"{path}: cannot be read: Not a directory"
+
+
+def test_numpy_takes_a_cloud_as_its_points() -> None:
+    cloud = PointCloud(xyz=np.arange(6.0).reshape(2, 3), ring=[0, 1])
+    assert np.shares_memory(np.asarray(cloud), cloud.xyz)
+    assert np.asarray(cloud).shape == (2, 3)
+    assert np.array_equal(np.asarray(cloud, dtype=np.float32), cloud.xyz.astype(np.float32))
+    copied = np.array(cloud)
+    assert np.array_equal(copied, cloud.xyz)
+    assert not np.shares_memory(copied, cloud.xyz)
+    assert np.allclose(cloud, cloud.xyz)

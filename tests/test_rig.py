@@ -277,3 +277,29 @@ def test_the_model_of_a_sensor_stays() -> None:
     rig = ls.Rig({"top": (ls.Lidar.preset("ouster-os1-64"), None), "own": (own, None)})
     assert (rig["top"].lidar.name, rig["top"].lidar.model) == ("top", "ouster-os1-64")
     assert rig["own"].lidar.model == "own"
+
+
+def test_one_frame_is_the_scan_of_each_sensor() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((1, 0, 0), 10.0), motion=ls.Trajectory.from_twist(np.eye(4), (1, 0, 0)))
+    body = scene.add(ls.Sphere((0, 0, 0), 0.5))
+    lidar = ls.Lidar(ls.patterns.Grid([0.0, 0.1], [0.0], rate=10.0), measurement=ls.Measurement(range_sigma=0.01))
+    slow = dataclasses.replace(lidar, pattern=ls.patterns.Grid([0.0], [0.0], rate=2.0))
+    mount = np.eye(4)
+    mount[1, 3] = 0.7
+    rig = ls.Rig({"left": (lidar, mount), "slow": (slow, None, 0.25)})
+    drive = ls.Trajectory.from_twist(np.eye(4), (2.0, 0, 0), (0, 0, 0.1))
+    scans = rig.scan(scene, drive, time=0.5, frame=3, seed=4, ignore=[body + 1])
+    assert list(scans) == ["left", "slow"]
+    for name, offset in (("left", 0.0), ("slow", 0.25)):
+        sensor = rig[name]
+        expected = sensor.lidar.scan(scene, drive @ sensor.mount, time=0.5 + offset, frame=3, seed=4, ignore=[body + 1])
+        assert (scans[name].time, scans[name].frame) == (0.5 + offset, 3)
+        assert scans[name].range.tobytes() == expected.range.tobytes()
+        assert (scans[name].object_id == 0).all()
+    assert (rig.scan(scene)["slow"].object_id == body).all()
+    assert np.array_equal(rig.scan(scene, np.eye(4))["left"].range, rig.scan(scene)["left"].range)
+    with pytest.raises(ValueError, match="pose: expected shape"):
+        rig.scan(scene, np.eye(3))
+    with pytest.raises(ValueError, match=r"ignore: .* got 99"):
+        rig.scan(scene, ignore=[99])

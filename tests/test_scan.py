@@ -222,18 +222,28 @@ def test_a_sensor_inside_of_an_object_is_noted() -> None:
     shell, inside = ls.Scene(), dataclasses.replace(lidar(columns=10), min_range=0.5)
     shell.add(far)
     shell.add(body)
-    note = "all hits are on object 1, nearer than min_range: the sensor may be inside of it"
+    note = "all hits are on object 1, nearer than {}: is the sensor inside its own body? ignore=[2] hides it"
     summary = inside.scan(shell).summary()
-    assert summary.note == note
-    assert str(summary).splitlines()[-2:] == ["pulses                  160", note]
-    assert note in repr(inside.scan(shell))
-    assert pickle.loads(pickle.dumps(summary)).note == note  # noqa: S301 - our own
-    # not so if anything else is seen, or what is near is the smaller part, or two things
-    assert not dataclasses.replace(inside, min_range=0.3).scan(shell).summary().note
-    assert not inside.scan(shell, [[1, 0, 0, 19.3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]).summary().note
-    assert not inside.scan(ls.Scene()).summary().note
+    assert summary.note == note.format("min_range")
+    assert str(summary).splitlines()[-2:] == ["pulses                  160", summary.note]
+    assert summary.note in repr(inside.scan(shell))
+    assert pickle.loads(pickle.dumps(summary)).note == summary.note  # noqa: S301 - our own
+    assert not inside.scan(shell, ignore=[2]).summary().note
+    # the gate may let the body through
+    open_gate = dataclasses.replace(inside, min_range=0.3)
+    assert open_gate.scan(shell).summary().note == note.format("0.5 m")
+    # not so if anything else is seen, or what is near is the smaller part, is beyond 0.5 m, or is two things
+    away = [[1, 0, 0, 19.3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    assert not any(sensor.scan(shell, away).summary().note for sensor in (inside, open_gate))
+    assert not any(sensor.scan(ls.Scene()).summary().note for sensor in (inside, open_gate))
+    ball = ls.Scene()
+    ball.add(ls.Sphere((0, 0, 0), 0.6))
+    assert not inside.scan(ball).summary().note
     shell.add(ls.Box((0.2, 0.2, 0.2), center=(0.2, 0, 0)))
-    assert not inside.scan(shell).summary().note
+    assert not any(sensor.scan(shell).summary().note for sensor in (inside, open_gate))
+    shell.update(2, instance=2)
+    summary = inside.scan(shell).summary()
+    assert summary.note == note.format("min_range").replace("object 1", "the objects of instance 2")
 
 
 def test_an_empty_scene_is_all_misses() -> None:
@@ -1113,3 +1123,55 @@ def test_points_placed_by_another_trajectory() -> None:
         scan.point_cloud("world", pose=late)
     with pytest.raises(ValueError, match=r"^deskew_movers: expected none with another pose, as motions are the true"):
         scan.point_cloud(deskew=True, deskew_movers=True, pose=other)
+
+
+def test_single_returns_are_views_without_the_axis_of_returns() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Sphere((10, 0, 0), 2.0), motion=ls.Trajectory.from_twist(np.eye(4), (1, 0, 0)))
+    noise = ls.Measurement(range_sigma=0.01, azimuth_sigma=1e-3)
+    scan = dataclasses.replace(lidar(columns=10), measurement=noise).scan(scene)
+    single = scan.single
+    for name in single._fields:
+        view, whole = getattr(single, name), getattr(scan, name)
+        if whole is None:
+            assert view is None
+            continue
+        assert view.shape == (len(scan), *whole.shape[2:])
+        assert np.shares_memory(view, whole)
+        assert np.array_equal(view, whole.reshape(view.shape), equal_nan=whole.dtype.kind == "f")
+    per_pulse = {field.name for field in dataclasses.fields(ls.Scan)} & set(_native.scan_columns())
+    assert set(single._fields) == per_pulse
+    dual = dataclasses.replace(lidar(columns=10), measurement=ls.Measurement(beam=ls.Beam(0.01), returns="dual"))
+    with pytest.raises(
+        ValueError, match=r"single: expected a sensor with one return per pulse, got up to 2; scan.range"
+    ):
+        _ = dual.scan(scene).single
+
+
+def test_a_scan_keeps_the_pose_that_it_was_given() -> None:
+    pose, sensor = np.eye(4), lidar(columns=4)
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -3.0))
+    scan = sensor.scan(scene, pose)
+    before = scan.point_cloud("world").xyz
+    pose[2, 3] = 9.0  # the caller's array goes on to the next step
+    assert np.array_equal(scan.point_cloud("world").xyz, before)
+
+
+def test_nearly_rigid_poses_are_refused_with_the_repair() -> None:
+    rotation = Rotation.from_euler("zyx", [0.3, 0.2, 0.1]).as_matrix()
+    sensor, pose = lidar(columns=4), np.eye(4)
+    hint = "orthonormalise it: Rotation.from_matrix(T[:3, :3]).as_matrix() of scipy.spatial.transform"
+    for error, repaired in ((1e-7, None), (1e-5, True), (4e-4, True), (2e-3, False)):
+        pose[:3, :3] = rotation * (1.0 + error / 2.0)
+        if repaired is None:
+            sensor.scan(ls.Scene(), pose)
+            continue
+        with pytest.raises(ValueError, match="pose: expected a rigid transform") as caught:
+            sensor.scan(ls.Scene(), pose)
+        assert (hint in str(caught.value)) == repaired
+        pose[:3, :3] = Rotation.from_matrix(pose[:3, :3]).as_matrix()
+        sensor.scan(ls.Scene(), pose)
+    pose[:3, :3] = np.diag([1.0, 1.0, -1.0])
+    with pytest.raises(ValueError, match="a reflection, determinant -1"):
+        sensor.scan(ls.Scene(), pose)

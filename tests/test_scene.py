@@ -498,3 +498,23 @@ def test_wrong_transforms_at_once_change_nothing(ids, transforms, error, message
     with pytest.raises(error, match=message):
         scene.update_transforms(ids, transforms)
     assert scene.objects == before
+
+
+def test_a_copy_shares_the_hierarchy_until_either_changes() -> None:
+    scene = ls.Scene()
+    balls = [scene.add(ls.Sphere((3.0 * i, 0, 5), 1.0)) for i in range(1, 9)]
+    down = np.array([(3.0 * i, 0, 20) for i in range(1, 9)]), np.tile([0.0, 0, -1], (8, 1))
+    before = scene.cast(*down)
+    other = copy.copy(scene)
+    assert other._snapshot() is scene._snapshot()
+    up = np.eye(4)
+    up[2, 3] = 2.0
+    other.update(balls[2], transform=up)
+    assert other._snapshot() is not scene._snapshot()
+    expected = before.t.copy()
+    expected[2] -= 2.0
+    assert np.array_equal(other.cast(*down).t, expected)
+    assert np.array_equal(scene.cast(*down).t, before.t)
+    scene.remove(balls[0])
+    assert np.array_equal(scene.cast(*down).hit, [False] + [True] * 7)
+    assert other.cast(*down).hit.all()

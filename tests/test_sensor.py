@@ -170,3 +170,13 @@ def test_reader_is_one_registration(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path.write_bytes(b"\xef\xbb\xbfMINE\xff")
     assert ls.Lidar.from_file(str(path), gain=2.0).name == "mine"
     assert given == [path, 2.0]
+
+
+def test_a_preset_at_another_rate() -> None:
+    lidar, faster = ls.Lidar.preset("livox-mid360"), ls.Lidar.preset("livox-mid360", rate=20)
+    assert (lidar.pattern.rate, faster.pattern.rate, faster.pattern.shape) == (10.0, 20.0, (4, 2500))
+    assert faster == dataclasses.replace(lidar, pattern=ls.patterns.Mid360(rate=20.0))
+    for name in ls.Lidar.presets():
+        assert ls.Lidar.preset(name, rate=5.0).pattern.rate == 5.0
+    with pytest.raises(ValueError, match=r"rate: expected a finite number > 0, got 0\.0"):
+        ls.Lidar.preset("ouster-os1-64", rate=0.0)

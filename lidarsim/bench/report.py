@@ -47,6 +47,10 @@ MOTION = """\
 128 channels: moving scenes relative to the same scenes at rest. One ray: a scene after one object was moved, relative
 to the same scene built anew."""
 
+ROBOTS = """\
+1,000 robots with a lidar of 360 beams each, from new poses at each step, in a scene of 100 shapes and a mesh of 100,352
+triangles. Peers know geoms only; they scan from one place again and again, which saves them the update of the poses."""
+
 SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
 built and scanned once. Mean times of a scene, and the share of building."""
@@ -211,6 +215,20 @@ def to_markdown(results: Results) -> str:
                 for row in results["motion"]
             ),
         ),
+        "## Robots",
+        ROBOTS,
+        _table(
+            "robots | over | ms | ×",
+            (
+                [
+                    row["what"],
+                    row["over"] * (row["over"] != row["what"]),
+                    _short(1e3 * row["seconds"]),
+                    _short(row["ratio"]),
+                ]
+                for row in results["robots"]
+            ),
+        ),
         "## Random scenes",
         SCENES,
         _table(
@@ -332,6 +350,11 @@ def summary(results: Results) -> str:
                 line += f"; {_count(row['resident'])} bytes per triangle, Open3D {_count(peer['resident'])}"
             lines.append(line)
     lines += [f"{row['what']}: {_short(row['ratio'])} × the bare cast" for row in results["scan"][1:]]
+    lines += [
+        f"robots, {row['what']}: {_short(row['ratio'])} × {row['over']}"
+        for row in results["robots"]
+        if row["what"] != row["over"]
+    ]
     lines += [
         f"{row['scenes']} random scenes of {row['objects']} objects, a {row['what']} by 32 channels each: "
         f"building takes {row['share']:.1%} of the time"

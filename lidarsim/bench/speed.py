@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim.bench import building, exact, motion, report, scenes
+from lidarsim.bench import building, exact, motion, report, robots, scenes
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
@@ -70,6 +70,8 @@ class Plan:
         Number of builds of each mesh.
     scenes : int
         Number of random scenes that are built and scanned.
+    robots : int
+        Number of robots that scan at once.
     memory : tuple of str
         Meshes whose memory is measured, each in a fresh process.
     sample : int
@@ -88,6 +90,7 @@ class Plan:
     seconds: float = 8.0
     builds: int = 7
     scenes: int = 200
+    robots: int = robots.ROWS
     memory: tuple[str, ...] = tuple(MESHES)
     sample: int = 4000
 
@@ -229,6 +232,7 @@ class _Run:
         self.instances: list[dict[str, Any]] = []
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
+        self.robots: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
         self.scaling: list[dict[str, Any]] = []
         self.scenes: list[dict[str, Any]] = []
@@ -432,6 +436,14 @@ class _Run:
         times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
         self.motion += motion.over(times, what)
 
+    def many_robots(self) -> None:
+        """Measure the scans of many robots in one call."""
+        self.progress("robots")
+        os.environ["LIDARSIM_THREADS"] = str(self.plan.threads[-1])
+        what = robots.calls(self.casters, self.plan.threads[-1], self.plan.robots)
+        times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
+        self.robots += robots.over(times, what, self.plan.robots)
+
     def random_scenes(self) -> None:
         """Measure the share of building in the total time of scenes that are scanned once."""
         for threads in self.plan.threads:
@@ -453,6 +465,7 @@ class _Run:
             "instances": self.instances,
             "coincident": self.coincident,
             "motion": self.motion,
+            "robots": self.robots,
             "sight": self.sight,
             "scaling": self.scaling,
             "scenes": self.scenes,
@@ -633,6 +646,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.coincident_surfaces()
         bench.lines_of_sight()
         bench.moving()
+        bench.many_robots()
         bench.random_scenes()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}

@@ -87,6 +87,19 @@ class Pulses(_OfOneOrigin):
     def _restored(cls, contents: dict[str, Any]) -> Self:
         return cls(**contents)
 
+    @property
+    def azimuth(self) -> npt.NDArray[np.float64]:
+        """Azimuth of each pulse, counterclockwise from x, -π to π rad: ndarray of float64, shape (n,)."""
+        x, y, _ = self.directions.T
+        azimuth: npt.NDArray[np.float64] = np.arctan2(y, x)
+        return azimuth
+
+    @property
+    def elevation(self) -> npt.NDArray[np.float64]:
+        """Elevation of each pulse above the x-y plane, -π/2 to π/2 rad: ndarray of float64, shape (n,)."""
+        elevation: npt.NDArray[np.float64] = np.arcsin(np.clip(self.directions[:, 2], -1.0, 1.0))
+        return elevation
+
     def __len__(self) -> int:
         return len(self.directions)
 

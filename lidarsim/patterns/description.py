@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarsim._validation import Floats
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns._pulses import Pattern, Pulses, check_pattern, pulses_of
 
@@ -88,7 +87,7 @@ def describe(pattern: Pattern) -> Description:
     if not len(first):
         raise ArgumentValueError("pattern", "one whose first frame has pulses", "none")
     count = len(first) + len(second) + sum(len(pulses_of(pattern, frame)) for frame in range(2, FRAMES))
-    azimuth, elevation = angles_of(first)
+    azimuth, elevation = first.azimuth, first.elevation
 
     present, ring = np.unique(first.ring, return_inverse=True)
     by_ring = np.argsort(ring, kind="stable")
@@ -111,16 +110,9 @@ def describe(pattern: Pattern) -> Description:
     )
 
 
-def angles_of(pulses: Pulses) -> tuple[Floats, Floats]:
-    """Return azimuth and elevation of each pulse, rad."""
-    x, y, z = pulses.directions.T
-    return np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))
-
-
 def field_of_view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the lowest and the highest azimuth, and elevation, rad; nan if there are no pulses."""
-    azimuth, elevation = angles_of(pulses)
-    return _span(azimuth), _span(elevation)
+    return _span(pulses.azimuth), _span(pulses.elevation)
 
 
 def _span(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float]:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim.bench import building, motion, peers, scenes, speed
+from lidarsim.bench import building, motion, peers, robots, scenes, speed
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
 
@@ -30,6 +30,7 @@ PLAN = Plan(
     seconds=0.2,
     builds=2,
     scenes=3,
+    robots=8,
     memory=("city",),
     sample=50,
 )
@@ -163,6 +164,34 @@ def test_what_moves_is_over_the_same_standing_still(results: dict[str, Any]) -> 
     ]
     assert all(row["ratio"] == row["seconds"] / seconds[row["over"]] for row in results["motion"])
     assert len(seconds) == 8
+
+
+def test_robots_are_over_one_cast_and_the_loop(results: dict[str, Any]) -> None:
+    rows = {row["what"]: row for row in results["robots"]}
+    cast, loop, geoms = (
+        "Scene.cast of the same rays",
+        "a loop of Lidar.scan",
+        "scan_many, ranges, 100 geoms from one place",
+    )
+    peers_of_geoms = [f"{name}, the same" for name in peers.installed()[0] if name.startswith("MuJoCo")]
+    assert {row["over"] for row in rows.values()} == {cast, loop, geoms, "scan_many, ranges"}
+    assert set(peers_of_geoms) <= set(rows)
+    assert all(rows[name]["over"] == geoms for name in peers_of_geoms)
+    assert all(row["ratio"] == row["seconds"] / rows[row["over"]]["seconds"] for row in rows.values())
+
+
+def test_robots_cast_the_rays_that_they_scan_with() -> None:
+    calls = {name: call() for name, (_, call) in robots.calls((), 1, 3).items() if "geoms" not in name}
+    hits = calls["Scene.cast of the same rays"]
+    assert len(hits) == 3 * 360
+    assert 0.4 < hits.hit.mean() < 1.0
+    scene, places = robots.world(), robots.poses(3, 0)
+    assert sum(len(item.shape) for item in scene if isinstance(item.shape, ls.TriangleMesh)) > 100_000
+    lidar = ls.Lidar(ls.patterns.Grid(np.linspace(-np.pi, np.pi, 360), [0.0], rate=20.0))
+    cast = scene.cast(*robots._rays(lidar, places)).object_id.reshape(3, 360)
+    batch = lidar.scan_many(scene, places, fields=["object_id"])
+    assert (batch.object_id == cast).mean() > 0.999  # the poses are made orthonormal once more, which is a rounding
+    assert len({row.tobytes() for row in robots.poses(3, 1)} & {row.tobytes() for row in places}) == 0
 
 
 def test_what_is_moved_is_not_built_anew() -> None:

@@ -59,3 +59,13 @@ def test_patterns_that_are_none_are_refused(pattern: Any, error: type[Exception]
     assert ls.Lidar(Described()).pattern.rate == 10.0
     with pytest.raises(error, match=f"^{re.escape(message)}$"):
         ls.Lidar(pattern)
+
+
+def test_beam_angles() -> None:
+    azimuths, elevations = np.radians([-170.0, -30.0, 0.0, 100.0]), np.radians([-80.0, -5.0, 0.0, 60.0])
+    pulses = ls.patterns.Grid(azimuths, elevations, rate=10.0).pulses()
+    # a coordinate is rounded to 2**-53, which moves an angle by that over the cosine of 80°
+    bound = 4 * 2.0**-53 / np.cos(np.radians(80.0))
+    assert np.abs(pulses.azimuth - np.repeat(azimuths, 4)).max() < bound
+    assert np.abs(pulses.elevation - np.tile(elevations, 4)).max() < bound
+    assert pulses.azimuth.shape == pulses.elevation.shape == (16,)

@@ -3,6 +3,7 @@
 mod affine;
 mod cloud;
 mod coverage;
+mod many;
 mod object;
 mod path;
 mod plain;
@@ -44,6 +45,10 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyTexture>()?;
     m.add_class::<PyTextureMap>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
+    m.add_class::<scan::PyReceiver>()?;
+    m.add_function(wrap_pyfunction!(many::scan_many, m)?)?;
+    m.add_function(wrap_pyfunction!(many::first_not_rigid, m)?)?;
+    m.add_function(wrap_pyfunction!(many::is_plain_pose, m)?)?;
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
     m.add_function(wrap_pyfunction!(scan::air_echoes, m)?)?;
     m.add_function(wrap_pyfunction!(scan::scan_columns, m)?)?;
@@ -53,6 +58,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
     m.add_function(wrap_pyfunction!(object::placed, m)?)?;
+    m.add_function(wrap_pyfunction!(plain::are_plain_points, m)?)?;
     m.add_function(wrap_pyfunction!(plain::plain_matrix, m)?)?;
     m.add_function(wrap_pyfunction!(plain::plain_vector, m)?)?;
     m.add_function(wrap_pyfunction!(threads, m)?)?;

@@ -7,7 +7,7 @@ use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyU
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::{argument_error, detached, elements};
+use crate::{argument_error, detached, elements, plain};
 
 /// The pose of the sensor at each time.
 #[pyclass(frozen, name = "Path", module = "lidarsim._native")]
@@ -17,7 +17,7 @@ pub struct PyPath {
 
 type Matrix = [[f64; 4]; 4];
 
-fn pose([x, y, z, _]: Matrix) -> Pose {
+pub fn pose([x, y, z, _]: Matrix) -> Pose {
     Pose::from_rows([x, y, z])
 }
 
@@ -30,8 +30,9 @@ impl From<Path> for PyPath {
 #[pymethods]
 impl PyPath {
     #[staticmethod]
-    fn still(matrix: Matrix) -> Self {
-        Path::Still(pose(matrix)).into()
+    fn still(matrix: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let matrix = plain::affine(matrix).map_or_else(|| matrix.extract(), Ok)?;
+        Ok(Path::Still(pose(matrix)).into())
     }
 
     /// Constant velocities in the moving frame, whose pose at time 0 is `matrix`.

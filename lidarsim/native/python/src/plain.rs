@@ -27,6 +27,16 @@ fn three(count: usize, item: impl Fn(usize) -> Option<f64>) -> Option<Point> {
     if count == 3 { Some([item(0)?, item(1)?, item(2)?]) } else { None }
 }
 
+/// Whether two values are aligned, C-contiguous float64 arrays of shape (n, 3).
+#[pyfunction]
+pub fn are_plain_points(origins: &Bound<'_, PyAny>, directions: &Bound<'_, PyAny>) -> bool {
+    [origins, directions].into_iter().all(|value| {
+        value
+            .cast_exact::<PyArray2<f64>>()
+            .is_ok_and(|array| array.shape()[1] == 3 && array.is_c_contiguous() && array.is_aligned())
+    })
+}
+
 /// The numbers of vectors, followed by single numbers, both by name, if all are finite.
 pub fn numbers(vectors: &Bound<'_, PyDict>, scalars: &Bound<'_, PyDict>) -> Option<Vec<f64>> {
     let mut numbers = Vec::with_capacity(3 * vectors.len() + scalars.len());

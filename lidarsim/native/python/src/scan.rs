@@ -1,5 +1,7 @@
 //! Scans: one call per frame takes pulses to the arrays of a scan.
 
+use std::sync::Arc;
+
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
     BadPulse, Fault, Frame, Layout, Measurement, Origins, Parameters, Scan, ScanColumns, Value,
@@ -10,6 +12,7 @@ use numpy::{
     PyReadonlyArray2,
 };
 use pyo3::exceptions::PyValueError;
+use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
@@ -75,7 +78,7 @@ pub struct Pulses<'a> {
     pub directions: &'a [Point],
     pub origins: Origins<'a>,
     pub times: &'a [f64],
-    rings: &'a [u16],
+    pub rings: &'a [u16],
 }
 
 impl PulseArrays<'_> {
@@ -94,7 +97,7 @@ impl PulseArrays<'_> {
 }
 
 /// The type of the entries of a column.
-trait Entry: Sized {
+pub trait Entry: Copy {
     type Number: Element;
     /// The shape of an entry.
     const SHAPE: &'static [usize];
@@ -122,7 +125,7 @@ macro_rules! entries {
 
 entries!(f64, f32, i32, u32, u8);
 
-impl<T: Element> Entry for [T; 3] {
+impl<T: Element + Copy> Entry for [T; 3] {
     type Number = T;
     const SHAPE: &'static [usize] = &[3];
 
@@ -177,6 +180,32 @@ fn described<'py, T: Entry>(py: Python<'py>, of_returns: bool, unused: T) -> PyR
     Ok((numpy::dtype::<T::Number>(py), shape, of_returns, T::array(py, vec![unused], &[])?))
 }
 
+/// The measurement of a `lidarsim.Lidar`, made once from its attributes.
+#[pyclass(frozen, name = "Receiver", module = "lidarsim._native")]
+pub struct PyReceiver(pub Arc<Measurement>);
+
+#[pymethods]
+impl PyReceiver {
+    #[new]
+    fn new(lidar: &Bound<'_, PyAny>) -> PyResult<Self> {
+        Ok(PyReceiver(Arc::new(Measurement::from_parameters(&Attributes(lidar, None))?)))
+    }
+}
+
+/// The measurement that a lidar keeps, or one made from its attributes and those of an atmosphere.
+pub fn measurement_of<'py>(
+    lidar: &Bound<'py, PyAny>,
+    atmosphere: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Arc<Measurement>> {
+    if atmosphere.is_some() {
+        return Ok(Arc::new(Measurement::from_parameters(&Attributes(lidar, atmosphere))?));
+    }
+    match lidar.getattr_opt(intern!(lidar.py(), "_receiver"))? {
+        Some(kept) => Ok(kept.cast::<PyReceiver>()?.get().0.clone()),
+        None => Ok(PyReceiver::new(lidar)?.0),
+    }
+}
+
 /// Raises MemoryError if a scan of this many pulses does not fit into memory.
 #[pyfunction]
 #[pyo3(signature = (pulses, lidar, atmosphere=None))]
@@ -186,7 +215,7 @@ pub fn expect_room<'py>(
     lidar: &Bound<'py, PyAny>,
     atmosphere: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<()> {
-    let measurement = Measurement::from_parameters(&Attributes(lidar, atmosphere))?;
+    let measurement = measurement_of(lidar, atmosphere)?;
     let (most, strays, tells_sources) =
         (measurement.most_returns(), measurement.strays(), measurement.tells_sources());
     detached(py, || ScanColumns::expect_room(Layout { pulses, most, strays, moves: false, tells_sources }))
@@ -197,7 +226,7 @@ pub fn expect_room<'py>(
 /// `indices` are the pulses' indices in the whole frame, unless they are all of it, in order. `draws` are
 /// seed, sensor and frame.
 #[pyfunction]
-#[pyo3(signature = (scene, path, pulses, indices, lidar, start, draws, atmosphere=None))]
+#[pyo3(signature = (scene, path, pulses, indices, lidar, start, draws, atmosphere=None, ignored=None))]
 #[expect(clippy::too_many_arguments, reason = "one call a scan")]
 pub fn scan<'py>(
     py: Python<'py>,
@@ -209,10 +238,12 @@ pub fn scan<'py>(
     start: f64,
     draws: (u64, u32, u32),
     atmosphere: Option<&Bound<'py, PyAny>>,
+    ignored: Option<PyReadonlyArray1<'py, i64>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let Pulses { directions, origins, times, rings } = pulses.slices()?;
     let indices = indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
-    let measurement = Measurement::from_parameters(&Attributes(lidar, atmosphere))?;
+    let measurement = measurement_of(lidar, atmosphere)?;
+    let ignored = scene.ignored(ignored.as_ref())?;
     check_rings(rings, measurement.rings())?;
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
@@ -227,6 +258,7 @@ pub fn scan<'py>(
         // irrelevant.
         let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
         let world = scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
+        let world = world.ignoring(&ignored);
         let appearances = &scene.appearances;
         let scan = Scan { frame: &frame, measurement: &measurement, appearances, caster: &world };
         scan.measure(&mut columns.rows(), |batch| kernels.measure(batch))?;
@@ -249,7 +281,7 @@ pub fn air_echoes<'py>(
 }
 
 /// `known` is the number of rings with sensor parameters, if these differ between rings.
-fn check_rings(rings: &[u16], known: Option<usize>) -> PyResult<()> {
+pub fn check_rings(rings: &[u16], known: Option<usize>) -> PyResult<()> {
     let Some(known) = known else { return Ok(()) };
     match rings.iter().position(|ring| usize::from(*ring) >= known) {
         None => Ok(()),
@@ -260,7 +292,7 @@ fn check_rings(rings: &[u16], known: Option<usize>) -> PyResult<()> {
     }
 }
 
-fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> PyErr {
+pub fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> PyErr {
     match fault {
         Fault::Direction => {
             let [x, y, z] = frame.directions[i];

@@ -1,6 +1,6 @@
 //! Scenes, and casts of rays at them.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use lidarsim_core::measure::Appearance;
 use lidarsim_core::{
@@ -11,7 +11,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
-use crate::{Points, PySceneObject, PyShape, detached, elements, equal_points, kernels, legal_rays};
+use crate::{
+    Points, PySceneObject, PyShape, argument_error, detached, elements, equal_points, kernels, legal_rays,
+};
 
 type HitArrays<'py> = (
     Bound<'py, PyArray1<f64>>,
@@ -19,6 +21,9 @@ type HitArrays<'py> = (
     Bound<'py, PyArray1<i32>>,
     Bound<'py, PyArray2<f64>>,
 );
+
+/// Most unknown instances that an error names.
+const NAMED: usize = 8;
 
 /// Size of a hit, bytes.
 const HIT: usize = size_of::<f64>() + 2 * size_of::<i32>() + size_of::<Point>();
@@ -28,6 +33,8 @@ const HIT: usize = size_of::<f64>() + 2 * size_of::<i32>() + size_of::<Point>();
 pub struct PyScene {
     pub scene: Scene,
     pub appearances: Vec<Arc<Appearance>>,
+    /// The instance of each object and its index, ascending; made when first needed.
+    instances: OnceLock<Vec<(u32, u32)>>,
 }
 
 /// Rays to be cast at a scene.
@@ -52,14 +59,62 @@ impl RayCast<'_> {
 }
 
 impl PyScene {
+    pub fn new(scene: Scene, appearances: Vec<Arc<Appearance>>) -> Self {
+        PyScene { scene, appearances, instances: OnceLock::new() }
+    }
+
+    /// The indices of the objects of some instances, ascending.
+    ///
+    /// # Errors
+    ///
+    /// ValueError if there is no object of an instance.
+    pub fn objects_of(&self, argument: &str, instances: &[i64]) -> PyResult<Vec<u32>> {
+        let (mut objects, mut unknown) = (Vec::new(), Vec::new());
+        let table = self.instances.get_or_init(|| {
+            let mut table = memory::collect(
+                self.appearances.iter().enumerate().map(|(i, item)| (item.instance, i as u32)),
+            );
+            table.sort_unstable();
+            table
+        });
+        for &instance in instances {
+            let first = table.partition_point(|&(other, _)| i64::from(other) < instance);
+            let own = table[first..].iter().take_while(|&&(other, _)| i64::from(other) == instance);
+            let before = objects.len();
+            objects.extend(own.map(|&(_, object)| object));
+            if objects.len() == before {
+                unknown.push(instance);
+            }
+        }
+        if !unknown.is_empty() {
+            unknown.dedup();
+            let expected = "instances of objects in the scene (by default an object's id + 1)";
+            let mut got: Vec<String> = unknown.iter().take(NAMED).map(i64::to_string).collect();
+            if unknown.len() > NAMED {
+                got.push(format!("and {} more", unknown.len() - NAMED));
+            }
+            return Err(argument_error(argument, expected, got.join(", ")));
+        }
+        objects.sort_unstable();
+        objects.dedup();
+        Ok(objects)
+    }
+
+    /// As `objects_of`, for the argument `ignore` of casts and scans.
+    pub fn ignored(&self, instances: Option<&PyReadonlyArray1<'_, i64>>) -> PyResult<Vec<u32>> {
+        let Some(instances) = instances else { return Ok(Vec::new()) };
+        self.objects_of("ignore", elements("ignore", instances)?)
+    }
+
     /// Runs `work` on rays, which must be legal; `work` tells whether they are. `times` has one per ray, or
-    /// none if nothing moves. `bytes` is the size of the result per ray.
+    /// none if nothing moves. Rays pass through the objects `ignored`. `bytes` is the size of the result per
+    /// ray.
     fn cast_rays<R: Send>(
         &self,
         py: Python<'_>,
         (origins, directions): (&[Point], &[Point]),
         times: Option<&PyReadonlyArray1<'_, f64>>,
-        range: TRange,
+        (range, ignored): (TRange, &[u32]),
         bytes: usize,
         work: impl FnOnce(RayCast<'_>) -> (R, bool) + Send,
     ) -> PyResult<R> {
@@ -75,6 +130,7 @@ impl PyScene {
             memory::expect_room(n.saturating_mul(bytes), || format!("the hits of {n} rays"));
             self.scene.prepare();
             let world = self.scene.during(span(times));
+            let world = world.ignoring(ignored);
             work(RayCast { world, kernels, rays: Rays { origins, directions, times }, range })
         })?;
         if !legal {
@@ -89,7 +145,7 @@ impl PyScene {
     /// `like` is a scene whose hierarchy is refitted if it has the same objects in other places.
     #[new]
     #[pyo3(signature = (items, like=None))]
-    fn new(py: Python<'_>, items: &Bound<'_, PyList>, like: Option<&PyScene>) -> PyResult<Self> {
+    fn of_items(py: Python<'_>, items: &Bound<'_, PyList>, like: Option<&PyScene>) -> PyResult<Self> {
         let count = items.len();
         let (mut objects, mut appearances) =
             detached(py, || (memory::with_capacity(count), memory::with_capacity(count)))?;
@@ -102,13 +158,18 @@ impl PyScene {
             None => Scene::new(objects),
             Some(like) => detached(py, || Scene::like(&like.scene, objects))?,
         };
-        Ok(PyScene { scene, appearances })
+        Ok(PyScene::new(scene, appearances))
     }
 
     /// A scene of one shape; it can be cast at but not scanned.
     #[staticmethod]
     fn of_shape(shape: &PyShape) -> Self {
-        PyScene { scene: Scene::new(vec![shape.object.clone()]), appearances: Vec::new() }
+        PyScene::new(Scene::new(vec![shape.object.clone()]), Vec::new())
+    }
+
+    /// Raises ValueError if there is no object of some of these instances.
+    fn expect_instances(&self, ignored: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
+        self.ignored(Some(&ignored)).map(drop)
     }
 
     /// Builds the hierarchies now rather than at the first cast.
@@ -117,6 +178,9 @@ impl PyScene {
     }
 
     /// t (n,), object (n,), primitive_id (n,), normal (n, 3). `times` is (n,), or absent if nothing moves.
+    /// Rays pass through the instances `ignored`.
+    #[pyo3(signature = (origins, directions, t_min, t_max, times, ignored=None))]
+    #[expect(clippy::too_many_arguments, reason = "one call a cast")]
     fn cast<'py>(
         &self,
         py: Python<'py>,
@@ -125,10 +189,12 @@ impl PyScene {
         t_min: f64,
         t_max: f64,
         times: Option<PyReadonlyArray1<'py, f64>>,
+        ignored: Option<PyReadonlyArray1<'py, i64>>,
     ) -> PyResult<HitArrays<'py>> {
         let rays = equal_points(&origins, &directions)?;
+        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.ignored(ignored.as_ref())?);
         let (t, object, primitive, normal) =
-            self.cast_rays(py, rays, times.as_ref(), TRange { min: t_min, max: t_max }, HIT, |cast| {
+            self.cast_rays(py, rays, times.as_ref(), (range, &ignored), HIT, |cast| {
                 let n = rays.0.len();
                 let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity(3 * n));
                 let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
@@ -157,6 +223,7 @@ impl PyScene {
     }
 
     /// The nearest `most` hits of each ray, ascending: as for `cast`, with rows of `most` hits and misses.
+    #[pyo3(signature = (origins, directions, t_min, t_max, times, most, ignored=None))]
     #[expect(clippy::too_many_arguments, reason = "the arguments of `cast`, and `most`")]
     fn cast_all<'py>(
         &self,
@@ -167,15 +234,17 @@ impl PyScene {
         t_max: f64,
         times: Option<PyReadonlyArray1<'py, f64>>,
         most: usize,
+        ignored: Option<PyReadonlyArray1<'py, i64>>,
     ) -> PyResult<HitArrays<'py>> {
         let rays = equal_points(&origins, &directions)?;
         legal_rays(rays.0, rays.1)?;
+        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.ignored(ignored.as_ref())?);
         let bytes = HIT.saturating_mul(most);
         let (t, object, primitive, normal) = self.cast_rays(
             py,
             rays,
             times.as_ref(),
-            TRange { min: t_min, max: t_max },
+            (range, &ignored),
             bytes,
             |RayCast { world, rays, range, .. }| {
                 let n = rays.origins.len() * most;
@@ -203,7 +272,9 @@ impl PyScene {
         ))
     }
 
-    /// Whether each ray hits anything, (n,). `times` is as for `cast`.
+    /// Whether each ray hits anything, (n,). `times` and `ignored` are as for `cast`.
+    #[pyo3(signature = (origins, directions, t_min, t_max, times, ignored=None))]
+    #[expect(clippy::too_many_arguments, reason = "the arguments of `cast`")]
     fn occluded<'py>(
         &self,
         py: Python<'py>,
@@ -212,23 +283,19 @@ impl PyScene {
         t_min: f64,
         t_max: f64,
         times: Option<PyReadonlyArray1<'py, f64>>,
+        ignored: Option<PyReadonlyArray1<'py, i64>>,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let rays = equal_points(&origins, &directions)?;
-        let occluded = self.cast_rays(
-            py,
-            rays,
-            times.as_ref(),
-            TRange { min: t_min, max: t_max },
-            size_of::<bool>(),
-            |cast| {
+        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.ignored(ignored.as_ref())?);
+        let occluded =
+            self.cast_rays(py, rays, times.as_ref(), (range, &ignored), size_of::<bool>(), |cast| {
                 let n = rays.0.len();
                 let mut occluded = memory::with_capacity(n);
                 let legal = cast.occlusion(Occlusion(&mut occluded.spare_capacity_mut()[..n]));
                 // SAFETY: as for `cast`.
                 unsafe { occluded.set_len(n) };
                 (occluded, legal)
-            },
-        )?;
+            })?;
         Ok(PyArray1::from_vec(py, occluded))
     }
 }

@@ -24,5 +24,6 @@ pub use all_hits::{HitRows, cast_all};
 pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use driver::Cast;
 pub use meet_things::MeetThings;
+pub use ray_sort::NEAR;
 pub use schedule::pieces;
 pub use things::NO_THING;

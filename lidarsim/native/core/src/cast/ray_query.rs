@@ -19,20 +19,24 @@ pub trait RayQuery<'a> {
     /// Traverses the whole scene.
     fn run(&mut self, world: &World, stack: &mut Stack) {
         for &object in &world.index.unbounded {
-            self.visit(object, 0);
+            if !world.ignores(object) {
+                self.visit(object, 0);
+            }
         }
-        self.traverse(&world.index.bounded, stack);
+        self.traverse(world, &world.index.bounded, stack);
         if let Some(movers) = world.movers() {
-            self.traverse(movers, stack);
+            self.traverse(world, movers, stack);
         }
     }
 
-    fn traverse(&mut self, hierarchy: &Bvh<u32>, stack: &mut Stack) {
+    fn traverse(&mut self, world: &World, hierarchy: &Bvh<u32>, stack: &mut Stack) {
         let TimedRay { origin, direction, .. } = *self.ray();
         let (o, d) = (origin.map(Interval::point), direction.map(Interval::point));
         let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min(), self.limit());
         hierarchy.traverse(&mut ray, stack, |stack, leaf| {
-            self.enter(*leaf, stack);
+            if !world.ignores(*leaf) {
+                self.enter(*leaf, stack);
+            }
             self.limit()
         });
     }

@@ -232,9 +232,11 @@ impl<'a, 'b> Traversal<'a, 'b> {
         outer.stop(stack);
         let active = all(state.rays.count);
         for &object in &world.index.unbounded {
-            let asked = state.asked(object, active);
-            let nearer = state.intersect_surface::<I>(object, asked, surfaces);
-            state.leave::<I>(object, nearer);
+            if !world.ignores(object) {
+                let asked = state.asked(object, active);
+                let nearer = state.intersect_surface::<I>(object, asked, surfaces);
+                state.leave::<I>(object, nearer);
+            }
         }
         if state.rays.count == 1 || !state.rays.are_coherent::<I>(world.size) {
             I::call(Incoherent {
@@ -260,7 +262,11 @@ impl<'a, 'b> Traversal<'a, 'b> {
         state.approach::<I>(hierarchy);
         match hierarchy.only_leaf() {
             // The root of the mesh's own hierarchy does the same test as the hierarchy of objects.
-            Some(&id) if !state.scene.objects()[id as usize].is_surface() => self.enter::<I>(id, active),
+            Some(&id) if !state.scene.objects()[id as usize].is_surface() => {
+                if !self.world.ignores(id) {
+                    self.enter::<I>(id, active);
+                }
+            }
             _ => {
                 state.fill::<I>(&mut outer.packet, hierarchy);
                 hierarchy.start::<I>(outer, active, stack);
@@ -270,6 +276,9 @@ impl<'a, 'b> Traversal<'a, 'b> {
 
     #[inline(always)]
     fn intersect<I: Isa>(&mut self, id: u32, surfaces: &mut SurfaceIntersector) {
+        if self.world.ignores(id) {
+            return;
+        }
         let mask = self.outer.mask();
         if self.state.scene.objects()[id as usize].is_surface() {
             let asked = self.state.asked(id, mask);
@@ -609,10 +618,12 @@ impl Task for Incoherent<'_, '_, '_> {
         for hierarchy in [Some(&world.index.bounded), world.movers()].into_iter().flatten() {
             state.approach::<I>(hierarchy);
             match hierarchy.only_leaf() {
-                Some(&id) => Objects { state, packet: inner, surfaces }.intersect::<I>(stack, id, active),
+                Some(&id) => {
+                    Objects { state, world, packet: inner, surfaces }.intersect::<I>(stack, id, active)
+                }
                 None => {
                     state.fill::<I>(outer, hierarchy);
-                    let mut objects = Objects { state, packet: inner, surfaces };
+                    let mut objects = Objects { state, world, packet: inner, surfaces };
                     hierarchy.traverse_single::<I>(outer, active, stack, &mut objects);
                 }
             }
@@ -623,6 +634,7 @@ impl Task for Incoherent<'_, '_, '_> {
 /// Single rays that traverse the hierarchy of objects.
 struct Objects<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
+    world: &'a World<'a>,
     /// Inside a mesh.
     packet: &'t mut Packet,
     surfaces: &'t mut SurfaceIntersector,
@@ -631,6 +643,9 @@ struct Objects<'t, 'a, 'b> {
 impl Objects<'_, '_, '_> {
     #[inline(always)]
     fn intersect<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: Mask) {
+        if self.world.ignores(id) {
+            return;
+        }
         let mask = self.state.asked(id, mask);
         let Some(visit) = self.state.enter::<I>(id, mask, stack) else {
             let nearer = self.state.intersect_surface::<I>(id, mask, self.surfaces);

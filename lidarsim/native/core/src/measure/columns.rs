@@ -104,12 +104,12 @@ macro_rules! declare {
         }
 
         /// Uninitialized parts of the columns, for some pulses. A measurement writes each entry, or finds a
-        /// bad pulse.
+        /// bad pulse. A column that nobody wants is empty, and is not computed.
         pub struct Rows<'a> {
             layout: Layout,
-            $($(#[$echo_doc])* pub(super) $echo: &'a mut [MaybeUninit<$Echo>],)+
-            $($(#[$ray_doc])* pub(super) $ray: &'a mut [MaybeUninit<$Ray>],)+
-            $($(#[$pulse_doc])* pub(super) $pulse: &'a mut [MaybeUninit<$Pulse>],)+
+            $($(#[$echo_doc])* pub $echo: &'a mut [MaybeUninit<$Echo>],)+
+            $($(#[$ray_doc])* pub $ray: &'a mut [MaybeUninit<$Ray>],)+
+            $($(#[$pulse_doc])* pub $pulse: &'a mut [MaybeUninit<$Pulse>],)+
         }
 
         /// N rows of what echoes and hits determine.
@@ -175,6 +175,16 @@ macro_rules! declare {
         }
 
         impl<'a> Rows<'a> {
+            /// Without any column.
+            pub fn none(layout: Layout) -> Rows<'a> {
+                Rows {
+                    layout,
+                    $($echo: &mut [],)+
+                    $($ray: &mut [],)+
+                    $($pulse: &mut [],)+
+                }
+            }
+
             /// Splits off the entries of the first pulses.
             pub(super) fn split_off(&mut self, pulses: usize) -> Rows<'a> {
                 let layout = Layout { pulses, ..self.layout };
@@ -182,9 +192,9 @@ macro_rules! declare {
                 let rows = layout.rows();
                 Rows {
                     layout,
-                    $($echo: memory::split_off(&mut self.$echo, layout.$has_echo(rows)),)+
-                    $($ray: memory::split_off(&mut self.$ray, layout.$has_ray(rows)),)+
-                    $($pulse: memory::split_off(&mut self.$pulse, layout.$has_pulse(pulses)),)+
+                    $($echo: first(&mut self.$echo, layout.$has_echo(rows)),)+
+                    $($ray: first(&mut self.$ray, layout.$has_ray(rows)),)+
+                    $($pulse: first(&mut self.$pulse, layout.$has_pulse(pulses)),)+
                 }
             }
 
@@ -203,6 +213,18 @@ macro_rules! declare {
 
 scan_columns!(declare);
 
+impl Rows<'_> {
+    /// The measured ranges.
+    ///
+    /// # Safety
+    ///
+    /// They must have been written.
+    pub(super) unsafe fn written_range(&self) -> &[f64] {
+        // SAFETY: the caller has written all entries, and the types differ only in what they promise.
+        unsafe { &*(std::ptr::from_ref::<[MaybeUninit<f64>]>(self.range) as *const [f64]) }
+    }
+}
+
 impl ScanColumns {
     /// Unwinds if the system has no memory for the columns.
     pub fn expect_room(layout: Layout) {
@@ -210,6 +232,12 @@ impl ScanColumns {
             format!("the returns of {} pulses, {} each", layout.pulses, layout.most)
         });
     }
+}
+
+/// Splits off the first entries of a column; none if it is empty.
+fn first<'a, T>(column: &mut &'a mut [T], count: usize) -> &'a mut [T] {
+    let count = count.min(column.len());
+    memory::split_off(column, count)
 }
 
 /// Writes N entries, those from N·part on, or as many as there are.

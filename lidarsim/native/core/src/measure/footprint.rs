@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::beam::Beam;
 use super::caster::Caster;
-use super::columns::{Entries, Rows, unused};
+use super::columns::{Entries, Rows, unused, write};
 use super::direction::beside;
 use super::echo::Echo;
 use super::effects::{Draws, Echoes, Pulses};
@@ -68,8 +68,9 @@ impl<C: Caster> Scan<'_, C> {
                 row += 1;
             }
             let status = reported.first().map_or(Status::Miss, Echo::status);
-            rows.status[pulse].write(status as u8);
-            rows.return_count[pulse].write(if status == Status::Hit { reported.len() as u8 } else { 0 });
+            let count = if status == Status::Hit { reported.len() as u8 } else { 0 };
+            write(rows.status, pulse, [status as u8]);
+            write(rows.return_count, pulse, [count]);
             for row in row..(pulse + 1) * most {
                 report_nothing(row, Entries::UNUSED, scratch, rows);
             }

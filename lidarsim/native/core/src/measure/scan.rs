@@ -59,11 +59,7 @@ impl<C: Caster> Scan<'_, C> {
         let pieces = memory::collect(pieces.map(|piece| (piece.clone(), rows.split_off(piece.len()))));
         let bad = Mutex::new(None);
         parallel::share(pieces.into_iter(), |(pulses, mut rows)| {
-            let mut scratch = SCRATCH.take();
-            let batch = Batch { scan: self, pulses, scratch: &mut scratch, rows: &mut rows };
-            let outcome = work(batch);
-            SCRATCH.set(scratch);
-            if let Err(found) = outcome {
+            if let Err(found) = self.measure_piece(pulses, &mut rows, &work) {
                 let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
                 if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
                     *bad = Some(found);
@@ -71,6 +67,19 @@ impl<C: Caster> Scan<'_, C> {
             }
         });
         bad.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+    }
+
+    /// Measures some pulses on this thread.
+    pub(super) fn measure_piece(
+        &self,
+        pulses: Range<usize>,
+        rows: &mut Rows,
+        work: impl Fn(Batch<C>) -> Result<(), BadPulse>,
+    ) -> Result<(), BadPulse> {
+        let mut scratch = SCRATCH.take();
+        let outcome = work(Batch { scan: self, pulses, scratch: &mut scratch, rows });
+        SCRATCH.set(scratch);
+        outcome
     }
 
     #[inline(always)]

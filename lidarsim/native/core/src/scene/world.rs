@@ -22,8 +22,10 @@ pub struct World<'a> {
     movers: Option<Arc<Movers>>,
     /// The longest side of the box around all bounded objects.
     pub size: f64,
-    /// Unique among the worlds of the process.
+    /// Unique among the worlds of the process, but for those that differ in `ignored` alone.
     pub number: u64,
+    /// The objects that rays pass through as if they were not there, ascending; see [`World::ignoring`].
+    ignored: &'a [u32],
 }
 
 /// The hierarchy of moving objects during a span of time.
@@ -56,6 +58,23 @@ pub fn span(times: &[f64]) -> [f64; 2] {
     if first <= last { [first, last] } else { [0.0; 2] }
 }
 
+impl<'a> World<'a> {
+    /// The same world without some objects, which must ascend.
+    pub fn ignoring<'b>(&self, ignored: &'b [u32]) -> World<'b>
+    where
+        'a: 'b,
+    {
+        let World { scene, index, size, number, .. } = *self;
+        World { scene, index, movers: self.movers.clone(), size, number, ignored }
+    }
+
+    /// Whether rays pass through an object.
+    #[inline(always)]
+    pub fn ignores(&self, object: u32) -> bool {
+        !self.ignored.is_empty() && self.ignored.binary_search(&object).is_ok()
+    }
+}
+
 impl World<'_> {
     /// The hierarchy of moving objects; `None` if nothing moves.
     #[inline(always)]
@@ -73,7 +92,7 @@ impl Scene {
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let (index, number) = (self.index(), NUMBER.fetch_add(1, Ordering::Relaxed));
         if !self.moves() {
-            return World { scene: self, index, movers: None, size: index.size, number };
+            return World { scene: self, index, movers: None, size: index.size, number, ignored: &[] };
         }
         let bounds = |id: &u32| self.objects[*id as usize].bounds_during(span);
         let mut boxes = memory::with_capacity(self.movers.len());
@@ -91,7 +110,14 @@ impl Scene {
         });
         let movers = Arc::new(movers);
         self.last_movers.store(Some(movers.clone()));
-        World { scene: self, index, size: size(&boxes).max(index.size), movers: Some(movers), number }
+        World {
+            scene: self,
+            index,
+            size: size(&boxes).max(index.size),
+            movers: Some(movers),
+            number,
+            ignored: &[],
+        }
     }
 
     /// The hierarchy of the previous span, refitted to the boxes of this one. `None` if there is none or it
