@@ -442,6 +442,8 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
         _print_import(file)
     for lidar in run.lidars.values():
         _print_sensor(lidar)
+    for name, lidar in run.lidars.items():
+        _print_depth(name, lidar, run.scene)
     pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
     kinds = {"pose": pose, "objects": [*spans.values()], "all": [*pose, *spans.values()] if pose and spans else []}
     defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
@@ -762,6 +764,21 @@ def _terrain(number: int, mesh: ls.TriangleMesh) -> str:
         f"object {number}: heights in {rows:,} rows and {columns:,} columns, {counted(holes, 'hole')};"
         f" x {x} m, y {y} m, z {z} m{crs}"
     )
+
+
+def _print_depth(name: str, lidar: ls.Lidar, scene: ls.Scene) -> None:
+    """Print how many materials transmit or mirror light that the sensor does not follow."""
+    materials = {item.material for item in scene if item.material.transmission + item.material.mirror > 0.0}
+    found = {
+        "transmit": sum(material.transmission > 0.0 for material in materials),
+        "mirror": sum(material.mirror > 0.0 for material in materials),
+    }
+    if lidar.measurement.depth == 1 and any(found.values()):
+        does = " and ".join(
+            f"{counted(count, 'material')} {does}{'s' if count == 1 else ''}" for does, count in found.items() if count
+        )
+        whose = f"{name}: " if name else ""
+        print_line(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
 
 
 def _print_sensor(lidar: ls.Lidar) -> None:

@@ -146,6 +146,12 @@ class Scan(Pickled, Plotted):
     source : ndarray of uint8, shape (n, k), or None
         `Source` of each return, 255 for unused entries; None without `false_returns`. Returns without a surface have
         `object_id` -1, `label` 0 and no ground truth: `true_range`, `range_error`, `normal` and `incidence` are nan.
+    path : ndarray of uint8, shape (n, k), or None
+        How many surfaces the light of each return passed, or was mirrored by, before it came to this one; 0 for the
+        first surface, 255 for unused entries and false returns. None if `Measurement.depth` is 1.
+    mirrored_point : ndarray of float64, shape (n, k, 3), or None
+        Where the light of each return that was mirrored comes from, in the sensor frame at the time of the pulse, m;
+        nan for all other returns. None if nothing in the scene mirrors or `Measurement.depth` is 1.
     true_direction : ndarray of float64, shape (n, k, 3), or None
         Direction from the beam's origin to the true point of each return, in the sensor frame. None if there is neither
         angular jitter nor a beam; it is then the nominal direction of the pulse.
@@ -156,6 +162,10 @@ class Scan(Pickled, Plotted):
     -----
     With a diverging beam, the ground truth of an echo is taken from the object that returns most of its power, at the
     sub-ray nearest to the axis that hits this object.
+
+    Of light that went on from other surfaces (`Measurement.depth`), `object_id`, `instance`, `label`, `normal` and
+    `incidence` are those of the surface that it came to at last, and `true_range` is the length of the whole way.
+    `radial_velocity` is the rate of change of that length, to which sensor, surface and moving mirrors add.
     """
 
     range: npt.NDArray[np.float64]
@@ -177,6 +187,8 @@ class Scan(Pickled, Plotted):
     true_direction: Floats | None = None
     radial_velocity: npt.NDArray[np.float32] | None = None
     source: npt.NDArray[np.uint8] | None = None
+    path: npt.NDArray[np.uint8] | None = None
+    mirrored_point: Floats | None = None
     class_names: Mapping[int, str] = field(default_factory=dict)
     _world: Snapshot | None = field(default=None, repr=False)
     """The scene as it was scanned."""
@@ -455,7 +467,8 @@ class Scan(Pickled, Plotted):
         ndarray of float64, shape (m, 3)
             One point for each point of `point_cloud`, in the same order, m. It lies on the surface of the object
             `object_id`, at `true_range` along the actual direction of the pulse; with a beam, along the sub-ray that
-            the ground truth is taken from (see `Scan`). For false returns, it is nan.
+            the ground truth is taken from (see `Scan`). Of mirrored light it is `mirrored_point`, where the light really
+            came from, not the ghost behind the mirror. For false returns, it is nan.
 
         Raises
         ------
@@ -470,6 +483,9 @@ class Scan(Pickled, Plotted):
         reach = self.true_range[returned] / np.linalg.norm(took, axis=1)
         with np.errstate(over="ignore", invalid="ignore"):  # points near the limit of float64
             points: Floats = self.pulses.origins[pulse] + reach[:, None] * took
+            if self.mirrored_point is not None:
+                mirrored = self.mirrored_point[returned]
+                points = np.where(np.isnan(mirrored), points, mirrored)
             if frame == "sensor":
                 return points
             poses = self.poses[pulse]

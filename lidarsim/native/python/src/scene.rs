@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::Appearance;
 use lidarsim_core::{
-    Arrays, Columns, HitRows, Kernels, Occlusion, Point, Rays, Scene, TRange, World, cast_all, memory,
-    objects_met, span,
+    Arrays, Columns, HitRows, Index, Kernels, Occlusion, Once, Point, Rays, Scene, TRange, World, cast_all,
+    memory, objects_met, span,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -29,6 +29,8 @@ const HIT: usize = size_of::<f64>() + 2 * size_of::<i32>() + size_of::<Point>();
 pub struct PyScene {
     pub scene: Scene,
     pub appearances: Vec<Arc<Appearance>>,
+    /// The indices of `parts`.
+    parts: Once<[Index; 2]>,
 }
 
 /// Rays to be cast at a scene.
@@ -53,6 +55,15 @@ impl RayCast<'_> {
 }
 
 impl PyScene {
+    /// The worlds of the objects that light goes on from, and of all others.
+    pub fn parts(&self, span: [f64; 2]) -> [World<'_>; 2] {
+        let goes_on = |id: u32| self.appearances[id as usize].goes_on();
+        let is_solid = |id: u32| !goes_on(id);
+        let [passing, solid] =
+            self.parts.get_or_make(|| [self.scene.index_of(goes_on), self.scene.index_of(is_solid)]);
+        [self.scene.part_during(passing, span, goes_on), self.scene.part_during(solid, span, is_solid)]
+    }
+
     /// Runs `work` on rays, which must be legal; `work` tells whether they are. `times` has one per ray, or
     /// none if nothing moves. `bytes` is the size of the result per ray.
     fn cast_rays<R: Send>(
@@ -103,13 +114,13 @@ impl PyScene {
             None => Scene::new(objects),
             Some(like) => detached(py, || Scene::like(&like.scene, objects))?,
         };
-        Ok(PyScene { scene, appearances })
+        Ok(PyScene { scene, appearances, parts: Once::new() })
     }
 
     /// A scene of one shape; it can be cast at but not scanned.
     #[staticmethod]
     fn of_shape(shape: &PyShape) -> Self {
-        PyScene { scene: Scene::new(vec![shape.object.clone()]), appearances: Vec::new() }
+        PyScene { scene: Scene::new(vec![shape.object.clone()]), appearances: Vec::new(), parts: Once::new() }
     }
 
     /// Builds the hierarchies now rather than at the first cast.

@@ -9,6 +9,7 @@ mod hit_batches;
 mod instance;
 mod leaf_intersector;
 mod local_rays;
+mod next_hit;
 mod poses;
 mod primitive_intersector;
 mod ray_query;
@@ -18,7 +19,8 @@ mod surface_intersector;
 mod traversal;
 mod triangle_hits;
 
-pub use all_hits::{HitRows, cast_all, objects_met};
+pub use all_hits::{BoundedRoot, HitRows, cast_all, objects_met};
 pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use driver::Cast;
+pub use next_hit::{Departure, next_hit, root_of};
 pub use schedule::pieces;

@@ -11,6 +11,8 @@ pub struct Measurement {
     pub(super) effects: Effects,
     pub(super) beam: Option<Beam>,
     pub(super) returns: Returns,
+    /// The most surfaces of a way of the light.
+    depth: usize,
 }
 
 impl Measurement {
@@ -19,6 +21,7 @@ impl Measurement {
             effects: Effects::from_parameters(parameters)?,
             beam: Beam::from_parameters(parameters)?,
             returns: Returns::from_parameters(parameters)?,
+            depth: parameters.number("measurement.depth")? as usize,
         })
     }
 
@@ -27,9 +30,14 @@ impl Measurement {
         self.beam.as_ref().map_or(1, Beam::len)
     }
 
-    /// The most returns of a pulse. A single ray has one echo.
+    /// The most returns of a pulse. A single ray has one echo, unless light goes on.
     pub fn most_returns(&self) -> usize {
-        if self.beam.is_some() { self.returns.most() } else { 1 }
+        if self.beam.is_some() || self.depth > 1 { self.returns.most() } else { 1 }
+    }
+
+    /// The most surfaces that light meets one after another.
+    pub fn depth(&self) -> usize {
+        self.depth
     }
 
     /// Whether light may come from another direction than that of the pulse.

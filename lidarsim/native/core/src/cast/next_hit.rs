@@ -1,0 +1,228 @@
+//! The next hit of light that goes on: behind a surface that it passes, or from a mirror.
+
+use std::cmp::Ordering;
+
+use crate::arith::number::{self, Dyadic, Number};
+use crate::bvh::Stack;
+use crate::cast::all_hits::{BoundedRoot, order, order_of_t, roots_in_range};
+use crate::cast::ray_query::RayQuery;
+use crate::geometry::vector;
+use crate::scene::{Geometry, Hit, ObjectAt, RootId, RootIntervals, Scene, TRange, TimedRay, World};
+use crate::shapes::triangle::volume;
+use crate::shapes::{MOST_ROOTS, Triangle};
+
+/// All t that a hit may have.
+const ALL: TRange = TRange { min: 0.0, max: f64::MAX };
+
+/// Where the light of a ray comes from.
+#[derive(Clone, Copy, Debug)]
+pub enum Departure {
+    /// From a root of the same ray, straight on.
+    Passed(BoundedRoot),
+    /// From a mirror, at a root of the ray before, which starts the ray.
+    Mirrored(TimedRay, BoundedRoot),
+}
+
+impl Departure {
+    /// Whether a root of `ray` with t ≥ 0 is further on.
+    ///
+    /// Behind a surface that is the order of the exact t, and of coincident surfaces that of their objects.
+    /// An object that the ray meets at a common edge of several primitives is met once there.
+    ///
+    /// From a mirror it is every root but those of the surfaces that the ray before met at the same exact t:
+    /// the mirror itself, and whatever coincides with it there. The origin is that point, rounded, so the ray
+    /// may meet them once more. Of each, the root nearest to the origin is left out; of flat ones, the whole
+    /// surface: that is the mirror's polygon, or the triangles of its mesh in the same plane.
+    fn is_before(&self, scene: &Scene, ray: &TimedRay, at: &BoundedRoot) -> bool {
+        match self {
+            Departure::Passed(from) => {
+                order_of_t(scene, ray, from, at).then_with(|| from.0.object.cmp(&at.0.object))
+                    == Ordering::Less
+            }
+            Departure::Mirrored(before, from) => !is_left_out(scene, before, from, ray, &at.0),
+        }
+    }
+}
+
+/// Whether a root of a ray from a mirror is that of the mirror, or of a surface that coincides with it.
+fn is_left_out(scene: &Scene, before: &TimedRay, from: &BoundedRoot, ray: &TimedRay, at: &RootId) -> bool {
+    let mirror = &from.0;
+    if at.object == mirror.object && at.primitive != mirror.primitive {
+        let object = scene.at(at.object, ray.time);
+        if object.is_whole() || are_coplanar(&object, at.primitive, mirror.primitive) {
+            return true;
+        }
+    }
+    let is_mirror = (at.object, at.primitive) == (mirror.object, mirror.primitive);
+    let is_met = || {
+        let mut others = roots_of(scene, before, at.object, at.primitive).into_iter().flatten();
+        others.any(|other| order_of_t(scene, before, &other, from) == Ordering::Equal)
+    };
+    (is_mirror || is_met()) && nearest_to_origin(scene, ray, at.object, at.primitive) == Some(at.index)
+}
+
+fn roots_of(scene: &Scene, ray: &TimedRay, object: u32, primitive: u32) -> [Option<BoundedRoot>; MOST_ROOTS] {
+    let TimedRay { origin, direction, time } = *ray;
+    let found =
+        number::decide(&RootIntervals { object: scene.at(object, time), primitive, origin, direction });
+    found.map(|root| root.map(|(t, index, feature)| (RootId { object, primitive, index, feature }, t)))
+}
+
+/// The index of the root of a primitive whose rounded t is nearest to zero; of equal ones, the first.
+fn nearest_to_origin(scene: &Scene, ray: &TimedRay, object: u32, primitive: u32) -> Option<u8> {
+    let roots = roots_of(scene, ray, object, primitive);
+    let distance = |root: &BoundedRoot| scene.t(&root.0, ray).abs();
+    match roots.as_slice() {
+        [Some(only), None] => Some(only.0.index),
+        _ => {
+            let nearest = |a: BoundedRoot, b: BoundedRoot| if distance(&b) < distance(&a) { b } else { a };
+            roots.into_iter().flatten().reduce(nearest).map(|root| root.0.index)
+        }
+    }
+}
+
+/// Whether two triangles of a mesh are in exactly one plane.
+fn are_coplanar(object: &ObjectAt, one: u32, other: u32) -> bool {
+    let Geometry::Mesh(_) = &object.geometry else { return false };
+    let Triangle(a, b, c) = object.triangle(one);
+    let [a, b, c] = [a, b, c].map(vector::exact::<Dyadic>);
+    let Triangle(d, e, f) = object.triangle(other);
+    [d, e, f].iter().all(|corner| {
+        let d = vector::exact::<Dyadic>(*corner);
+        let [p, q, r] = [&a, &b, &c].map(|corner| vector::sub(corner, &d));
+        volume(&p, &q, &r).is_zero() == Ok(true)
+    })
+}
+
+/// The nearest hit further on.
+struct NextHit<'a> {
+    scene: &'a Scene,
+    ray: TimedRay,
+    from: &'a Departure,
+    limit: f64,
+    found: Option<BoundedRoot>,
+}
+
+impl<'a> RayQuery<'a> for NextHit<'a> {
+    fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
+    fn ray(&self) -> &TimedRay {
+        &self.ray
+    }
+
+    fn t_min(&self) -> f64 {
+        match self.from {
+            Departure::Passed((_, t)) => t.low.max(0.0),
+            Departure::Mirrored(..) => 0.0,
+        }
+    }
+
+    fn limit(&self) -> f64 {
+        self.limit
+    }
+
+    fn visit(&mut self, object: u32, primitive: u32) {
+        let (scene, ray) = (self.scene, self.ray);
+        for root in roots_in_range(scene, &ray, ALL, object, primitive) {
+            let is_nearer = root.1.low <= self.limit
+                && self.found.is_none_or(|best| order(scene, &ray, &root, &best) == Ordering::Less);
+            if is_nearer && self.from.is_before(scene, &ray, &root) {
+                self.limit = self.limit.min(root.1.high);
+                self.found = Some(root);
+            }
+        }
+    }
+}
+
+/// Finds the root of a hit on an object of several primitives.
+struct RootOfHit<'a> {
+    scene: &'a Scene,
+    ray: TimedRay,
+    t: f64,
+    found: Option<BoundedRoot>,
+}
+
+impl<'a> RayQuery<'a> for RootOfHit<'a> {
+    fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
+    fn ray(&self) -> &TimedRay {
+        &self.ray
+    }
+
+    fn t_min(&self) -> f64 {
+        self.t
+    }
+
+    fn limit(&self) -> f64 {
+        self.t.next_up()
+    }
+
+    fn visit(&mut self, object: u32, primitive: u32) {
+        let (scene, ray) = (self.scene, self.ray);
+        let range = TRange { min: self.t, max: self.t };
+        for root in roots_in_range(scene, &ray, range, object, primitive) {
+            if self.found.is_none_or(|best| order(scene, &ray, &root, &best) == Ordering::Less) {
+                self.found = Some(root);
+            }
+        }
+    }
+}
+
+/// The root of a hit of a ray.
+pub fn root_of(world: &World, hit: &Hit, ray: &TimedRay, stack: &mut Stack) -> Option<BoundedRoot> {
+    let object = hit.object as u32;
+    let mut query = RootOfHit { scene: world.scene, ray: *ray, t: hit.t, found: None };
+    if world.scene.objects()[object as usize].is_whole() {
+        query.enter(object, stack);
+    } else {
+        query.visit(object, hit.primitive as u32);
+    }
+    query.found
+}
+
+/// The next hit of a ray, and its root unless it is `solid`.
+///
+/// `passing` has the objects that light goes on from, and `solid` is the closest hit, of t ≥ 0, on all others.
+/// In most scenes the former are few, and packets of rays find the latter.
+pub fn next_hit(
+    world: &World,
+    passing: &World,
+    solid: &Hit,
+    ray: &TimedRay,
+    from: &Departure,
+    stack: &mut Stack,
+) -> Option<(Hit, Option<BoundedRoot>)> {
+    let nearest = |world: &World, limit: f64, stack: &mut Stack| {
+        let mut query = NextHit { scene: world.scene, ray: *ray, from, limit, found: None };
+        query.run(world, stack);
+        query.found
+    };
+    let refined = |root: BoundedRoot| (world.scene.hit_within(&root.0, root.1, ray), Some(root));
+    if solid.object < 0 {
+        return nearest(passing, ALL.max, stack).map(refined);
+    }
+    // The exact t of the solid hit is within an ulp of the rounded one.
+    let (low, high) = (solid.t.next_down(), solid.t.next_up());
+    let found = nearest(passing, high, stack);
+    if let Some(root) = found
+        && root.1.high < low
+    {
+        return Some(refined(root));
+    }
+    // All surfaces that the ray passed are nearer than the solid one, or as near and before it in order.
+    let is_further = match from {
+        Departure::Passed(_) => true,
+        Departure::Mirrored(..) => {
+            root_of(world, solid, ray, stack).is_some_and(|root| from.is_before(world.scene, ray, &root))
+        }
+    };
+    if is_further && found.is_none_or(|found| found.1.low > high) {
+        return Some((*solid, None));
+    }
+    // Surfaces that coincide with others or with a mirror are rare, and decided with all surfaces at once.
+    nearest(world, ALL.max, stack).map(refined)
+}

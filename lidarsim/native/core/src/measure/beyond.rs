@@ -1,0 +1,334 @@
+//! Light that goes on: through surfaces that transmit it, and from mirrors.
+//!
+//! A pane lets the share T of the light pass straight on, and a mirror sends the share M on in the mirrored
+//! direction. What a surface further on sends back takes the same way in reverse, since light paths are
+//! reversible, and is weakened by the same shares once more. So the power that is received by a way is that of
+//! the surface at its end, seen at the length of the way, times the square of the product of the shares.
+//! The surfaces on the way send back their own light as if they were the last.
+//!
+//! A pulse meets up to `depth` surfaces on each way. At each depth, the ways of a ray are up to twice as many
+//! as before; the `MOST_WAYS` of greatest share are followed, of equal ones the first, where straight on comes
+//! before mirrored.
+
+use super::caster::Caster;
+use super::columns::unused;
+use super::direction::distance;
+use super::echo::Echo;
+use super::scan::Scan;
+use super::scratch::Scratch;
+use crate::arith::simd::Isa;
+use crate::bvh::Stack;
+use crate::cast::{BoundedRoot, Departure, HitArrays};
+use crate::geometry::point::dot;
+use crate::geometry::vector::Point;
+use crate::memory::{push, resize};
+use crate::scene::{Hit, Rays, TimedRay};
+use crate::stop;
+
+/// Ways of a ray that are followed at each depth.
+const MOST_WAYS: usize = 16;
+
+/// Ways that are followed between two polls for a stop of the scan.
+const POLL: usize = 64;
+
+/// The scene behind panes and in mirrors.
+pub struct Beyond<C> {
+    /// The most surfaces of a way.
+    pub depth: usize,
+    /// The objects that light goes on from, and all others.
+    pub passing: C,
+    pub solid: C,
+}
+
+/// A surface that light met after it passed others or was mirrored.
+#[derive(Clone, Copy)]
+pub(super) struct Way {
+    /// The ray that was fired.
+    pub(super) ray: u32,
+    /// How many surfaces came before.
+    pub(super) path: u8,
+    /// The surface at which the light was mirrored last.
+    pub(super) mirror: Option<u32>,
+    /// The length of the way up to that mirror, m.
+    pub(super) before: f64,
+    /// The share of the power that comes back by this way.
+    pub(super) share: f64,
+}
+
+/// The surfaces that the rays of a batch meet after the first. They follow the fired rays in the arrays of rays
+/// and hits; each has the part of its way after the last mirror as its ray.
+#[derive(Default)]
+pub(super) struct Ways {
+    /// The number of fired rays.
+    pub(super) fired: usize,
+    ways: Vec<Way>,
+    /// The surfaces in the order of their fired rays, and where those of each ray begin.
+    order: Vec<u32>,
+    starts: Vec<u32>,
+    front: Vec<Surface>,
+    steps: Vec<Step>,
+    solid_rays: Vec<u32>,
+    origins: Vec<Point>,
+    directions: Vec<Point>,
+    times: Vec<f64>,
+    solid: HitArrays,
+    stack: Option<Box<Stack>>,
+}
+
+/// A surface from which light may go on.
+#[derive(Clone, Copy)]
+struct Surface {
+    /// Its index in the arrays of rays and hits.
+    at: u32,
+    way: Way,
+    root: Option<BoundedRoot>,
+    /// The closest hit of its ray on a surface from which light does not go on, once that is known.
+    solid: Option<Hit>,
+}
+
+/// A part of a way that is about to be followed.
+#[derive(Clone, Copy)]
+struct Step {
+    way: Way,
+    ray: TimedRay,
+    from: Departure,
+    solid: Option<Hit>,
+}
+
+impl Ways {
+    pub(super) fn clear(&mut self, fired: usize) {
+        self.fired = fired;
+        self.ways.clear();
+        self.order.clear();
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.ways.is_empty()
+    }
+
+    /// The way to a surface, unless a fired ray met it first.
+    #[inline(always)]
+    pub(super) fn way(&self, at: usize) -> Option<&Way> {
+        if at < self.fired { None } else { self.ways.get(at - self.fired) }
+    }
+
+    /// Of eight surfaces, those from 8·part on: what `of` tells of their ways, and `other` if there is none.
+    #[inline(always)]
+    pub(super) fn each(&self, part: usize, other: f64, of: impl Fn(&Way) -> f64) -> [f64; 8] {
+        let mut values = [other; 8];
+        if 8 * part + 8 > self.fired {
+            for (k, value) in values.iter_mut().enumerate() {
+                *value = self.way(8 * part + k).map_or(other, &of);
+            }
+        }
+        values
+    }
+
+    /// The fired ray that met a surface.
+    #[inline(always)]
+    pub(super) fn fired(&self, at: usize) -> usize {
+        self.way(at).map_or(at, |way| way.ray as usize)
+    }
+
+    /// The surfaces that a fired ray meets after the first, in the order of their numbers.
+    #[inline(always)]
+    pub(super) fn of(&self, ray: usize) -> &[u32] {
+        if self.ways.is_empty() {
+            return &[];
+        }
+        &self.order[self.starts[ray] as usize..self.starts[ray + 1] as usize]
+    }
+
+    /// Sorts the surfaces by their fired rays.
+    fn sort(&mut self) {
+        resize(&mut self.starts, 0, 0);
+        resize(&mut self.starts, self.fired + 2, 0);
+        for way in &self.ways {
+            self.starts[way.ray as usize + 2] += 1;
+        }
+        for ray in 2..self.starts.len() {
+            self.starts[ray] += self.starts[ray - 1];
+        }
+        resize(&mut self.order, self.ways.len(), 0);
+        for (at, way) in (self.fired as u32..).zip(&self.ways) {
+            let place = &mut self.starts[way.ray as usize + 1];
+            self.order[*place as usize] = at;
+            *place += 1;
+        }
+    }
+}
+
+impl<C: Caster> Scan<'_, C> {
+    /// Follows the light of the fired rays that goes on.
+    pub(super) fn go_on<I: Isa>(&self, beyond: &Beyond<C>, scratch: &mut Scratch) {
+        let fired = scratch.hits.len();
+        let mut ways = std::mem::take(&mut scratch.ways);
+        let stack = ways.stack.get_or_insert_default();
+        ways.front.clear();
+        for at in 0..fired {
+            if self.goes_on(scratch.hits.object[at]) {
+                let (hit, ray) = (scratch.hits.at(at), scratch.rays.at(at));
+                let way = Way { ray: at as u32, path: 0, mirror: None, before: 0.0, share: 1.0 };
+                let root = self.caster.root_of(&hit, &ray, stack);
+                push(&mut ways.front, Surface { at: at as u32, way, root, solid: None });
+            }
+        }
+        for _ in 1..beyond.depth {
+            if ways.front.is_empty() {
+                break;
+            }
+            self.leave(&mut ways, scratch);
+            find_solid::<I, C>(&beyond.solid, &mut ways);
+            self.arrive(beyond, &mut ways, scratch);
+        }
+        ways.sort();
+        scratch.ways = ways;
+    }
+
+    fn goes_on(&self, object: i32) -> bool {
+        self.appearances.get(object as usize).is_some_and(|appearance| appearance.goes_on())
+    }
+
+    /// The steps from the surfaces at the front, those of a ray together.
+    fn leave(&self, ways: &mut Ways, scratch: &Scratch) {
+        let Ways { front, steps, .. } = ways;
+        steps.clear();
+        let mut first = 0;
+        for i in 0..front.len() {
+            let Surface { at, way, root: Some(root), solid } = front[i] else { continue };
+            let (hit, ray) = (scratch.hits.at(at as usize), scratch.rays.at(at as usize));
+            let Some(appearance) = self.appearances.get(hit.object as usize) else { continue };
+            let [passed, mirrored] = [appearance.transmission, appearance.mirror];
+            let way = Way { path: way.path + 1, ..way };
+            if passed > 0.0 {
+                let way = Way { share: way.share * passed * passed, ..way };
+                push(steps, Step { way, ray, from: Departure::Passed(root), solid });
+            }
+            if mirrored > 0.0
+                && let Some(next) = mirror_image(&ray, &hit)
+            {
+                let before = way.before + distance::<f64, 1>(hit.t, ray.direction);
+                let share = way.share * mirrored * mirrored;
+                let way = Way { mirror: Some(at), before, share, ..way };
+                push(steps, Step { way, ray: next, from: Departure::Mirrored(ray, root), solid: None });
+            }
+            if front.get(i + 1).is_none_or(|next| next.way.ray != way.ray) {
+                keep_strongest(steps, first);
+                first = steps.len();
+            }
+        }
+    }
+
+    /// Finds the next surface of each step.
+    fn arrive(&self, beyond: &Beyond<C>, ways: &mut Ways, scratch: &mut Scratch) {
+        let Ways { ways, front, steps, stack, .. } = ways;
+        let (rays, hits) = (&mut scratch.rays, &mut scratch.hits);
+        let stack = stack.get_or_insert_default();
+        front.clear();
+        for (i, Step { way, ray, from, solid }) in steps.iter().enumerate() {
+            if i.is_multiple_of(POLL) {
+                stop::poll();
+            }
+            let solid = solid.unwrap_or(Hit::MISS);
+            let found = self.caster.next_hit(&beyond.passing, &solid, ray, from, stack);
+            let Some((hit, root)) = found else { continue };
+            let at = hits.len();
+            push(ways, *way);
+            push(&mut rays.origins, ray.origin);
+            push(&mut rays.directions, ray.direction);
+            if !rays.times.is_empty() {
+                push(&mut rays.times, ray.time);
+            }
+            hits.push(&hit);
+            if self.goes_on(hit.object) {
+                push(front, Surface { at: at as u32, way: *way, root, solid: Some(solid) });
+            }
+        }
+    }
+}
+
+/// Keeps the steps of a ray, those from `first` on, of the greatest shares, in their order.
+fn keep_strongest(steps: &mut Vec<Step>, first: usize) {
+    if steps.len() - first > MOST_WAYS {
+        let mut shares: Vec<f64> = steps[first..].iter().map(|step| step.way.share).collect();
+        shares.sort_unstable_by(|a, b| b.total_cmp(a));
+        let least = shares[MOST_WAYS - 1];
+        let mut equal = MOST_WAYS - shares.iter().filter(|share| **share > least).count();
+        let mut i = 0;
+        steps.retain(|step| {
+            i += 1;
+            let is_kept = i <= first || step.way.share > least || step.way.share == least && equal > 0;
+            equal -= usize::from(i > first && is_kept && step.way.share == least);
+            is_kept
+        });
+    }
+}
+
+/// Finds the closest solid hit of each step that does not know it.
+fn find_solid<I: Isa, C: Caster>(solid: &C, ways: &mut Ways) {
+    let Ways { steps, solid_rays, origins, directions, times, solid: hits, .. } = ways;
+    for array in [&mut *origins, &mut *directions] {
+        array.clear();
+    }
+    times.clear();
+    solid_rays.clear();
+    for (i, step) in steps.iter().enumerate().filter(|(_, step)| step.solid.is_none()) {
+        push(solid_rays, i as u32);
+        push(origins, step.ray.origin);
+        push(directions, step.ray.direction);
+        if solid.moves() {
+            push(times, step.ray.time);
+        }
+    }
+    hits.resize(origins.len());
+    solid.cast::<I>(Rays { origins, directions, times }, hits);
+    for (at, i) in solid_rays.iter().enumerate() {
+        steps[*i as usize].solid = Some(hits.at(at));
+    }
+}
+
+/// The ray that a mirror makes of one that hits it: from the point o + t·d, in the direction
+/// d − (2·(d·n)/(n·n))·n. Both are evaluated in float64 once, the products of a sum from x to z. `None` if the
+/// point overflows.
+fn mirror_image(ray: &TimedRay, hit: &Hit) -> Option<TimedRay> {
+    let (d, n) = (ray.direction, hit.normal);
+    let twice = 2.0 * dot(d, n) / dot(n, n);
+    let direction = [0, 1, 2].map(|k| d[k] - twice * n[k]);
+    let origin = [0, 1, 2].map(|k| ray.origin[k] + hit.t * d[k]);
+    let is_legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
+    is_legal.then_some(TimedRay { origin, direction, time: ray.time })
+}
+
+impl<C: Caster> Scan<'_, C> {
+    /// The place of a surface that was seen in mirrors, in the sensor frame when it fired a pulse.
+    pub(super) fn mirrored_point(&self, pulse: usize, at: usize, scratch: &Scratch) -> Point {
+        if scratch.ways.way(at).is_none_or(|way| way.mirror.is_none()) {
+            return unused::mirrored_point;
+        }
+        let TimedRay { origin, direction, .. } = scratch.rays.at(at);
+        let point = [0, 1, 2].map(|k| origin[k] + scratch.hits.t[at] * direction[k]);
+        self.frame.path.at(self.frame.start + self.frame.times[pulse]).place_back(point)
+    }
+}
+
+impl Scratch {
+    /// The echoes of the lights of a fired ray, by rising range.
+    pub(super) fn echoes_of_ray(&self, ray: usize, echoes: &mut Vec<Echo>) {
+        echoes.clear();
+        echoes.extend(self.light_of(ray).into_iter().chain(self.further_lights(ray)).map(Echo::of));
+        echoes.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
+    }
+
+    /// The normal of a surface as the fired rays see it: that of its image, if it is seen in mirrors.
+    pub(super) fn normal_of_image(&self, at: usize) -> Point {
+        let mut normal = self.hits.normal(at);
+        let mut way = self.ways.way(at);
+        while let Some(mirror) = way.and_then(|way| way.mirror) {
+            let n = self.hits.normal(mirror as usize);
+            let twice = 2.0 * dot(normal, n) / dot(n, n);
+            normal = [0, 1, 2].map(|k| normal[k] - twice * n[k]);
+            way = self.ways.way(mirror as usize);
+        }
+        normal
+    }
+}
