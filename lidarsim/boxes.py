@@ -143,6 +143,8 @@ class Annotated(Protocol):
     @property
     def return_count(self) -> npt.NDArray[np.uint8]: ...
     @property
+    def mirrored_point(self) -> Floats | None: ...
+    @property
     def pulses(self) -> Pulses: ...
     @property
     def lidar(self) -> Gate: ...
@@ -258,6 +260,8 @@ def boxes_of(
         Least number of points on a thing.
     """
     is_point = (scan.object_id >= 0) & (np.arange(scan.range.shape[1]) < scan.return_count[:, None])
+    if scan.mirrored_point is not None:  # ghosts are elsewhere
+        is_point &= np.isnan(scan.mirrored_point[..., 0])
     instances = scan.instance[is_point]
     times = np.broadcast_to(scan.time + scan.pulses.time[:, None], is_point.shape)[is_point]
     things = _things(world.items)

@@ -584,7 +584,11 @@ class SceneFile(Object):
 
     def load(self, place: Place) -> scenes.Imported:
         """Return what the file holds."""
-        others = [key for key in ("material", "roughness_deg", "specular", "transmission", "mirror") if key in self.model_fields_set]
+        others = [
+            key
+            for key in ("material", "roughness_deg", "specular", "transmission", "mirror")
+            if key in self.model_fields_set
+        ]
         if self.reflectivity == "color" and others:
             raise (place / "reflectivity").error(f"expected a number beside {others[0]}, got color")
         rules = [rule.build(place / "rules" / index) for index, rule in enumerate(self.rules)]

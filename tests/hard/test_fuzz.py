@@ -213,6 +213,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "detection": lambda _: ls.Detection(0.1, 100.0),
     "beam": lambda _: ls.Beam(1e-3, rays=7),
     "returns": lambda _: 2,
+    "depth": lambda _: 2,
     "measurement": lambda _: ls.Measurement(range_sigma=0.02),
     "min_range": lambda _: 0.1,
     "max_range": lambda _: 80.0,

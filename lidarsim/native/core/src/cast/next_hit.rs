@@ -24,6 +24,13 @@ pub enum Departure {
 }
 
 impl Departure {
+    /// The root from which the light goes on, of the ray before if there is a mirror.
+    fn root(&self) -> &BoundedRoot {
+        match self {
+            Departure::Passed(root) | Departure::Mirrored(_, root) => root,
+        }
+    }
+
     /// Whether a root of `ray` with t ≥ 0 is further on.
     ///
     /// Behind a surface that is the order of the exact t, and of coincident surfaces that of their objects.
@@ -54,11 +61,14 @@ fn is_left_out(scene: &Scene, before: &TimedRay, from: &BoundedRoot, ray: &Timed
         }
     }
     let is_mirror = (at.object, at.primitive) == (mirror.object, mirror.primitive);
-    let is_met = || {
-        let mut others = roots_of(scene, before, at.object, at.primitive).into_iter().flatten();
-        others.any(|other| order_of_t(scene, before, &other, from) == Ordering::Equal)
-    };
-    (is_mirror || is_met()) && nearest_to_origin(scene, ray, at.object, at.primitive) == Some(at.index)
+    (is_mirror || is_met(scene, before, from, at.object, at.primitive))
+        && nearest_to_origin(scene, ray, at.object, at.primitive) == Some(at.index)
+}
+
+/// Whether a ray meets a primitive at the exact t of a root.
+fn is_met(scene: &Scene, ray: &TimedRay, root: &BoundedRoot, object: u32, primitive: u32) -> bool {
+    let mut others = roots_of(scene, ray, object, primitive).into_iter().flatten();
+    others.any(|other| order_of_t(scene, ray, &other, root) == Ordering::Equal)
 }
 
 fn roots_of(scene: &Scene, ray: &TimedRay, object: u32, primitive: u32) -> [Option<BoundedRoot>; MOST_ROOTS] {
@@ -70,15 +80,15 @@ fn roots_of(scene: &Scene, ray: &TimedRay, object: u32, primitive: u32) -> [Opti
 
 /// The index of the root of a primitive whose rounded t is nearest to zero; of equal ones, the first.
 fn nearest_to_origin(scene: &Scene, ray: &TimedRay, object: u32, primitive: u32) -> Option<u8> {
-    let roots = roots_of(scene, ray, object, primitive);
-    let distance = |root: &BoundedRoot| scene.t(&root.0, ray).abs();
-    match roots.as_slice() {
-        [Some(only), None] => Some(only.0.index),
-        _ => {
-            let nearest = |a: BoundedRoot, b: BoundedRoot| if distance(&b) < distance(&a) { b } else { a };
-            roots.into_iter().flatten().reduce(nearest).map(|root| root.0.index)
+    let is_farther = |a: &BoundedRoot, b: &BoundedRoot| {
+        let [a_is, b_is] = [a, b].map(|(_, t)| (t.low.max(-t.high), t.low.abs().max(t.high.abs())));
+        if a_is.0 > b_is.1 || b_is.0 > a_is.1 {
+            return a_is.0 > b_is.1;
         }
-    }
+        scene.t(&a.0, ray).abs() > scene.t(&b.0, ray).abs()
+    };
+    let roots = roots_of(scene, ray, object, primitive).into_iter().flatten();
+    roots.reduce(|a, b| if is_farther(&a, &b) { b } else { a }).map(|root| root.0.index)
 }
 
 /// Whether two triangles of a mesh are in exactly one plane.
@@ -125,6 +135,13 @@ impl<'a> RayQuery<'a> for NextHit<'a> {
 
     fn visit(&mut self, object: u32, primitive: u32) {
         let (scene, ray) = (self.scene, self.ray);
+        // A line meets a triangle once.
+        let left = &self.from.root().0;
+        if (object, primitive) == (left.object, left.primitive)
+            && scene.objects()[object as usize].is_triangle()
+        {
+            return;
+        }
         for root in roots_in_range(scene, &ray, ALL, object, primitive) {
             let is_nearer = root.1.low <= self.limit
                 && self.found.is_none_or(|best| order(scene, &ray, &root, &best) == Ordering::Less);
@@ -136,12 +153,12 @@ impl<'a> RayQuery<'a> for NextHit<'a> {
     }
 }
 
-/// Finds the root of a hit on an object of several primitives.
+/// Finds the root of a hit: of those whose t may round to that of the hit, the first that does.
 struct RootOfHit<'a> {
     scene: &'a Scene,
     ray: TimedRay,
     t: f64,
-    found: Option<BoundedRoot>,
+    found: Vec<BoundedRoot>,
 }
 
 impl<'a> RayQuery<'a> for RootOfHit<'a> {
@@ -162,11 +179,10 @@ impl<'a> RayQuery<'a> for RootOfHit<'a> {
     }
 
     fn visit(&mut self, object: u32, primitive: u32) {
-        let (scene, ray) = (self.scene, self.ray);
-        let range = TRange { min: self.t, max: self.t };
-        for root in roots_in_range(scene, &ray, range, object, primitive) {
-            if self.found.is_none_or(|best| order(scene, &ray, &root, &best) == Ordering::Less) {
-                self.found = Some(root);
+        let (low, high) = (self.t.next_down(), self.t.next_up());
+        for root in roots_of(self.scene, &self.ray, object, primitive).into_iter().flatten() {
+            if root.1.low <= high && low <= root.1.high {
+                self.found.push(root);
             }
         }
     }
@@ -174,20 +190,26 @@ impl<'a> RayQuery<'a> for RootOfHit<'a> {
 
 /// The root of a hit of a ray.
 pub fn root_of(world: &World, hit: &Hit, ray: &TimedRay, stack: &mut Stack) -> Option<BoundedRoot> {
-    let object = hit.object as u32;
-    let mut query = RootOfHit { scene: world.scene, ray: *ray, t: hit.t, found: None };
-    if world.scene.objects()[object as usize].is_whole() {
+    let (scene, object) = (world.scene, hit.object as u32);
+    let mut query = RootOfHit { scene, ray: *ray, t: hit.t, found: Vec::new() };
+    if scene.objects()[object as usize].is_whole() {
         query.enter(object, stack);
     } else {
         query.visit(object, hit.primitive as u32);
     }
-    query.found
+    if query.found.len() > 1 {
+        let is_hit = |root: &BoundedRoot| {
+            scene.t(&root.0, ray) == hit.t && !(hit.t == 0.0 && scene.is_negative(&root.0, ray))
+        };
+        query.found.retain(is_hit);
+    }
+    query.found.into_iter().min_by(|a, b| order(scene, ray, a, b))
 }
 
 /// The next hit of a ray, and its root unless it is `solid`.
 ///
-/// `passing` has the objects that light goes on from, and `solid` is the closest hit, of t ≥ 0, on all others.
-/// In most scenes the former are few, and packets of rays find the latter.
+/// `passing` has the objects that light goes on from, and `solid` is the closest hit, of t ≥ 0, on all
+/// others. In most scenes the former are few, and packets of rays find the latter.
 pub fn next_hit(
     world: &World,
     passing: &World,
@@ -216,8 +238,12 @@ pub fn next_hit(
     // All surfaces that the ray passed are nearer than the solid one, or as near and before it in order.
     let is_further = match from {
         Departure::Passed(_) => true,
-        Departure::Mirrored(..) => {
-            root_of(world, solid, ray, stack).is_some_and(|root| from.is_before(world.scene, ray, &root))
+        Departure::Mirrored(before, mirror) => {
+            let (object, primitive) = (solid.object as u32, solid.primitive as u32);
+            let is_whole = world.scene.objects()[object as usize].is_whole();
+            (!is_whole && !is_met(world.scene, before, mirror, object, primitive))
+                || root_of(world, solid, ray, stack)
+                    .is_some_and(|root| from.is_before(world.scene, ray, &root))
         }
     };
     if is_further && found.is_none_or(|found| found.1.low > high) {

@@ -2,13 +2,13 @@
 //!
 //! A pane lets the share T of the light pass straight on, and a mirror sends the share M on in the mirrored
 //! direction. What a surface further on sends back takes the same way in reverse, since light paths are
-//! reversible, and is weakened by the same shares once more. So the power that is received by a way is that of
-//! the surface at its end, seen at the length of the way, times the square of the product of the shares.
+//! reversible, and is weakened by the same shares once more. So the power that is received by a way is that
+//! of the surface at its end, seen at the length of the way, times the square of the product of the shares.
 //! The surfaces on the way send back their own light as if they were the last.
 //!
 //! A pulse meets up to `depth` surfaces on each way. At each depth, the ways of a ray are up to twice as many
-//! as before; the `MOST_WAYS` of greatest share are followed, of equal ones the first, where straight on comes
-//! before mirrored.
+//! as before; the `MOST_WAYS` of greatest share are followed, of equal ones the first, where straight on
+//! comes before mirrored.
 
 use super::caster::Caster;
 use super::columns::unused;
@@ -55,8 +55,8 @@ pub(super) struct Way {
     pub(super) share: f64,
 }
 
-/// The surfaces that the rays of a batch meet after the first. They follow the fired rays in the arrays of rays
-/// and hits; each has the part of its way after the last mirror as its ray.
+/// The surfaces that the rays of a batch meet after the first. They follow the fired rays in the arrays of
+/// rays and hits; each has the part of its way after the last mirror as its ray.
 #[derive(Default)]
 pub(super) struct Ways {
     /// The number of fired rays.
@@ -67,7 +67,6 @@ pub(super) struct Ways {
     starts: Vec<u32>,
     front: Vec<Surface>,
     steps: Vec<Step>,
-    solid_rays: Vec<u32>,
     origins: Vec<Point>,
     directions: Vec<Point>,
     times: Vec<f64>,
@@ -122,6 +121,13 @@ impl Ways {
             }
         }
         values
+    }
+
+    /// Whether the surfaces from 8·part on are part of any ways of more than one surface.
+    #[inline(always)]
+    pub(super) fn touch(&self, part: usize) -> bool {
+        let last = 8 * part + 8;
+        last > self.fired || self.starts[8 * part] < self.starts[last]
     }
 
     /// The fired ray that met a surface.
@@ -264,32 +270,39 @@ fn keep_strongest(steps: &mut Vec<Step>, first: usize) {
     }
 }
 
-/// Finds the closest solid hit of each step that does not know it.
+/// Finds the closest solid hit of each step that does not know it. Neighbours that go straight on, and those
+/// that a mirror turns, are alike; together they are not.
 fn find_solid<I: Isa, C: Caster>(solid: &C, ways: &mut Ways) {
-    let Ways { steps, solid_rays, origins, directions, times, solid: hits, .. } = ways;
-    for array in [&mut *origins, &mut *directions] {
-        array.clear();
-    }
-    times.clear();
-    solid_rays.clear();
-    for (i, step) in steps.iter().enumerate().filter(|(_, step)| step.solid.is_none()) {
-        push(solid_rays, i as u32);
-        push(origins, step.ray.origin);
-        push(directions, step.ray.direction);
-        if solid.moves() {
-            push(times, step.ray.time);
+    let Ways { steps, origins, directions, times, solid: hits, .. } = ways;
+    for are_mirrored in [false, true] {
+        let is_asked = |step: &Step| {
+            step.solid.is_none() && matches!(step.from, Departure::Mirrored(..)) == are_mirrored
+        };
+        for array in [&mut *origins, &mut *directions] {
+            array.clear();
         }
-    }
-    hits.resize(origins.len());
-    solid.cast::<I>(Rays { origins, directions, times }, hits);
-    for (at, i) in solid_rays.iter().enumerate() {
-        steps[*i as usize].solid = Some(hits.at(at));
+        times.clear();
+        for step in steps.iter().filter(|step| is_asked(step)) {
+            push(origins, step.ray.origin);
+            push(directions, step.ray.direction);
+            if solid.moves() {
+                push(times, step.ray.time);
+            }
+        }
+        if origins.is_empty() {
+            continue;
+        }
+        hits.resize(origins.len());
+        solid.cast::<I>(Rays { origins, directions, times }, hits);
+        for (at, step) in steps.iter_mut().filter(|step| is_asked(step)).enumerate() {
+            step.solid = Some(hits.at(at));
+        }
     }
 }
 
 /// The ray that a mirror makes of one that hits it: from the point o + t·d, in the direction
-/// d − (2·(d·n)/(n·n))·n. Both are evaluated in float64 once, the products of a sum from x to z. `None` if the
-/// point overflows.
+/// d − (2·(d·n)/(n·n))·n. Both are evaluated in float64 once, the products of a sum from x to z. `None` if
+/// the point overflows.
 fn mirror_image(ray: &TimedRay, hit: &Hit) -> Option<TimedRay> {
     let (d, n) = (ray.direction, hit.normal);
     let twice = 2.0 * dot(d, n) / dot(n, n);

@@ -1,4 +1,4 @@
-//! Pulses of several echoes each: those of the sub-rays over the footprint of a beam, or of a ray that goes on.
+//! Pulses of several echoes each: of the sub-rays over the footprint of a beam, or of a ray that goes on.
 
 use std::ops::Range;
 
@@ -39,7 +39,7 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        self.keep_light::<I>(scratch);
+        self.keep_light_of::<I>(|scratch, part| scratch.ways.touch(part), scratch);
         self.measure_pulses(pulses, |scratch, pulse| !scratch.ways.of(pulse).is_empty(), scratch, rows);
     }
 

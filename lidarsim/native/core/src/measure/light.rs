@@ -79,6 +79,16 @@ impl<C: Caster> Scan<'_, C> {
     /// Keeps the light of all rays.
     #[inline(always)]
     pub(super) fn keep_light<I: Isa>(&self, scratch: &mut Scratch) {
+        self.keep_light_of::<I>(|_, _| true, scratch);
+    }
+
+    /// Keeps the light of those eights of rays that `is_wanted` tells; that of others is unspecified.
+    #[inline(always)]
+    pub(super) fn keep_light_of<I: Isa>(
+        &self,
+        is_wanted: impl Fn(&Scratch, usize) -> bool,
+        scratch: &mut Scratch,
+    ) {
         let whole = scratch.hits.len();
         let LightArrays { range, cosine, intensity, transmission } = &mut scratch.light;
         for numbers in [range, cosine, intensity] {
@@ -87,6 +97,9 @@ impl<C: Caster> Scan<'_, C> {
         transmission.clear();
         resize(transmission, whole, 1.0);
         for part in 0..whole / 8 {
+            if !is_wanted(scratch, part) {
+                continue;
+            }
             let lights = self.eight_lights::<I>(part, scratch);
             let LightArrays { range, cosine, intensity, .. } = &mut scratch.light;
             range.as_chunks_mut().0[part] = lights.range.store();

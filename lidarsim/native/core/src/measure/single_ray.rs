@@ -1,5 +1,5 @@
-//! Pulses of one ray each, eight at a time: each has one echo at most, and one row. Pulses whose light went on
-//! have more echoes, and are measured once more, one by one.
+//! Pulses of one ray each, eight at a time: each has one echo at most, and one row. Pulses whose light went
+//! on have more echoes, and are measured once more, one by one.
 
 use std::ops::Range;
 
