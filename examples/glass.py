@@ -22,7 +22,7 @@ scene.add(ls.Box((24, 16, 0.2), center=(6, 0, -0.1)), name="ground", material=ls
 for y in (-7.0, 2.5):
     scene.add(panel((8, y, 0), (0, 4.5, 0), 3.0), name="front", material=ls.materials.BRICK)
 scene.add(panel((8, -2.5, 0), (0, 5, 0), 0.4), name="sill", material=ls.materials.BRICK)
-scene.add(panel((8, -2.5, 0.4), (0, 5, 0), 2.6), name="window", material=ls.materials.GLASS)
+window = scene.add(panel((8, -2.5, 0.4), (0, 5, 0), 2.6), name="window", material=ls.materials.GLASS)
 
 # The room behind it, with a counter, shelves, a customer, and a mirror on the back wall.
 for corner, across in (((8, -4, 0), (6, 0, 0)), ((8, 4, 0), (6, 0, 0)), ((14, -4, 0), (0, 8, 0))):
@@ -48,15 +48,15 @@ scan = lidar.scan(scene, mast, seed=1)
 # A point that is not where its light comes from is a ghost.
 cloud = scan.point_cloud(frame="world")
 off = np.linalg.norm(scan.true_points("world") - cloud.xyz, axis=1)
-seen = {0: "seen directly", 1: "through the glass", 2: "ghosts in mirrors"}
-cloud.label = np.where(off > 0.1, 2, np.minimum(cloud.path, 1))
-cloud.class_names = seen
-for label, name in seen.items():
-    print(f"{name:18} {np.count_nonzero(cloud.label == label):6} points")
+kinds = {0: "seen directly", 1: "the pane", 2: "through the glass", 3: "ghosts in mirrors"}
+cloud.label = np.where(off > 0.1, 3, np.where(cloud.object_id == window, 1, 2 * np.minimum(cloud.path, 1)))
+cloud.class_names = kinds
+for label, kind in kinds.items():
+    print(f"{kind:18} {np.count_nonzero(cloud.label == label):6} points")
 
-cloud.plot(
+cloud[cloud.label != 1].plot(
     color_by="label",
-    camera=[(-3.5, -9.0, 9.5), (9.5, 0.6, 0), (0, 0, 1)],
+    camera=[(-3.0, -13.0, 17.0), (12.5, 0.8, 0), (0, 0, 1)],
     size=(1000, 620),
     point_size=2.5,
     save="glass.png",

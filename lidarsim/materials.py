@@ -4,8 +4,8 @@ The library has constants for 905 nm, such as `ASPHALT`, and for 1550 nm, such a
 published. From 850 to 950 nm, the spectra behind the former change by less than a tenth. `SOURCES` cites the values and
 their ranges. A real surface may well be half or twice as bright.
 
-Of `GLASS`, `MIRROR`, `NET` and `ASPHALT_WET`, light goes on to other surfaces, if the `depth` of the `Measurement` is more
-than 1.
+Of `GLASS`, `MIRROR`, `NET` and `ASPHALT_WET`, light goes on to other surfaces, if the `depth` of the `Measurement` is
+more than 1.
 """
 
 from __future__ import annotations
@@ -221,8 +221,8 @@ class Material(Value):
     at θ = 0. Without roughness and highlight f(θ) is cos θ.
 
     `transmission` and `mirror` weaken what is seen through the surface or in it, each by its square, since light takes
-    the same way out and back. They do not change the light that the surface itself returns. Each crossing counts: a pane
-    that is modelled as a thin `Box` is crossed twice, and either face needs the square root of the pane's transmission.
+    the same way out and back. They do not change the light that the surface itself returns. Each crossing counts: a
+    pane that is modelled as a thin `Box` is crossed twice, and needs the square root of the pane's transmission.
 
     Examples
     --------
@@ -319,8 +319,7 @@ class Material(Value):
         return self._mirror
 
     def _contents(self) -> dict[str, Any]:
-        names = ["reflectivity", "per", "roughness", "specular", "specular_width"]
-        names += [name for name in ("transmission", "mirror") if getattr(self, name) > 0.0]
+        names = ["reflectivity", "per", "roughness", "specular", "specular_width", "transmission", "mirror"]
         if self._texture_map is not None:
             names.append("texture_coordinates")
         return {name: getattr(self, name) for name in names}
@@ -491,6 +490,7 @@ SOURCES: dict[str, str] = {}
 def _cited(
     name: str,
     source: str,
+    *,
     reflectivity: float,
     roughness: float = 0.0,
     transmission: float = 0.0,
@@ -662,9 +662,9 @@ CLOTH_LIGHT = _cited("CLOTH_LIGHT", f"{_ASAM}: green and orange cotton, 0.8", re
 
 _PANE = (
     "ASHRAE Handbook, Fundamentals, 2017, chapter 15: clear glass of 3 mm transmits 0.77 to 0.78 and mirrors 0.07 of "
-    "sunlight at normal incidence. M. Rubin, 1985, Optical properties of soda lime silica glasses, Solar Energy Materials "
-    "12, 275-288, by https://refractiveindex.info/?shelf=3d&book=glass&page=soda-lime-clear: index 1.515 at 905 nm, by "
-    "which each face mirrors 0.042"
+    "sunlight at normal incidence. M. Rubin, 1985, Optical properties of soda lime silica glasses, Solar Energy "
+    "Materials 12, 275-288, by https://refractiveindex.info/?shelf=3d&book=glass&page=soda-lime-clear: index 1.515 at "
+    "905 nm, by which each face mirrors 0.042"
 )
 
 GLASS = _cited(
@@ -676,26 +676,26 @@ GLASS = _cited(
 )
 MIRROR = _cited(
     "MIRROR",
-    f"{_PANE}. So a pane absorbs 0.16 on each way; with 0.97 for silver, a silvered pane mirrors 0.042 + 0.918·0.84²·0.97 "
-    "= 0.68. Reflectivity: 0.01 is assumed, for dust",
+    f"{_PANE}. So a pane absorbs 0.16 on each way; with 0.97 for silver, a silvered pane mirrors 0.042 + "
+    "0.918·0.84²·0.97 = 0.68. Reflectivity: 0.01 is assumed, for dust",
     reflectivity=0.01,
     mirror=0.68,
 )
 NET = _cited(
     "NET",
     "J. W. Bartok, 2019, Selecting shade material, Greenhouse Management, "
-    "https://www.greenhousemag.com/article/tech-solutions-selecting-shade-material/: shade nets cover 0.1 to 0.9 of the "
-    "light's way; here half is open. Reflectivity: half of 0.5 is assumed, for fabric",
+    "https://www.greenhousemag.com/article/tech-solutions-selecting-shade-material/: shade nets cover 0.1 to 0.9 of "
+    "the area; here half is open. Reflectivity: half of 0.5 is assumed, for fabric",
     reflectivity=0.25,
     transmission=0.5,
 )
 ASPHALT_WET = _cited(
     "ASPHALT_WET",
     "Diffuse light: J. Lekner and M. C. Dorf, 1988, Why some things are darker when wet, Applied Optics 27, 1278-1280, "
-    "citing A. Ångström, 1925: a/(n²·(1 - a) + a) for a film of index n = 1.33 on a ground of reflectivity a; 0.17, that "
-    "of ASPHALT, becomes 0.10. Mirrored light: Fresnel's equations for such a film at an incidence of 70°, 0.13; it is "
-    "0.02 at 0° and 0.39 at 80°. The film follows M. Hahner et al., 2022, LiDAR snowfall simulation for robust 3D object "
-    f"detection, https://github.com/SysCV/LiDAR_snow_sim. {_ROAD_SOURCE}, of dry roads",
+    "citing A. Ångström, 1925: a/(n²·(1 - a) + a) for a film of index n = 1.33 on a ground of reflectivity a; 0.17, "
+    "that of ASPHALT, becomes 0.10. Mirrored light: Fresnel's equations for such a film at an incidence of 70°, 0.13; "
+    "it is 0.02 at 0° and 0.35 at 80°. The film follows M. Hahner et al., 2022, LiDAR snowfall simulation for robust "
+    f"3D object detection, https://github.com/SysCV/LiDAR_snow_sim. {_ROAD_SOURCE}, of dry roads",
     reflectivity=0.1,
     roughness=_ROAD,
     mirror=0.13,

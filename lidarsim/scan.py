@@ -467,8 +467,8 @@ class Scan(Pickled, Plotted):
         ndarray of float64, shape (m, 3)
             One point for each point of `point_cloud`, in the same order, m. It lies on the surface of the object
             `object_id`, at `true_range` along the actual direction of the pulse; with a beam, along the sub-ray that
-            the ground truth is taken from (see `Scan`). Of mirrored light it is `mirrored_point`, where the light really
-            came from, not the ghost behind the mirror. For false returns, it is nan.
+            the ground truth is taken from (see `Scan`). Of mirrored light it is `mirrored_point`, where the light
+            really came from, not the ghost behind the mirror. For false returns, it is nan.
 
         Raises
         ------

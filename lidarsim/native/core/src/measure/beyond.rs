@@ -345,3 +345,50 @@ impl Scratch {
         normal
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::number::Interval;
+    use crate::scene::RootId;
+
+    fn step(share: f64, path: u8) -> Step {
+        let ray = TimedRay { origin: [0.0; 3], direction: [1.0, 0.0, 0.0], time: 0.0 };
+        let from = Departure::Passed((RootId::of_triangle(0, 0), Interval { low: 1.0, high: 1.0 }));
+        Step { way: Way { ray: 0, path, mirror: None, before: 0.0, share }, ray, from, solid: None }
+    }
+
+    #[test]
+    fn the_strongest_ways_are_kept_in_their_order() {
+        let others = [step(0.0, 200), step(1.0, 201)];
+        let kept = |shares: &[f64]| {
+            let mut steps: Vec<Step> = others.to_vec();
+            steps.extend((0..).zip(shares).map(|(path, share)| step(*share, path)));
+            keep_strongest(&mut steps, others.len());
+            let paths: Vec<u8> = steps.iter().map(|step| step.way.path).collect();
+            assert_eq!(paths[..2], [200, 201]);
+            paths[2..].to_vec()
+        };
+        assert_eq!(kept(&[0.5; MOST_WAYS]), (0..MOST_WAYS as u8).collect::<Vec<_>>());
+        assert_eq!(kept(&[0.5; 3 * MOST_WAYS]), (0..MOST_WAYS as u8).collect::<Vec<_>>());
+        let rising: Vec<f64> = (0..40).map(|k| f64::from(k) / 40.0).collect();
+        assert_eq!(kept(&rising), (40 - MOST_WAYS as u8..40).collect::<Vec<_>>());
+        let mut mixed = vec![0.25; 20];
+        (mixed[3], mixed[19]) = (0.5, 0.75);
+        let expected: Vec<u8> = (0..15).chain([19]).collect();
+        assert_eq!(kept(&mixed), expected);
+    }
+
+    #[test]
+    fn surfaces_are_sorted_by_their_fired_rays() {
+        let mut ways = Ways::default();
+        ways.clear(5);
+        for ray in [3, 1, 3, 1, 4, 3] {
+            ways.ways.push(Way { ray, path: 1, mirror: None, before: 0.0, share: 1.0 });
+        }
+        ways.sort();
+        let found: Vec<&[u32]> = (0..5).map(|ray| ways.of(ray)).collect();
+        assert_eq!(found, [&[][..], &[6, 8], &[], &[5, 7, 10], &[9]]);
+        assert_eq!([0, 4, 5, 9, 10].map(|at| ways.fired(at)), [0, 4, 3, 4, 3]);
+    }
+}
