@@ -256,7 +256,7 @@ class Scan(Pickled, Plotted):
             no effect on frame "world" or on a static sensor.
         deskew_movers : bool
             Also move the points of moving objects, in either frame, to where they are on the objects at the moment of
-            `deskew`. Tracking would have to find these motions; here, they are the true ones.
+            `deskew`. Tracking would have to find these motions; here, they are the true ones. Ghosts in mirrors stay.
 
         Returns
         -------
@@ -309,8 +309,12 @@ class Scan(Pickled, Plotted):
         world, path = self._scanned(), self._path()
         world.check_motions(moment, moment)
         place = path.at(np.array([moment]))[0] if frame == "sensor" else np.eye(4)
+        is_ghost: npt.NDArray[np.bool_] | bool = False
+        if self.mirrored_point is not None:
+            returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
+            is_ghost = ~np.isnan(self.mirrored_point[returned][:, 0])
         for item, motion in world.movers:
-            own = np.flatnonzero(cloud.object_id == item.id)
+            own = np.flatnonzero((cloud.object_id == item.id) & ~np.asarray(is_ghost))
             if not len(own):
                 continue
             before = np.linalg.inv(motion._native.at(self.time + cloud.time[own]))

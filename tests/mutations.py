@@ -554,7 +554,7 @@ MUTANTS = [
     ),
     Mutant(
         "next hit: coincident surfaces in order",
-        ".then_with(|| from.0.object.cmp(&at.0.object))",
+        ".then_with(|| object.cmp(&at.0.object))",
         ".then(Ordering::Equal)",
         DEPTH,
     ),
@@ -566,7 +566,10 @@ MUTANTS = [
     ),
     Mutant("next hit: nearest to the mirror", "return a_is.0 > b_is.1;", "return a_is.0 < b_is.1;", DEPTH),
     Mutant(
-        "next hit: one plane", "if object.is_whole() || are_coplanar", "if object.is_whole() && are_coplanar", DEPTH
+        "next hit: one plane",
+        "if object.is_whole() || !is_mirror && are_coplanar",
+        "if object.is_whole() && !is_mirror && are_coplanar",
+        DEPTH,
     ),
     Mutant("next hit: a solid wall in front", "&& root.1.high < low", "&& root.1.high < f64::INFINITY", DEPTH),
     Mutant("beyond: power goes out and back", "share: way.share * passed * passed", "share: way.share * passed", DEPTH),

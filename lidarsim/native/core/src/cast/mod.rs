@@ -19,8 +19,8 @@ mod surface_intersector;
 mod traversal;
 mod triangle_hits;
 
-pub use all_hits::{BoundedRoot, HitRows, cast_all, objects_met};
+pub use all_hits::{HitRows, cast_all, objects_met};
 pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use driver::Cast;
-pub use next_hit::{Departure, next_hit, root_of};
+pub use next_hit::{Departure, Met, next_hit};
 pub use schedule::pieces;

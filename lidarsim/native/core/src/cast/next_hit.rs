@@ -14,27 +14,61 @@ use crate::shapes::{MOST_ROOTS, Triangle};
 /// All t that a hit may have.
 const ALL: TRange = TRange { min: 0.0, max: f64::MAX };
 
+/// A surface from which light goes on.
+#[derive(Clone, Copy, Debug)]
+pub struct Met {
+    pub hit: Hit,
+    /// The root of the hit, if it is known. Most decisions need only bounds of t.
+    root: Option<BoundedRoot>,
+}
+
+impl From<Hit> for Met {
+    fn from(hit: Hit) -> Self {
+        Met { hit, root: None }
+    }
+}
+
+impl Met {
+    fn is_on(&self, object: u32) -> bool {
+        self.hit.object as u32 == object
+    }
+
+    /// The order of the exact t of this and of another root of its ray.
+    fn order_of_t(&self, scene: &Scene, ray: &TimedRay, at: &BoundedRoot) -> Ordering {
+        // The exact t rounds to that of the hit.
+        let (low, high) = (self.hit.t.next_down(), self.hit.t.next_up());
+        if high < at.1.low {
+            Ordering::Less
+        } else if at.1.high < low {
+            Ordering::Greater
+        } else {
+            let root = self.root.or_else(|| root_of(scene, &self.hit, ray));
+            root.map_or(Ordering::Equal, |root| order_of_t(scene, ray, &root, at))
+        }
+    }
+}
+
 /// Where the light of a ray comes from.
 #[derive(Clone, Copy, Debug)]
 pub enum Departure {
-    /// From a root of the same ray, straight on.
-    Passed(BoundedRoot),
-    /// From a mirror, at a root of the ray before, which starts the ray.
-    Mirrored(TimedRay, BoundedRoot),
+    /// From a surface that the same ray met, straight on.
+    Passed(Met),
+    /// From a mirror, which the ray before met where this one starts.
+    Mirrored(TimedRay, Met),
 }
 
 impl Departure {
-    /// The root from which the light goes on, of the ray before if there is a mirror.
-    fn root(&self) -> &BoundedRoot {
+    fn met(&self) -> &Met {
         match self {
-            Departure::Passed(root) | Departure::Mirrored(_, root) => root,
+            Departure::Passed(met) | Departure::Mirrored(_, met) => met,
         }
     }
 
     /// Whether a root of `ray` with t ≥ 0 is further on.
     ///
     /// Behind a surface that is the order of the exact t, and of coincident surfaces that of their objects.
-    /// An object that the ray meets at a common edge of several primitives is met once there.
+    /// An object that the ray meets at a common edge of several primitives is met once there, and a polygon
+    /// is met once.
     ///
     /// From a mirror it is every root but those of the surfaces that the ray before met at the same exact t:
     /// the mirror itself, and whatever coincides with it there. The origin is that point, rounded, so the ray
@@ -42,33 +76,33 @@ impl Departure {
     /// surface: that is the mirror's polygon, or the triangles of its mesh in the same plane.
     fn is_before(&self, scene: &Scene, ray: &TimedRay, at: &BoundedRoot) -> bool {
         match self {
-            Departure::Passed(from) => {
-                order_of_t(scene, ray, from, at).then_with(|| from.0.object.cmp(&at.0.object))
-                    == Ordering::Less
+            Departure::Passed(met) => {
+                let object = met.hit.object as u32;
+                met.order_of_t(scene, ray, at).then_with(|| object.cmp(&at.0.object)) == Ordering::Less
             }
-            Departure::Mirrored(before, from) => !is_left_out(scene, before, from, ray, &at.0),
+            Departure::Mirrored(before, mirror) => !is_left_out(scene, before, mirror, ray, &at.0),
         }
     }
 }
 
 /// Whether a root of a ray from a mirror is that of the mirror, or of a surface that coincides with it.
-fn is_left_out(scene: &Scene, before: &TimedRay, from: &BoundedRoot, ray: &TimedRay, at: &RootId) -> bool {
-    let mirror = &from.0;
-    if at.object == mirror.object && at.primitive != mirror.primitive {
-        let object = scene.at(at.object, ray.time);
-        if object.is_whole() || are_coplanar(&object, at.primitive, mirror.primitive) {
+fn is_left_out(scene: &Scene, before: &TimedRay, mirror: &Met, ray: &TimedRay, at: &RootId) -> bool {
+    let mut is_mirror = false;
+    if mirror.is_on(at.object) {
+        let (object, primitive) = (scene.at(at.object, ray.time), mirror.hit.primitive as u32);
+        is_mirror = at.primitive == primitive;
+        if object.is_whole() || !is_mirror && are_coplanar(&object, at.primitive, primitive) {
             return true;
         }
     }
-    let is_mirror = (at.object, at.primitive) == (mirror.object, mirror.primitive);
-    (is_mirror || is_met(scene, before, from, at.object, at.primitive))
+    (is_mirror || is_met(scene, before, mirror, at.object, at.primitive))
         && nearest_to_origin(scene, ray, at.object, at.primitive) == Some(at.index)
 }
 
-/// Whether a ray meets a primitive at the exact t of a root.
-fn is_met(scene: &Scene, ray: &TimedRay, root: &BoundedRoot, object: u32, primitive: u32) -> bool {
+/// Whether a ray meets a primitive at the exact t at which it met a mirror.
+fn is_met(scene: &Scene, ray: &TimedRay, mirror: &Met, object: u32, primitive: u32) -> bool {
     let mut others = roots_of(scene, ray, object, primitive).into_iter().flatten();
-    others.any(|other| order_of_t(scene, ray, &other, root) == Ordering::Equal)
+    others.any(|other| mirror.order_of_t(scene, ray, &other) == Ordering::Equal)
 }
 
 fn roots_of(scene: &Scene, ray: &TimedRay, object: u32, primitive: u32) -> [Option<BoundedRoot>; MOST_ROOTS] {
@@ -124,7 +158,7 @@ impl<'a> RayQuery<'a> for NextHit<'a> {
 
     fn t_min(&self) -> f64 {
         match self.from {
-            Departure::Passed((_, t)) => t.low.max(0.0),
+            Departure::Passed(met) => met.hit.t.next_down().max(0.0),
             Departure::Mirrored(..) => 0.0,
         }
     }
@@ -133,13 +167,15 @@ impl<'a> RayQuery<'a> for NextHit<'a> {
         self.limit
     }
 
+    fn skips(&self, object: u32) -> bool {
+        self.from.met().is_on(object) && self.scene.objects()[object as usize].is_whole()
+    }
+
     fn visit(&mut self, object: u32, primitive: u32) {
-        let (scene, ray) = (self.scene, self.ray);
+        let (scene, ray, met) = (self.scene, self.ray, self.from.met());
         // A line meets a triangle once.
-        let left = &self.from.root().0;
-        if (object, primitive) == (left.object, left.primitive)
-            && scene.objects()[object as usize].is_triangle()
-        {
+        let is_same = met.is_on(object) && met.hit.primitive as u32 == primitive;
+        if is_same && scene.objects()[object as usize].is_triangle() {
             return;
         }
         for root in roots_in_range(scene, &ray, ALL, object, primitive) {
@@ -153,60 +189,27 @@ impl<'a> RayQuery<'a> for NextHit<'a> {
     }
 }
 
-/// Finds the root of a hit: of those whose t may round to that of the hit, the first that does.
-struct RootOfHit<'a> {
-    scene: &'a Scene,
-    ray: TimedRay,
-    t: f64,
-    found: Vec<BoundedRoot>,
-}
-
-impl<'a> RayQuery<'a> for RootOfHit<'a> {
-    fn scene(&self) -> &'a Scene {
-        self.scene
-    }
-
-    fn ray(&self) -> &TimedRay {
-        &self.ray
-    }
-
-    fn t_min(&self) -> f64 {
-        self.t
-    }
-
-    fn limit(&self) -> f64 {
-        self.t.next_up()
-    }
-
-    fn visit(&mut self, object: u32, primitive: u32) {
-        let (low, high) = (self.t.next_down(), self.t.next_up());
-        for root in roots_of(self.scene, &self.ray, object, primitive).into_iter().flatten() {
-            if root.1.low <= high && low <= root.1.high {
-                self.found.push(root);
-            }
-        }
-    }
-}
-
-/// The root of a hit of a ray.
-pub fn root_of(world: &World, hit: &Hit, ray: &TimedRay, stack: &mut Stack) -> Option<BoundedRoot> {
-    let (scene, object) = (world.scene, hit.object as u32);
-    let mut query = RootOfHit { scene, ray: *ray, t: hit.t, found: Vec::new() };
-    if scene.objects()[object as usize].is_whole() {
-        query.enter(object, stack);
-    } else {
-        query.visit(object, hit.primitive as u32);
-    }
-    if query.found.len() > 1 {
-        let is_hit = |root: &BoundedRoot| {
+/// The root of a hit of a ray: of those whose t may round to that of the hit, the first that does.
+fn root_of(scene: &Scene, hit: &Hit, ray: &TimedRay) -> Option<BoundedRoot> {
+    let (low, high) = (hit.t.next_down(), hit.t.next_up());
+    let on = |primitive| roots_of(scene, ray, hit.object as u32, primitive).into_iter().flatten();
+    let is_near = |root: &BoundedRoot| root.1.low <= high && low <= root.1.high;
+    let mut found: Vec<BoundedRoot> = match &scene.objects()[hit.object as usize] {
+        object if !object.is_whole() => on(hit.primitive as u32).filter(is_near).collect(),
+        object => match &object.geometry {
+            Geometry::Mesh(mesh) => (0..mesh.len() as u32).flat_map(on).filter(is_near).collect(),
+            _ => Vec::new(),
+        },
+    };
+    if found.len() > 1 {
+        found.retain(|root| {
             scene.t(&root.0, ray) == hit.t && !(hit.t == 0.0 && scene.is_negative(&root.0, ray))
-        };
-        query.found.retain(is_hit);
+        });
     }
-    query.found.into_iter().min_by(|a, b| order(scene, ray, a, b))
+    found.into_iter().min_by(|a, b| order(scene, ray, a, b))
 }
 
-/// The next hit of a ray, and its root unless it is `solid`.
+/// The next hit of a ray.
 ///
 /// `passing` has the objects that light goes on from, and `solid` is the closest hit, of t ≥ 0, on all
 /// others. In most scenes the former are few, and packets of rays find the latter.
@@ -217,13 +220,16 @@ pub fn next_hit(
     ray: &TimedRay,
     from: &Departure,
     stack: &mut Stack,
-) -> Option<(Hit, Option<BoundedRoot>)> {
+) -> Option<Met> {
     let nearest = |world: &World, limit: f64, stack: &mut Stack| {
         let mut query = NextHit { scene: world.scene, ray: *ray, from, limit, found: None };
         query.run(world, stack);
         query.found
     };
-    let refined = |root: BoundedRoot| (world.scene.hit_within(&root.0, root.1, ray), Some(root));
+    let refined = |root: BoundedRoot| {
+        let hit = world.scene.hit_within(&root.0, root.1, ray);
+        Met { hit, root: Some(root) }
+    };
     if solid.object < 0 {
         return nearest(passing, ALL.max, stack).map(refined);
     }
@@ -242,12 +248,12 @@ pub fn next_hit(
             let (object, primitive) = (solid.object as u32, solid.primitive as u32);
             let is_whole = world.scene.objects()[object as usize].is_whole();
             (!is_whole && !is_met(world.scene, before, mirror, object, primitive))
-                || root_of(world, solid, ray, stack)
+                || root_of(world.scene, solid, ray)
                     .is_some_and(|root| from.is_before(world.scene, ray, &root))
         }
     };
     if is_further && found.is_none_or(|found| found.1.low > high) {
-        return Some((*solid, None));
+        return Some(Met::from(*solid));
     }
     // Surfaces that coincide with others or with a mirror are rare, and decided with all surfaces at once.
     nearest(world, ALL.max, stack).map(refined)

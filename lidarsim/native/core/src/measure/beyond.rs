@@ -16,12 +16,12 @@ use super::direction::distance;
 use super::echo::Echo;
 use super::scan::Scan;
 use super::scratch::Scratch;
+use super::ways::{Beyond, Step, Surface, Way, Ways};
 use crate::arith::simd::Isa;
-use crate::bvh::Stack;
-use crate::cast::{BoundedRoot, Departure, HitArrays};
+use crate::cast::{Departure, Met};
 use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
-use crate::memory::{push, resize};
+use crate::memory::push;
 use crate::scene::{Hit, Rays, TimedRay};
 use crate::stop;
 
@@ -31,152 +31,17 @@ const MOST_WAYS: usize = 16;
 /// Ways that are followed between two polls for a stop of the scan.
 const POLL: usize = 64;
 
-/// The scene behind panes and in mirrors.
-pub struct Beyond<C> {
-    /// The most surfaces of a way.
-    pub depth: usize,
-    /// The objects that light goes on from, and all others.
-    pub passing: C,
-    pub solid: C,
-}
-
-/// A surface that light met after it passed others or was mirrored.
-#[derive(Clone, Copy)]
-pub(super) struct Way {
-    /// The ray that was fired.
-    pub(super) ray: u32,
-    /// How many surfaces came before.
-    pub(super) path: u8,
-    /// The surface at which the light was mirrored last.
-    pub(super) mirror: Option<u32>,
-    /// The length of the way up to that mirror, m.
-    pub(super) before: f64,
-    /// The share of the power that comes back by this way.
-    pub(super) share: f64,
-}
-
-/// The surfaces that the rays of a batch meet after the first. They follow the fired rays in the arrays of
-/// rays and hits; each has the part of its way after the last mirror as its ray.
-#[derive(Default)]
-pub(super) struct Ways {
-    /// The number of fired rays.
-    pub(super) fired: usize,
-    ways: Vec<Way>,
-    /// The surfaces in the order of their fired rays, and where those of each ray begin.
-    order: Vec<u32>,
-    starts: Vec<u32>,
-    front: Vec<Surface>,
-    steps: Vec<Step>,
-    origins: Vec<Point>,
-    directions: Vec<Point>,
-    times: Vec<f64>,
-    solid: HitArrays,
-    stack: Option<Box<Stack>>,
-}
-
-/// A surface from which light may go on.
-#[derive(Clone, Copy)]
-struct Surface {
-    /// Its index in the arrays of rays and hits.
-    at: u32,
-    way: Way,
-    root: Option<BoundedRoot>,
-    /// The closest hit of its ray on a surface from which light does not go on, once that is known.
-    solid: Option<Hit>,
-}
-
-/// A part of a way that is about to be followed.
-#[derive(Clone, Copy)]
-struct Step {
-    way: Way,
-    ray: TimedRay,
-    from: Departure,
-    solid: Option<Hit>,
-}
-
-impl Ways {
-    pub(super) fn clear(&mut self, fired: usize) {
-        self.fired = fired;
-        self.ways.clear();
-        self.order.clear();
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.ways.is_empty()
-    }
-
-    /// The way to a surface, unless a fired ray met it first.
-    #[inline(always)]
-    pub(super) fn way(&self, at: usize) -> Option<&Way> {
-        if at < self.fired { None } else { self.ways.get(at - self.fired) }
-    }
-
-    /// Of eight surfaces, those from 8·part on: what `of` tells of their ways, and `other` if there is none.
-    #[inline(always)]
-    pub(super) fn each(&self, part: usize, other: f64, of: impl Fn(&Way) -> f64) -> [f64; 8] {
-        let mut values = [other; 8];
-        if 8 * part + 8 > self.fired {
-            for (k, value) in values.iter_mut().enumerate() {
-                *value = self.way(8 * part + k).map_or(other, &of);
-            }
-        }
-        values
-    }
-
-    /// Whether the surfaces from 8·part on are part of any ways of more than one surface.
-    #[inline(always)]
-    pub(super) fn touch(&self, part: usize) -> bool {
-        let last = 8 * part + 8;
-        last > self.fired || self.starts[8 * part] < self.starts[last]
-    }
-
-    /// The fired ray that met a surface.
-    #[inline(always)]
-    pub(super) fn fired(&self, at: usize) -> usize {
-        self.way(at).map_or(at, |way| way.ray as usize)
-    }
-
-    /// The surfaces that a fired ray meets after the first, in the order of their numbers.
-    #[inline(always)]
-    pub(super) fn of(&self, ray: usize) -> &[u32] {
-        if self.ways.is_empty() {
-            return &[];
-        }
-        &self.order[self.starts[ray] as usize..self.starts[ray + 1] as usize]
-    }
-
-    /// Sorts the surfaces by their fired rays.
-    fn sort(&mut self) {
-        resize(&mut self.starts, 0, 0);
-        resize(&mut self.starts, self.fired + 2, 0);
-        for way in &self.ways {
-            self.starts[way.ray as usize + 2] += 1;
-        }
-        for ray in 2..self.starts.len() {
-            self.starts[ray] += self.starts[ray - 1];
-        }
-        resize(&mut self.order, self.ways.len(), 0);
-        for (at, way) in (self.fired as u32..).zip(&self.ways) {
-            let place = &mut self.starts[way.ray as usize + 1];
-            self.order[*place as usize] = at;
-            *place += 1;
-        }
-    }
-}
-
 impl<C: Caster> Scan<'_, C> {
     /// Follows the light of the fired rays that goes on.
     pub(super) fn go_on<I: Isa>(&self, beyond: &Beyond<C>, scratch: &mut Scratch) {
         let fired = scratch.hits.len();
         let mut ways = std::mem::take(&mut scratch.ways);
-        let stack = ways.stack.get_or_insert_default();
         ways.front.clear();
         for at in 0..fired {
             if self.goes_on(scratch.hits.object[at]) {
-                let (hit, ray) = (scratch.hits.at(at), scratch.rays.at(at));
+                let met = Met::from(scratch.hits.at(at));
                 let way = Way { ray: at as u32, path: 0, mirror: None, before: 0.0, share: 1.0 };
-                let root = self.caster.root_of(&hit, &ray, stack);
-                push(&mut ways.front, Surface { at: at as u32, way, root, solid: None });
+                push(&mut ways.front, Surface { at: at as u32, way, met, solid: None });
             }
         }
         for _ in 1..beyond.depth {
@@ -201,14 +66,14 @@ impl<C: Caster> Scan<'_, C> {
         steps.clear();
         let mut first = 0;
         for i in 0..front.len() {
-            let Surface { at, way, root: Some(root), solid } = front[i] else { continue };
-            let (hit, ray) = (scratch.hits.at(at as usize), scratch.rays.at(at as usize));
-            let Some(appearance) = self.appearances.get(hit.object as usize) else { continue };
+            let Surface { at, way, met, solid } = front[i];
+            let (hit, ray) = (met.hit, scratch.rays.at(at as usize));
+            let appearance = &self.appearances[hit.object as usize];
             let [passed, mirrored] = [appearance.transmission, appearance.mirror];
             let way = Way { path: way.path + 1, ..way };
             if passed > 0.0 {
                 let way = Way { share: way.share * passed * passed, ..way };
-                push(steps, Step { way, ray, from: Departure::Passed(root), solid });
+                push(steps, Step { way, ray, from: Departure::Passed(met), solid });
             }
             if mirrored > 0.0
                 && let Some(next) = mirror_image(&ray, &hit)
@@ -216,7 +81,7 @@ impl<C: Caster> Scan<'_, C> {
                 let before = way.before + distance::<f64, 1>(hit.t, ray.direction);
                 let share = way.share * mirrored * mirrored;
                 let way = Way { mirror: Some(at), before, share, ..way };
-                push(steps, Step { way, ray: next, from: Departure::Mirrored(ray, root), solid: None });
+                push(steps, Step { way, ray: next, from: Departure::Mirrored(ray, met), solid: None });
             }
             if front.get(i + 1).is_none_or(|next| next.way.ray != way.ray) {
                 keep_strongest(steps, first);
@@ -237,7 +102,7 @@ impl<C: Caster> Scan<'_, C> {
             }
             let solid = solid.unwrap_or(Hit::MISS);
             let found = self.caster.next_hit(&beyond.passing, &solid, ray, from, stack);
-            let Some((hit, root)) = found else { continue };
+            let Some(met) = found else { continue };
             let at = hits.len();
             push(ways, *way);
             push(&mut rays.origins, ray.origin);
@@ -245,9 +110,9 @@ impl<C: Caster> Scan<'_, C> {
             if !rays.times.is_empty() {
                 push(&mut rays.times, ray.time);
             }
-            hits.push(&hit);
-            if self.goes_on(hit.object) {
-                push(front, Surface { at: at as u32, way: *way, root, solid: Some(solid) });
+            hits.push(&met.hit);
+            if self.goes_on(met.hit.object) {
+                push(front, Surface { at: at as u32, way: *way, met, solid: Some(solid) });
             }
         }
     }
@@ -349,12 +214,9 @@ impl Scratch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::arith::number::Interval;
-    use crate::scene::RootId;
-
     fn step(share: f64, path: u8) -> Step {
         let ray = TimedRay { origin: [0.0; 3], direction: [1.0, 0.0, 0.0], time: 0.0 };
-        let from = Departure::Passed((RootId::of_triangle(0, 0), Interval { low: 1.0, high: 1.0 }));
+        let from = Departure::Passed(Met::from(Hit::MISS));
         Step { way: Way { ray: 0, path, mirror: None, before: 0.0, share }, ray, from, solid: None }
     }
 
@@ -377,18 +239,5 @@ mod tests {
         (mixed[3], mixed[19]) = (0.5, 0.75);
         let expected: Vec<u8> = (0..15).chain([19]).collect();
         assert_eq!(kept(&mixed), expected);
-    }
-
-    #[test]
-    fn surfaces_are_sorted_by_their_fired_rays() {
-        let mut ways = Ways::default();
-        ways.clear(5);
-        for ray in [3, 1, 3, 1, 4, 3] {
-            ways.ways.push(Way { ray, path: 1, mirror: None, before: 0.0, share: 1.0 });
-        }
-        ways.sort();
-        let found: Vec<&[u32]> = (0..5).map(|ray| ways.of(ray)).collect();
-        assert_eq!(found, [&[][..], &[6, 8], &[], &[5, 7, 10], &[9]]);
-        assert_eq!([0, 4, 5, 9, 10].map(|at| ways.fired(at)), [0, 4, 3, 4, 3]);
     }
 }

@@ -3,7 +3,7 @@
 use crate::arith::number::Interval;
 use crate::arith::simd::Isa;
 use crate::bvh::Stack;
-use crate::cast::{self, BoundedRoot, Cast, Departure, HitArrays};
+use crate::cast::{self, Cast, Departure, HitArrays, Met};
 use crate::geometry::point::sub;
 use crate::geometry::pose::Path;
 use crate::scene::{Geometry, Hit, Rays, TRange, TimedRay, World};
@@ -20,9 +20,6 @@ pub trait Caster: Sync {
     /// The vertices of the triangle of a mesh that was hit, and the barycentric coordinates of the hit.
     fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])>;
 
-    /// The root of a hit of a ray.
-    fn root_of(&self, hit: &Hit, ray: &TimedRay, stack: &mut Stack) -> Option<BoundedRoot>;
-
     /// The next hit of a ray (see [`next_hit`](crate::cast::next_hit)).
     fn next_hit(
         &self,
@@ -31,7 +28,7 @@ pub trait Caster: Sync {
         ray: &TimedRay,
         from: &Departure,
         stack: &mut Stack,
-    ) -> Option<(Hit, Option<BoundedRoot>)>;
+    ) -> Option<Met>;
 
     /// The motion of an object, if it moves.
     fn path(&self, object: i32) -> Option<&Path>;
@@ -48,10 +45,6 @@ impl Caster for World<'_> {
         I::call(Cast { world: self, rays, range: TRange::RAY, hits: &mut hits.columns() });
     }
 
-    fn root_of(&self, hit: &Hit, ray: &TimedRay, stack: &mut Stack) -> Option<BoundedRoot> {
-        cast::root_of(self, hit, ray, stack)
-    }
-
     fn next_hit(
         &self,
         passing: &Self,
@@ -59,7 +52,7 @@ impl Caster for World<'_> {
         ray: &TimedRay,
         from: &Departure,
         stack: &mut Stack,
-    ) -> Option<(Hit, Option<BoundedRoot>)> {
+    ) -> Option<Met> {
         cast::next_hit(self, passing, solid, ray, from, stack)
     }
 

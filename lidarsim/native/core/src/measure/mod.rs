@@ -1,7 +1,7 @@
 //! From pulses to returns.
 //!
-//! A batch of pulses is aimed, with its jitter, and cast (`fire.rs`). Some of its light goes on, through panes
-//! and from mirrors (`beyond.rs`). Hits become light (`light.rs`),
+//! A batch of pulses is aimed, with its jitter, and cast (`fire.rs`). Light goes on through panes and from
+//! mirrors (`beyond.rs`). Hits become light (`light.rs`),
 //! light becomes echoes, one a ray (`single_ray.rs`) or those of a waveform over the footprint of a beam
 //! (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the range gate
 //! last. The rows of a scan are written to its columns (`columns.rs`), from which `returns.rs` and
@@ -34,10 +34,10 @@ mod source;
 mod status;
 mod texture;
 mod waveform;
+mod ways;
 
 pub use appearance::{Appearance, Labels, Reflectivity};
 pub use backscatter::Backscatter;
-pub use beyond::Beyond;
 pub use columns::{Layout, Rows, ScanColumns};
 pub use frame::{BadPulse, Fault, Frame};
 pub use measurement::Measurement;
@@ -47,3 +47,4 @@ pub use points::{Coordinates, PointSource, PointsAndNormals, WritePoints};
 pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
 pub use scan::{Batch, Scan};
 pub use texture::{Texture, TextureCoordinates, TextureMap, Wrap};
+pub use ways::Beyond;

@@ -5,13 +5,13 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::appearance::Appearance;
-use super::beyond::Beyond;
 use super::caster::Caster;
 use super::columns::Rows;
 use super::direction::reciprocal_length;
 use super::frame::{BadPulse, Frame};
 use super::measurement::Measurement;
 use super::scratch::{RowScratch, Scratch};
+use super::ways::Beyond;
 use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::simd::{Isa, Task};
 use crate::cast::pieces;

@@ -1,7 +1,7 @@
 //! Memory that one batch of pulses leaves to the next.
 
-use super::beyond::Ways;
 use super::effects::Draws;
+use super::ways::Ways;
 use crate::cast::HitArrays;
 use crate::geometry::pose::Motion;
 use crate::geometry::vector::Point;
