@@ -164,7 +164,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "class_names": lambda _: {1: "ball"},
     "reflectivity": lambda _: 0.5,
     "per": lambda _: "object",
-    **dict.fromkeys(("roughness", "specular", "specular_width"), lambda _: 0.3),
+    **dict.fromkeys(("roughness", "specular", "specular_width", "transmission", "mirror"), lambda _: 0.3),
     "colors": lambda _: np.array([(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]),
     "values": lambda _: np.array([(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]),
     "texture_coordinates": lambda _: None,
