@@ -172,6 +172,10 @@ class Annotated(Protocol):
     @property
     def true_direction(self) -> Floats | None: ...
     @property
+    def path(self) -> npt.NDArray[np.uint8] | None: ...
+    @property
+    def mirrored_point(self) -> Floats | None: ...
+    @property
     def pulses(self) -> Pulses: ...
     @property
     def lidar(self) -> Gate: ...
@@ -410,7 +414,10 @@ def _coverage(
 
     That is the mean firing time of its points, or else of the pulses that would hit it, since the start of the scan.
     """
-    returns = world.places_of(scan.object_id), scan.return_count
+    places = world.places_of(scan.object_id)
+    if scan.mirrored_point is not None:  # ghosts are elsewhere
+        places = np.where(np.isnan(scan.mirrored_point[..., 0]), places, MISS)
+    returns = places, scan.return_count
     limit = float(scan.lidar.max_range)
     first, known = _first_hits(scan, returns[0][:, 0], limit), (things.of_object, len(things))
     return _native.coverage(world.native, path, scan.pulses, scan.time, known, limit, returns, first)
@@ -419,10 +426,11 @@ def _coverage(
 def _first_hits(scan: Annotated, hit: npt.NDArray[np.int32], limit: float) -> npt.NDArray[np.int32] | None:
     """Return the place of the object that each nominal pulse hits first within a range, `MISS` or `UNKNOWN`.
 
-    None if the scan does not tell, as its rays were not the nominal pulses. `hit` are the places of the objects that
+    None if the scan does not tell, as its rays were not the nominal pulses, or its returns not those of the first
+    surface. `hit` are the places of the objects that
     the first entries of the scan are on.
     """
-    if scan.true_direction is not None:
+    if scan.true_direction is not None or scan.path is not None:
         return None
     # The limit is one of t, the distance in units of the length of the direction.
     distance, nearly, beyond = scan.true_range[:, 0], limit * (1.0 - UNIT_LENGTH), limit * (1.0 + UNIT_LENGTH)

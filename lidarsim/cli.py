@@ -457,6 +457,8 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
         _print_import(file)
     for lidar in run.lidars.values():
         _print_sensor(lidar, run.scene.atmosphere)
+    for name, lidar in run.lidars.items():
+        _print_depth(name, lidar, run.scene)
     pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
     kinds = {"pose": pose, "objects": [*spans.values()], "all": [*pose, *spans.values()] if pose and spans else []}
     defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
@@ -825,6 +827,21 @@ def _air(air: ls.Atmosphere, lidar: ls.Lidar) -> str:
     if air.intercept:
         seen.append(f"{air.particles_seen(lidar):.3g} echoes of drops or flakes per pulse")
     return " and ".join(seen) or "without echoes"
+
+
+def _print_depth(name: str, lidar: ls.Lidar, scene: ls.Scene) -> None:
+    """Print how many materials transmit or mirror light that the sensor does not follow."""
+    materials = {item.material for item in scene if item.material.transmission + item.material.mirror > 0.0}
+    found = {
+        "transmit": sum(material.transmission > 0.0 for material in materials),
+        "mirror": sum(material.mirror > 0.0 for material in materials),
+    }
+    if lidar.measurement.depth == 1 and any(found.values()):
+        does = " and ".join(
+            f"{counted(count, 'material')} {does}{'s' if count == 1 else ''}" for does, count in found.items() if count
+        )
+        whose = f"{name}: " if name else ""
+        print_line(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
 
 
 def _print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:

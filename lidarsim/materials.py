@@ -4,7 +4,8 @@ The library has constants for 905 nm, such as `ASPHALT`, and for 1550 nm, such a
 published. From 850 to 950 nm, the spectra behind the former change by less than a tenth. `SOURCES` cites the values and
 their ranges. A real surface may well be half or twice as bright.
 
-There is no glass: what a window sends back is nearly all mirrored, and depends on what is mirrored.
+Of `GLASS`, `MIRROR`, `NET` and `ASPHALT_WET`, light goes on to other surfaces, if the `depth` of the `Measurement` is
+more than 1.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ __all__ = [
     "ASPHALT_1550",
     "ASPHALT_LIGHT",
     "ASPHALT_LIGHT_1550",
+    "ASPHALT_WET",
     "BARK",
     "BARK_1550",
     "BRICK",
@@ -42,10 +44,13 @@ __all__ = [
     "CONIFER_1550",
     "FOLIAGE",
     "FOLIAGE_1550",
+    "GLASS",
     "GRASS",
     "GRASS_1550",
     "GRASS_DRY",
     "GRASS_DRY_1550",
+    "MIRROR",
+    "NET",
     "PAINTED_METAL",
     "PAINTED_METAL_1550",
     "PLASTER",
@@ -189,6 +194,12 @@ class Material(Value):
         multiple of the reflectivity. One for all of an object.
     specular_width : float
         w, the width of the highlight as a slope, > 0: at tan θ = w its exponential has fallen to 1/e.
+    transmission : float
+        Share of the light that goes straight on through the surface, 0 to 1: of a pane of glass without bending, of a
+        net or of leaves the open share. One for all of an object, and the same at any angle and from either side.
+    mirror : float
+        Share of the light that goes on in the mirrored direction, 0 to 1. `transmission` and `mirror` together are at
+        most 1. They need a `Measurement` with a `depth` of more than 1.
 
     Raises
     ------
@@ -209,6 +220,10 @@ class Material(Value):
     reflectance model for computer graphics, ACM Transactions on Graphics 1, 1982), seen from the source and scaled to 1
     at θ = 0. Without roughness and highlight f(θ) is cos θ.
 
+    `transmission` and `mirror` weaken what is seen through the surface or in it, each by its square, since light takes
+    the same way out and back. They do not change the light that the surface itself returns. Each crossing counts: a
+    pane that is modelled as a thin `Box` is crossed twice, and needs the square root of the pane's transmission.
+
     Examples
     --------
     >>> import lidarsim as ls
@@ -217,9 +232,19 @@ class Material(Value):
     >>> sign = ls.Material(reflectivity=[0.1, 300.0], per="face")
     >>> stripes = ls.Texture([[0.1, 0.6, 0.1, 0.1]])
     >>> road = ls.Material(reflectivity=stripes, texture_coordinates=[(0, 0), (1, 0), (1, 1), (0, 1)])
+    >>> tinted = ls.Material(reflectivity=0.01, transmission=0.4, mirror=0.1)
     """
 
-    __slots__ = ("_per", "_reflectivity", "_roughness", "_specular", "_specular_width", "_texture_map")
+    __slots__ = (
+        "_mirror",
+        "_per",
+        "_reflectivity",
+        "_roughness",
+        "_specular",
+        "_specular_width",
+        "_texture_map",
+        "_transmission",
+    )
 
     def __init__(
         self,
@@ -230,6 +255,8 @@ class Material(Value):
         roughness: float = 0.0,
         specular: float = 0.0,
         specular_width: float = 0.1,
+        transmission: float = 0.0,
+        mirror: float = 0.0,
     ) -> None:
         if per is None:
             per = "texture" if isinstance(reflectivity, Texture) else "object"
@@ -238,6 +265,11 @@ class Material(Value):
         self._roughness = angle("roughness", roughness, at_least=0.0, at_most=math.pi / 2)
         self._specular = real("specular", specular, at_least=0.0)
         self._specular_width = real("specular_width", specular_width, above=0.0)
+        self._transmission = real("transmission", transmission, at_least=0.0, at_most=1.0)
+        self._mirror = real("mirror", mirror, at_least=0.0, at_most=1.0)
+        if self._transmission + self._mirror > 1.0:
+            most = f"at most {1.0 - self._transmission:g} beside a transmission of {self._transmission:g}"
+            raise ArgumentValueError("mirror", most, f"{self._mirror:g}", "more light would go on than comes")
         self._reflectivity = _reflectivity(reflectivity, per)
         self._texture_map = None
         if isinstance(self._reflectivity, Texture):
@@ -276,8 +308,18 @@ class Material(Value):
         """Width of the highlight, as a slope: float."""
         return self._specular_width
 
+    @property
+    def transmission(self) -> float:
+        """Share of the light that goes straight on through the surface: float."""
+        return self._transmission
+
+    @property
+    def mirror(self) -> float:
+        """Share of the light that goes on in the mirrored direction: float."""
+        return self._mirror
+
     def _contents(self) -> dict[str, Any]:
-        names = ["reflectivity", "per", "roughness", "specular", "specular_width"]
+        names = ["reflectivity", "per", "roughness", "specular", "specular_width", "transmission", "mirror"]
         if self._texture_map is not None:
             names.append("texture_coordinates")
         return {name: getattr(self, name) for name in names}
@@ -445,9 +487,17 @@ SOURCES: dict[str, str] = {}
 """Where the values of each material of the library are from, by name: author, year, title, address, range."""
 
 
-def _cited(name: str, source: str, reflectivity: float, roughness: float = 0.0) -> Material:
+def _cited(
+    name: str,
+    source: str,
+    *,
+    reflectivity: float,
+    roughness: float = 0.0,
+    transmission: float = 0.0,
+    mirror: float = 0.0,
+) -> Material:
     SOURCES[name] = source
-    return Material(reflectivity=reflectivity, roughness=roughness)
+    return Material(reflectivity=reflectivity, roughness=roughness, transmission=transmission, mirror=mirror)
 
 
 # Collections of spectra
@@ -607,3 +657,46 @@ SKIN = _cited("SKIN", f"{_ASAM}: 0.5", reflectivity=0.5)
 CLOTH = _cited("CLOTH", f"{_ASAM}: blue denim, 0.2", reflectivity=0.2)
 CLOTH_DARK = _cited("CLOTH_DARK", f"{_ASAM}: dark cotton, dark synthetics and leather, 0.1", reflectivity=0.1)
 CLOTH_LIGHT = _cited("CLOTH_LIGHT", f"{_ASAM}: green and orange cotton, 0.8", reflectivity=0.8)
+
+# Surfaces that light goes on from
+
+_PANE = (
+    "ASHRAE Handbook, Fundamentals, 2017, chapter 15: clear glass of 3 mm transmits 0.77 to 0.78 and mirrors 0.07 of "
+    "sunlight at normal incidence. M. Rubin, 1985, Optical properties of soda lime silica glasses, Solar Energy "
+    "Materials 12, 275-288, by https://refractiveindex.info/?shelf=3d&book=glass&page=soda-lime-clear: index 1.515 at "
+    "905 nm, by which each face mirrors 0.042"
+)
+
+GLASS = _cited(
+    "GLASS",
+    f"{_PANE}. Reflectivity: 0.01 is assumed, for dust; the glint of a pane that faces the sensor is left out",
+    reflectivity=0.01,
+    transmission=0.77,
+    mirror=0.07,
+)
+MIRROR = _cited(
+    "MIRROR",
+    f"{_PANE}. So a pane absorbs 0.16 on each way; with 0.97 for silver, a silvered pane mirrors 0.042 + "
+    "0.918·0.84²·0.97 = 0.68. Reflectivity: 0.01 is assumed, for dust",
+    reflectivity=0.01,
+    mirror=0.68,
+)
+NET = _cited(
+    "NET",
+    "J. W. Bartok, 2019, Selecting shade material, Greenhouse Management, "
+    "https://www.greenhousemag.com/article/tech-solutions-selecting-shade-material/: shade nets cover 0.1 to 0.9 of "
+    "the area; here half is open. Reflectivity: half of 0.5 is assumed, for fabric",
+    reflectivity=0.25,
+    transmission=0.5,
+)
+ASPHALT_WET = _cited(
+    "ASPHALT_WET",
+    "Diffuse light: J. Lekner and M. C. Dorf, 1988, Why some things are darker when wet, Applied Optics 27, 1278-1280, "
+    "citing A. Ångström, 1925: a/(n²·(1 - a) + a) for a film of index n = 1.33 on a ground of reflectivity a; 0.17, "
+    "that of ASPHALT, becomes 0.10. Mirrored light: Fresnel's equations for such a film at an incidence of 70°, 0.13; "
+    "it is 0.02 at 0° and 0.35 at 80°. The film follows M. Hahner et al., 2022, LiDAR snowfall simulation for robust "
+    f"3D object detection, https://github.com/SysCV/LiDAR_snow_sim. {_ROAD_SOURCE}, of dry roads",
+    reflectivity=0.1,
+    roughness=_ROAD,
+    mirror=0.13,
+)

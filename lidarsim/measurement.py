@@ -203,8 +203,11 @@ class Measurement(Immutable):
         Diverging beam. Default: none; each pulse is a single ray.
     returns : {"strongest", "first", "last", "dual"} or int
         Which echoes of a pulse are reported. "dual": the strongest and the last or, if these are the same echo, the two
-        strongest. A number: at most that many, the nearest first. More than one requires a `beam`, since a single ray
-        has one echo.
+        strongest. A number: at most that many, the nearest first. More than one requires a `beam` or a `depth` of
+        more than 1, since otherwise a pulse has one echo; it is at most the number of rays times the depth, and 255.
+    depth : int
+        The most surfaces that light meets one after another, 1 to 255. With 1, each ray ends at the first surface. With
+        more, light goes on from surfaces whose `Material` has a `transmission` or a `mirror`. See the notes.
 
     Raises
     ------
@@ -217,6 +220,19 @@ class Measurement(Immutable):
     diffuser at normal incidence. f(θ) is cos θ, unless the `Material` says otherwise. Intensity is not divided by R²,
     since sensors report intensity corrected for range; the power that decides detection is I/R², as in the lidar
     equation for targets larger than the beam (A. V. Jelalian, Laser Radar Systems, Artech House, 1992).
+
+    With a `depth` of more than 1, a surface with shares T transmitted and M mirrored sends on T of the light straight
+    ahead and M in the mirrored direction. Each surface further on returns light as any does, from the range that is the
+    length of the whole way, and along the pulse as it was fired: what is seen in a mirror is a ghost behind it. Light
+    takes the same way out and back, so that its power and intensity are multiplied by T² or M² for each surface before.
+    ξ, extinction and 1/R² are those of the length of the way, θ is the incidence at the surface that is met. Without a
+    `beam`, each surface is an echo of its own; with one, all are part of one waveform.
+
+    Straight on, the next surface is the next hit of the same ray in the order of `Scene.cast_all`, exactly. From a
+    mirror, the ray starts at the point p = o + t·d and has the direction d - (2·(d·n)/(n·n))·n, with t and n of the hit
+    as `Scene.cast` returns them, each evaluated in float64 once; its hits are exact for these numbers. The mirror, and
+    what coincides with it at that point, are left out: of a curved surface the crossing nearest to p, of a flat one all
+    crossings. Where ways branch, the 16 of the greatest share are followed from each depth to the next, for each ray.
 
     Examples
     --------
@@ -242,6 +258,7 @@ class Measurement(Immutable):
         "false_returns": float,
         "beam": Beam,
         "returns": int | str,
+        "depth": int,
     }
 
     range_sigma: float | Pairs = 0.0
@@ -260,6 +277,7 @@ class Measurement(Immutable):
     false_returns: float = 0.0
     beam: Beam | None = None
     returns: ReturnMode | int = "strongest"
+    depth: int = 1
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -280,7 +298,8 @@ class Measurement(Immutable):
             object.__setattr__(self, "crossover", _crossover(self.crossover))
         if self.beam is not None and not isinstance(self.beam, Beam):
             raise ArgumentTypeError("beam", "a Beam or None", repr(self.beam))
-        object.__setattr__(self, "returns", _returns(self.returns, self.beam))
+        object.__setattr__(self, "depth", integer("depth", self.depth, at_least=1, at_most=255))
+        object.__setattr__(self, "returns", _returns(self.returns, self.beam, self.depth))
 
     @property
     def max_returns(self) -> int:
@@ -327,7 +346,7 @@ def _crossover(value: object) -> tuple[float, float]:
     return near, far
 
 
-def _returns(value: object, beam: Beam | None) -> ReturnMode | int:
+def _returns(value: object, beam: Beam | None, depth: int) -> ReturnMode | int:
     names = get_args(ReturnMode)
     if isinstance(value, str):
         if value not in names:
@@ -335,8 +354,11 @@ def _returns(value: object, beam: Beam | None) -> ReturnMode | int:
         number = 2 if value == "dual" else 1
     else:
         number = value = integer("returns", value, at_least=1)
-    most = 1 if beam is None else beam.rays
+    most = min((1 if beam is None else beam.rays) * depth, 255)
     if number > most:
-        reason = "a pulse has one echo without a beam" if beam is None else f"the beam has {most} rays"
+        reason = "a pulse has one echo without a beam" if beam is None else f"the beam has {beam.rays} rays"
+        if depth > 1:
+            rays = "a pulse has one ray" if beam is None else reason
+            reason = f"{rays} and depth is {depth}"
         raise ArgumentValueError("returns", f"at most {most}, since {reason}", repr(value))
     return value  # type: ignore[return-value]

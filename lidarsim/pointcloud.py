@@ -49,6 +49,7 @@ CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
     "instance": ((), np.uint32),
     "label": ((), np.uint32),
     "source": ((), np.uint8),
+    "path": ((), np.uint8),
     "normal": ((3,), np.float32),
     "incidence": ((), np.float32),
     "range_error": ((), np.float64),
@@ -103,6 +104,8 @@ class PointCloud(Pickled, Plotted):
         Label of that object, or of the face that was hit.
     source : ndarray of uint8, shape (n,)
         The `Source` of the point: a surface, or none; only of sensors with false returns.
+    path : ndarray of uint8, shape (n,)
+        How many surfaces the light passed, or was mirrored by, before this one; only of sensors with a `depth` > 1.
     normal : ndarray of float32, shape (n, 3)
         Unit outward surface normal.
     incidence : ndarray of float32, shape (n,)
@@ -153,6 +156,7 @@ class PointCloud(Pickled, Plotted):
     instance: npt.NDArray[np.uint32]
     label: npt.NDArray[np.uint32]
     source: npt.NDArray[np.uint8]
+    path: npt.NDArray[np.uint8]
     normal: npt.NDArray[np.float32]
     incidence: npt.NDArray[np.float32]
     range_error: npt.NDArray[np.float64]

@@ -185,6 +185,12 @@ class Scan(Pickled, Plotted):
         Returns without a surface have `object_id` -1, `instance` 0 and no `normal`, `incidence` and `radial_velocity`:
         these are nan. Echoes of the air have the label of the `Atmosphere`, and their range before errors as
         `true_range`. False returns have `label` 0 and no `true_range` and `range_error`.
+    path : ndarray of uint8, shape (n, k), or None
+        How many surfaces the light of each return passed, or was mirrored by, before it came to this one; 0 for the
+        first surface, 255 for unused entries, echoes of the air and false returns. None if `Measurement.depth` is 1.
+    mirrored_point : ndarray of float64, shape (n, k, 3), or None
+        Where the light of each return that was mirrored comes from, in the sensor frame at the time of the pulse, m;
+        nan for all other returns. None if nothing in the scene mirrors or `Measurement.depth` is 1.
     true_direction : ndarray of float64, shape (n, k, 3), or None
         Direction from the beam's origin to the true point of each return, in the sensor frame. None if there is neither
         angular jitter nor a beam; it is then the nominal direction of the pulse.
@@ -197,6 +203,10 @@ class Scan(Pickled, Plotted):
     -----
     With a diverging beam, the ground truth of an echo is taken from the object that returns most of its power, at the
     sub-ray nearest to the axis that hits this object.
+
+    Of light that went on from other surfaces (`Measurement.depth`), `object_id`, `instance`, `label`, `normal` and
+    `incidence` are those of the surface that it came to at last, and `true_range` is the length of the whole way.
+    `radial_velocity` is the rate of change of that length, to which sensor, surface and moving mirrors add.
     """
 
     range: npt.NDArray[np.float64]
@@ -218,6 +228,8 @@ class Scan(Pickled, Plotted):
     true_direction: Floats | None = None
     radial_velocity: npt.NDArray[np.float32] | None = None
     source: npt.NDArray[np.uint8] | None = None
+    path: npt.NDArray[np.uint8] | None = None
+    mirrored_point: Floats | None = None
     class_names: Mapping[int, str] = field(default_factory=dict)
     ignore: tuple[int, ...] = ()
     _world: Snapshot | None = field(default=None, repr=False)
@@ -314,7 +326,7 @@ class Scan(Pickled, Plotted):
             no effect on frame "world" or on a static sensor.
         deskew_movers : bool
             Also move the points of moving objects, in either frame, to where they are on the objects at the moment of
-            `deskew`. Tracking would have to find these motions; here, they are the true ones.
+            `deskew`. Tracking would have to find these motions; here, they are the true ones. Ghosts in mirrors stay.
         pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
             Sensor to world, as one who does not know the truth believes: the points are placed and deskewed with it,
             and normals turn with them. ``trajectory.perturbed(…)`` makes one. Default: the true pose.
@@ -391,8 +403,12 @@ class Scan(Pickled, Plotted):
         world, path = self._scanned(), self._path()
         world.check_motions(moment, moment)
         place = path.at(np.array([moment]))[0] if frame == "sensor" else np.eye(4)
+        is_ghost: npt.NDArray[np.bool_] | bool = False
+        if self.mirrored_point is not None:
+            returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
+            is_ghost = ~np.isnan(self.mirrored_point[returned][:, 0])
         for item, motion in world.movers:
-            own = np.flatnonzero(cloud.object_id == item.id)
+            own = np.flatnonzero((cloud.object_id == item.id) & ~np.asarray(is_ghost))
             if not len(own):
                 continue
             before = np.linalg.inv(motion._native.at(self.time + cloud.time[own]))
@@ -581,8 +597,9 @@ class Scan(Pickled, Plotted):
         ndarray of float64, shape (m, 3)
             One point for each point of `point_cloud`, in the same order, m. It lies on the surface of the object
             `object_id`, at `true_range` along the actual direction of the pulse; with a beam, along the sub-ray that
-            the ground truth is taken from (see `Scan`). For echoes of the air, it is where the drop or flake is, or the
-            peak of the fog's echo. For false returns, it is nan.
+            the ground truth is taken from (see `Scan`). Of mirrored light it is `mirrored_point`, where the light
+            really came from, not the ghost behind the mirror. For echoes of the air, it is where the drop or flake is,
+            or the peak of the fog's echo. For false returns, it is nan.
 
         Raises
         ------
@@ -597,6 +614,9 @@ class Scan(Pickled, Plotted):
         reach = self.true_range[returned] / np.linalg.norm(took, axis=1)
         with np.errstate(over="ignore", invalid="ignore"):  # points near the limit of float64
             points: Floats = self.pulses.origins[pulse] + reach[:, None] * took
+            if self.mirrored_point is not None:
+                mirrored = self.mirrored_point[returned]
+                points = np.where(np.isnan(mirrored), points, mirrored)
             if frame == "sensor":
                 return points
             poses = self.poses[pulse]

@@ -45,6 +45,8 @@ class Mutant:
 PACKETS = ("tests/hard/test_packets.py", "-k", "short_rays")
 ROUNDING = ("tests/hard/test_cases.py", "-k", "midpoints or small_sphere")
 
+DEPTH = ("tests/test_depth.py",)
+
 FAR = ("tests/hard/test_scenes.py", "-k", "from_far_away")
 
 MUTANTS = [
@@ -588,6 +590,34 @@ MUTANTS = [
         "F::splat(least_power).div(echoes.power)",
         "F::splat(least_power).mul(echoes.power)",
         ("tests/test_measurement.py", "-k", "weak_echoes"),
+    ),
+    Mutant(
+        "next hit: coincident surfaces in order",
+        ".then_with(|| object.cmp(&at.0.object))",
+        ".then(Ordering::Equal)",
+        DEPTH,
+    ),
+    Mutant(
+        "next hit: a mirror is left out", "(is_mirror || is_met(scene,", "(is_met(scene,", DEPTH, slack="it is met, too"
+    ),
+    Mutant(
+        "next hit: what coincides with a mirror is left out", "(is_mirror || is_met(", "(is_mirror && is_met(", DEPTH
+    ),
+    Mutant("next hit: nearest to the mirror", "return a_is.0 > b_is.1;", "return a_is.0 < b_is.1;", DEPTH),
+    Mutant(
+        "next hit: one plane",
+        "if object.is_whole() || !is_mirror && are_coplanar",
+        "if object.is_whole() && !is_mirror && are_coplanar",
+        DEPTH,
+    ),
+    Mutant("next hit: a solid wall in front", "&& root.1.high < low", "&& root.1.high < f64::INFINITY", DEPTH),
+    Mutant("beyond: power goes out and back", "share: way.share * passed * passed", "share: way.share * passed", DEPTH),
+    Mutant("beyond: the length of the way", "let before = way.before + distance", "let before = distance", DEPTH),
+    Mutant(
+        "beyond: the image's normal",
+        "let normal = self.normal_of_image(light.ray);",
+        "let normal = self.hits.normal(light.ray);",
+        DEPTH,
     ),
 ]
 

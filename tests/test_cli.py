@@ -440,6 +440,19 @@ def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
 
 
+def test_check_says_what_light_a_sensor_does_not_follow(capsys: pytest.CaptureFixture[str]) -> None:
+    glass = ["--set", "scene.1.material=glass"]
+    assert lidarsim("check", "run.yaml") == 0
+    assert "depth" not in capsys.readouterr().out
+    assert lidarsim("check", "run.yaml", *glass) == 0
+    line = "1 material transmits and 1 material mirrors, but depth is 1: give the measurement a depth of 2 or more"
+    assert line in capsys.readouterr().out
+    assert lidarsim("check", "run.yaml", "--set", "scene.1.material=net", "--set", "scene.0.transmission=0.1") == 0
+    assert "\n2 materials transmit, but depth is 1: " in capsys.readouterr().out
+    assert lidarsim("check", "run.yaml", *glass, "--set", "sensor.measurement.depth=2") == 0
+    assert "depth is 1" not in capsys.readouterr().out
+
+
 def test_check_describes_terrain(capsys: pytest.CaptureFixture[str]) -> None:
     text = "ncols 4\nnrows 3\nxllcorner 10.5\nyllcorner -2\ncellsize 2\n1 2 3 4\n5 -9999 7 8\n9 10 11 -9999\n"
     Path("dem.asc").write_text(text, encoding="ascii")

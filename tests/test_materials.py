@@ -36,7 +36,10 @@ def test_roughness_and_highlight_are_part_of_the_value() -> None:
     for other in ({"roughness": 0.2}, {"specular": 3}, {"specular_width": 0.06}):
         changed = {"roughness": 0.3, "specular": 4, "specular_width": 0.05, **other}
         assert ls.Material(reflectivity=0.2, **changed) != rough  # type: ignore[arg-type]
-    assert repr(rough) == ("Material(reflectivity=0.2, per='object', roughness=0.3, specular=4.0, specular_width=0.05)")
+    assert repr(rough) == (
+        "Material(reflectivity=0.2, per='object', roughness=0.3, specular=4.0, specular_width=0.05, transmission=0.0, "
+        "mirror=0.0)"
+    )
     each = ls.Material(reflectivity=[0.1, 0.2], per="face", roughness=0.1)
     assert each.roughness == 0.1
 
@@ -89,6 +92,14 @@ def test_colours_become_luminance() -> None:
         ({"specular": math.inf}, ValueError, "specular: expected a finite number >= 0, got inf"),
         ({"specular_width": 0.0}, ValueError, "specular_width: expected a finite number > 0, got 0.0"),
         ({"specular_width": math.nan}, ValueError, "specular_width: expected a finite number > 0, got nan"),
+        ({"transmission": -0.1}, ValueError, "transmission: expected a finite number from 0 to 1, got -0.1"),
+        ({"mirror": 1.5}, ValueError, "mirror: expected a finite number from 0 to 1, got 1.5"),
+        ({"mirror": "glass"}, TypeError, "mirror: expected a finite number from 0 to 1, got 'glass'"),
+        (
+            {"transmission": 0.7, "mirror": 0.4},
+            ValueError,
+            "mirror: expected at most 0.3 beside a transmission of 0.7, got 0.4; more light would go on than comes",
+        ),
         ({"per": "side"}, ValueError, "per: expected 'object', 'face', 'vertex' or 'texture', got 'side'"),
     ],
 )
@@ -152,6 +163,37 @@ def test_retroreflectors_return_what_their_standards_ask_for() -> None:
         m = material.roughness
         at_grazing_incidence = 0.45 * m**2 / (m**2 + 0.09)
         assert material.reflectivity * at_grazing_incidence == pytest.approx(math.pi * luminance, rel=0.005)
+
+
+def test_light_goes_on_by_the_shares_of_the_sources() -> None:
+    index = 1.5130 - 0.003169 * 0.905**2 + 0.003962 / 0.905**2  # Rubin's formula for clear glass
+    face = ((index - 1) / (index + 1)) ** 2
+    absorbed = 1 - ls.materials.GLASS.transmission - ls.materials.GLASS.mirror
+    assert face == pytest.approx(0.042, abs=0.001)
+    assert ls.materials.GLASS.mirror < 2 * face
+    through = (1 - absorbed) ** 2
+    assert ls.materials.MIRROR.mirror == pytest.approx(face + (1 - face) ** 2 * through * 0.97, abs=0.02)
+    dry = ls.materials.ASPHALT.reflectivity
+    assert isinstance(dry, float)
+    assert ls.materials.ASPHALT_WET.reflectivity == pytest.approx(dry / (1.33**2 * (1 - dry) + dry), abs=0.005)
+    incoming, refracted = math.radians(70), math.asin(math.sin(math.radians(70)) / 1.33)
+    across = math.sin(incoming - refracted) ** 2 / math.sin(incoming + refracted) ** 2
+    along = math.tan(incoming - refracted) ** 2 / math.tan(incoming + refracted) ** 2
+    assert ls.materials.ASPHALT_WET.mirror == pytest.approx((across + along) / 2, abs=0.006)
+    rows = re.findall(r"^\| `(\w+)` \| ([\d.]+) \| ([\d.]+) \| \S.* \|$", GUIDE, re.MULTILINE)
+    going_on = {name.lower(): item for name, item in LIBRARY.items() if item.transmission + item.mirror > 0}
+    assert {name: (float(a), float(b)) for name, a, b in rows if name in going_on} == {
+        name: (item.transmission, item.mirror) for name, item in going_on.items()
+    }
+
+
+def test_shares_are_part_of_the_value() -> None:
+    tinted = ls.Material(reflectivity=0.1, transmission=0.4, mirror=0.1)
+    assert (tinted.transmission, tinted.mirror) == (0.4, 0.1)
+    assert tinted == ls.Material(reflectivity=0.1, transmission=0.4, mirror=0.1)
+    assert tinted != ls.Material(reflectivity=0.1, transmission=0.4)
+    assert copy.deepcopy(tinted) == tinted
+    assert repr(tinted).endswith("specular_width=0.1, transmission=0.4, mirror=0.1)")
 
 
 def test_materials_are_found_by_name() -> None:

@@ -1397,6 +1397,16 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"returns": 0}, "returns: expected an integer >= 1, got 0"),
         ({"returns": 2}, "returns: expected at most 1, since a pulse has one echo without a beam, got 2"),
         ({"returns": "dual"}, "returns: expected at most 1, since a pulse has one echo without a beam, got 'dual'"),
+        ({"depth": 0}, "depth: expected an integer from 1 to 255, got 0"),
+        ({"depth": 256}, "depth: expected an integer from 1 to 255, got 256"),
+        (
+            {"returns": 4, "depth": 3},
+            "returns: expected at most 3, since a pulse has one ray and depth is 3, got 4",
+        ),
+        (
+            {"returns": 256, "depth": 200, "beam": ls.Beam(1e-3, rays=7)},
+            "returns: expected at most 255, since the beam has 7 rays and depth is 200, got 256",
+        ),
         (
             {"returns": 8, "beam": ls.Beam(1e-3, rays=7)},
             "returns: expected at most 7, since the beam has 7 rays, got 8",

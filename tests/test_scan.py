@@ -158,7 +158,9 @@ def test_arrays_have_their_shapes_and_types() -> None:
 def test_columns_are_those_of_the_core() -> None:
     # A scan with each column, and with unused entries in each: of misses, and of pulses with fewer returns.
     moving = ls.Trajectory.from_twist(np.eye(4), (5.0, 0.0, 0.0), (0.0, 0.0, 0.2))
-    scan = lidar(WHOLE, columns=40).scan(room(), moving)
+    scene = room()
+    scene.update(3, material=ls.Material(reflectivity=0.5, mirror=0.5))
+    scan = lidar(dataclasses.replace(WHOLE, depth=3), columns=40).scan(scene, moving)
     returned = np.arange(2) < scan.return_count[:, None]
     assert (scan.source[returned] == ls.Source.false_return).any()
     untold = ~returned & np.isnan(scan.true_range)
@@ -182,7 +184,7 @@ def test_columns_are_those_of_the_core() -> None:
         if name in cloud.fields:
             assert getattr(cloud, name).dtype == dtype, name
             assert name in of_clouds, name
-    assert columns.keys() - set(cloud.fields) == {"true_direction", "status"}
+    assert columns.keys() - set(cloud.fields) == {"true_direction", "mirrored_point", "status"}
 
 
 def test_what_is_lost_keeps_its_truth() -> None:

@@ -390,6 +390,8 @@ class Object(Part, Placement):
     roughness_deg: float = 0.0
     specular: float = 0.0
     specular_width: float = 0.1
+    transmission: float = 0.0
+    mirror: float = 0.0
     scale: Scale = 1.0
     motion: Motion | None = None
 
@@ -411,7 +413,7 @@ class Object(Part, Placement):
         if self.material is not None:
             with place.refusals({"name": ("material", "")}):
                 base = named(self.material)
-        keys = ["reflectivity", "roughness_deg", "specular", "specular_width"]
+        keys = ["reflectivity", "roughness_deg", "specular", "specular_width", "transmission", "mirror"]
         differ = partial(Material, **{_argument(key): getattr(base, _argument(key)) for key in keys})
         return construct(differ, self, keys, place, per=self.reflectivity_per)
 
@@ -587,7 +589,11 @@ class SceneFile(Object):
 
     def load(self, place: Place) -> scenes.Imported:
         """Return what the file holds."""
-        others = [key for key in ("material", "roughness_deg", "specular") if key in self.model_fields_set]
+        others = [
+            key
+            for key in ("material", "roughness_deg", "specular", "transmission", "mirror")
+            if key in self.model_fields_set
+        ]
         if self.reflectivity == "color" and others:
             raise (place / "reflectivity").error(f"expected a number beside {others[0]}, got color")
         rules = [rule.build(place / "rules" / index) for index, rule in enumerate(self.rules)]

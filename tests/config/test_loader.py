@@ -266,6 +266,7 @@ MEASUREMENT = """
     false_returns: 0.01
     beam: {divergence_azimuth_mrad: 3, divergence_elevation_mrad: 1.5, pulse_length_ns: 6, rays: 7, separation_m: 1.5}
     returns: 2
+    depth: 3
 """
 
 
@@ -287,6 +288,7 @@ def test_every_effect_of_the_measurement() -> None:
         false_returns=0.01,
         beam=ls.Beam(3e-3, 1.5e-3, pulse_length=6e-9, rays=7, separation=1.5),
         returns=2,
+        depth=3,
     )
     given = yaml.safe_load(MEASUREMENT).keys()
     arguments = {field.name for field in dataclasses.fields(ls.Measurement)}
@@ -303,6 +305,7 @@ def test_effects_that_cannot_be_are_refused_at_their_keys() -> None:
         ("{range_sigma_limit_m: 0.1}", "measurement.range_sigma_limit_m: expected 0 without a detection limit"),
         ("{false_returns: 2}", "measurement.false_returns: expected a finite number from 0 to 1, got 2.0"),
         ("{false_returns: 0.1}", "max_range: expected a finite number with false_returns, got inf"),
+        ("{depth: 256}", "measurement.depth: expected an integer from 1 to 255, got 256"),
         ("{beam: {divergence_azimuth_mrad: 1, separation_m: -1}}", "beam.separation_m: expected a finite number >= 0"),
     ):
         sensor = f"{{pattern: {{type: spinning, elevations_deg: [0]}}, measurement: {measurement}}}"
@@ -347,6 +350,23 @@ def test_reflectivity_for_each_face() -> None:
     material = load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{item}]").scene.objects[0].material
     assert material.per == "face"
     assert material.reflectivity.tolist() == list(range(12))
+
+
+def test_light_that_goes_on_from_an_object() -> None:
+    item = "{shape: sphere, center_m: [9, 0, 0], radius_m: 1, material: glass"
+    objects = f"scene: [{item}}}, {item}, transmission: 0.5}}, {item}, mirror: 0.2, reflectivity: 0.3}}]"
+    materials = [item.material for item in load(f"sensor: {{preset: velodyne-vlp16}}\n{objects}").scene]
+    assert materials == [
+        ls.materials.GLASS,
+        ls.Material(reflectivity=0.01, transmission=0.5, mirror=0.07),
+        ls.Material(reflectivity=0.3, transmission=0.77, mirror=0.2),
+    ]
+    for keys, message in (
+        ("transmission: 2", "scene.1.transmission: expected a finite number from 0 to 1, got 2.0"),
+        ("mirror: 0.5", "scene.1.mirror: expected at most 0.23 beside a transmission of 0.77, got 0.5"),
+    ):
+        with pytest.raises(ls.errors.ConfigError, match=re.escape(message)):
+            load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{item}}}, {item}, {keys}}}]")
 
 
 def test_roughness_and_highlight_of_an_object() -> None:

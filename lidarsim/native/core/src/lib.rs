@@ -26,7 +26,8 @@ pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, LARGEST, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
 pub use kernels::Kernels;
+pub use once::Once;
 pub use parallel::{threads, use_threads, with_room};
 pub use scene::{
-    Disks, Geometry, Object, Primitives, Rays, Scene, Spheres, TRange, TriangleMesh, World, span,
+    Disks, Geometry, Index, Object, Primitives, Rays, Scene, Spheres, TRange, TriangleMesh, World, span,
 };

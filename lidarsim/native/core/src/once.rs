@@ -23,6 +23,12 @@ pub struct Once<T> {
     maker: AtomicU64,
 }
 
+impl<T> Default for Once<T> {
+    fn default() -> Self {
+        Once::new()
+    }
+}
+
 impl<T> Once<T> {
     pub const fn new() -> Self {
         Once { value: OnceBox::new(), maker: AtomicU64::new(0) }

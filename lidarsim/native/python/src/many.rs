@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::mem::MaybeUninit;
 use std::sync::Arc;
 
-use lidarsim_core::measure::{Fault, Frame, Layout, Rows, Scan, measure_all, rng::Stream};
+use lidarsim_core::measure::{Fault, Frame, Layout, Measurement, Rows, Scan, measure_all, rng::Stream};
 use lidarsim_core::{Path, Point, World, memory, span};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::path::pose;
-use crate::scan::{Entry, PulseArrays, check_rings, explain, measurement_of};
+use crate::scan::{Entry, PulseArrays, beyond, check_rings, explain, measurement_of};
 use crate::{PyPath, PyScene, argument_error, detached, elements, kernels, plain};
 
 macro_rules! given {
@@ -199,7 +199,15 @@ pub fn scan_many<'py>(
         shot_pulses.push(pulses_of);
     }
     let ignored = Ignored::new(&rows, &scenes, scene)?;
-    let layout = Layout { pulses: count * pulses, most, strays: true, moves: true, tells_sources: true };
+    let layout = Layout {
+        pulses: count * pulses,
+        most,
+        strays: true,
+        moves: true,
+        tells_sources: true,
+        goes_on: true,
+        mirrors: true,
+    };
     let (mut given, mut spare) = (Given::new(columns)?, Vec::new());
     let (all_rows, points) = given.rows(layout, &mut spare)?;
     let frames = memory::collect((0..count).map(|i| {
@@ -229,11 +237,17 @@ pub fn scan_many<'py>(
                 world_of.iter().enumerate().map(|(i, &w)| worlds[w].ignoring(ignored.of(i, scene[i]))),
             ),
         };
-        let scans = memory::collect(frames.iter().enumerate().map(|(i, frame)| Scan {
-            frame,
-            measurement: &measurements[shot[i] as usize * scene_of.len() + scene[i] as usize],
-            appearances: &scene_of[scene[i] as usize].appearances,
-            caster: own_worlds.get(i).unwrap_or(&worlds[world_of[i]]),
+        let scans = memory::collect(frames.iter().enumerate().map(|(i, frame)| {
+            let own = scene_of[scene[i] as usize];
+            let measurement: &Measurement =
+                &measurements[shot[i] as usize * scene_of.len() + scene[i] as usize];
+            Scan {
+                frame,
+                measurement,
+                appearances: &own.appearances,
+                caster: own_worlds.get(i).unwrap_or(&worlds[world_of[i]]),
+                beyond: beyond(own, measurement, span_of(own, frame), ignored.of(i, scene[i])),
+            }
         }));
         measure_all(&scans, pulses, all_rows, points, |batch| kernels.measure(batch))
     })?;
@@ -302,14 +316,17 @@ fn worlds<'a>(
         let (number, own) = (scene[i], &scenes[scene[i] as usize].scene);
         let moment = own.moves().then(|| (shot[i], frame.start.to_bits()));
         *known.entry((number, moment)).or_insert_with(|| {
-            // As for a single scan.
-            let span = if own.moves() { span(frame.times) } else { [0.0; 2] };
-            let span = span.map(|time| (frame.start + time).clamp(f64::MIN, f64::MAX));
-            memory::push(&mut worlds, own.during(span));
+            memory::push(&mut worlds, own.during(span_of(scenes[number as usize], frame)));
             worlds.len() - 1
         })
     }));
     (worlds, world_of)
+}
+
+/// The time that a frame takes, as for a single scan; zero if nothing moves.
+fn span_of(scene: &PyScene, frame: &Frame) -> [f64; 2] {
+    let span = if scene.scene.moves() { span(frame.times) } else { [0.0; 2] };
+    span.map(|time| (frame.start + time).clamp(f64::MIN, f64::MAX))
 }
 
 /// The first of some matrices, (N, 16), whose rotation part is not orthonormal to within `tolerance`, or is a

@@ -171,5 +171,6 @@ fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAn
         number(intern!(py, "_specular"))?,
         number(intern!(py, "_specular_width"))?,
     );
-    Ok(Appearance { labels, instance, reflectivity, backscatter })
+    let [transmission, mirror] = [number(intern!(py, "_transmission"))?, number(intern!(py, "_mirror"))?];
+    Ok(Appearance { labels, instance, reflectivity, backscatter, transmission, mirror })
 }

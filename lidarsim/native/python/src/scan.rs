@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    BadPulse, Fault, Frame, Layout, Measurement, Origins, Parameters, Scan, ScanColumns, Value,
+    BadPulse, Beyond, Fault, Frame, Layout, Measurement, Origins, Parameters, Scan, ScanColumns, Value,
 };
-use lidarsim_core::{Path, Point, memory, span};
+use lidarsim_core::{Path, Point, World, memory, span};
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayMethods, PyReadonlyArray1,
     PyReadonlyArray2,
@@ -216,9 +216,35 @@ pub fn expect_room<'py>(
     atmosphere: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<()> {
     let measurement = measurement_of(lidar, atmosphere)?;
-    let (most, strays, tells_sources) =
-        (measurement.most_returns(), measurement.strays(), measurement.tells_sources());
-    detached(py, || ScanColumns::expect_room(Layout { pulses, most, strays, moves: false, tells_sources }))
+    detached(py, || ScanColumns::expect_room(layout(&measurement, pulses)))
+}
+
+/// The layout of a scan of a scene that neither moves nor has a mirror.
+fn layout(measurement: &Measurement, pulses: usize) -> Layout {
+    Layout {
+        pulses,
+        most: measurement.most_returns(),
+        strays: measurement.strays(),
+        moves: false,
+        tells_sources: measurement.tells_sources(),
+        goes_on: measurement.depth() > 1,
+        mirrors: false,
+    }
+}
+
+/// The light that goes on behind the first surfaces, in a span of time; None if there is none.
+pub fn beyond<'a>(
+    scene: &'a PyScene,
+    measurement: &Measurement,
+    span: [f64; 2],
+    ignored: &'a [u32],
+) -> Option<Beyond<World<'a>>> {
+    let depth = measurement.depth();
+    let goes_on = depth > 1 && scene.appearances.iter().any(|appearance| appearance.goes_on());
+    goes_on.then(|| {
+        let [passing, solid] = scene.parts(span).map(|part| part.ignoring(ignored));
+        Beyond { depth, passing, solid }
+    })
 }
 
 /// Fires the pulses of a frame and measures the returns: the arrays of `lidarsim.Scan`, of shape (n, most).
@@ -248,19 +274,20 @@ pub fn scan<'py>(
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
     let moves = scene.scene.moves() || !matches!(frame.path, Path::Still(_));
-    let (most, strays, kernels) = (measurement.most_returns(), measurement.strays(), kernels(py)?);
-    let layout =
-        Layout { pulses: directions.len(), most, strays, moves, tells_sources: measurement.tells_sources() };
+    let (kernels, appearances) = (kernels(py)?, &scene.appearances);
+    let mirrors = measurement.depth() > 1 && appearances.iter().any(|appearance| appearance.mirror > 0.0);
+    let layout = Layout { moves, mirrors, ..layout(&measurement, directions.len()) };
     let measured = detached(py, || {
         let mut columns = ScanColumns::new(layout);
         scene.scene.prepare();
         // Rounding preserves the order of times; times that overflow are refused. If nothing moves, times are
         // irrelevant.
         let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
-        let world = scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
+        let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
+        let world = scene.scene.during(span);
         let world = world.ignoring(&ignored);
-        let appearances = &scene.appearances;
-        let scan = Scan { frame: &frame, measurement: &measurement, appearances, caster: &world };
+        let beyond = beyond(scene, &measurement, span, &ignored);
+        let scan = Scan { frame: &frame, measurement: &measurement, appearances, caster: &world, beyond };
         scan.measure(&mut columns.rows(), |batch| kernels.measure(batch))?;
         // SAFETY: all pulses were measured and none was bad, so all entries were written.
         unsafe { columns.assume_written() };

@@ -4,7 +4,8 @@ use std::sync::{Arc, OnceLock};
 
 use lidarsim_core::measure::Appearance;
 use lidarsim_core::{
-    Arrays, Columns, HitRows, Kernels, Occlusion, Point, Rays, Scene, TRange, World, cast_all, memory, span,
+    Arrays, Columns, HitRows, Index, Kernels, Occlusion, Once, Point, Rays, Scene, TRange, World, cast_all,
+    memory, span,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -35,6 +36,8 @@ pub struct PyScene {
     pub appearances: Vec<Arc<Appearance>>,
     /// The instance of each object and its index, ascending; made when first needed.
     instances: OnceLock<Vec<(u32, u32)>>,
+    /// The indices of `parts`.
+    parts: Once<[Index; 2]>,
 }
 
 /// Rays to be cast at a scene.
@@ -60,7 +63,7 @@ impl RayCast<'_> {
 
 impl PyScene {
     pub fn new(scene: Scene, appearances: Vec<Arc<Appearance>>) -> Self {
-        PyScene { scene, appearances, instances: OnceLock::new() }
+        PyScene { scene, appearances, instances: OnceLock::new(), parts: Once::new() }
     }
 
     /// The indices of the objects of some instances, ascending.
@@ -104,6 +107,15 @@ impl PyScene {
     pub fn ignored(&self, instances: Option<&PyReadonlyArray1<'_, i64>>) -> PyResult<Vec<u32>> {
         let Some(instances) = instances else { return Ok(Vec::new()) };
         self.objects_of("ignore", elements("ignore", instances)?)
+    }
+
+    /// The worlds of the objects that light goes on from, and of all others.
+    pub fn parts(&self, span: [f64; 2]) -> [World<'_>; 2] {
+        let goes_on = |id: u32| self.appearances[id as usize].goes_on();
+        let is_solid = |id: u32| !goes_on(id);
+        let [passing, solid] =
+            self.parts.get_or_make(|| [self.scene.index_of(goes_on), self.scene.index_of(is_solid)]);
+        [self.scene.part_during(passing, span, goes_on), self.scene.part_during(solid, span, is_solid)]
     }
 
     /// Runs `work` on rays, which must be legal; `work` tells whether they are. `times` has one per ray, or

@@ -15,6 +15,9 @@ const PIECE: usize = 256;
 /// Roots beyond the requested ones that are collected before the farthest are discarded.
 const SPARE: usize = 32;
 
+/// A root, with bounds of t.
+pub type BoundedRoot = (RootId, Interval);
+
 /// The roots of a ray on a primitive whose rounded t is in range. A negative t is not, even if it rounds to
 /// zero.
 pub fn roots_in_range(
@@ -81,24 +84,29 @@ impl<'a> RayQuery<'a> for AllHits<'a> {
     }
 }
 
-impl AllHits<'_> {
-    /// The order of the exact t; of equal ones, the lowest object and then the lowest primitive come first.
-    fn order(&self, a: &(RootId, Interval), b: &(RootId, Interval)) -> Ordering {
-        if a.1.high < b.1.low {
-            return Ordering::Less;
-        }
-        if b.1.high < a.1.low {
-            return Ordering::Greater;
-        }
-        let ids = |root: &RootId| (root.object, root.primitive, root.index);
-        self.scene.compare(&a.0, &b.0, &self.ray).then(ids(&a.0).cmp(&ids(&b.0)))
-    }
+/// The order of the exact t; of equal ones, the lowest object and then the lowest primitive come first.
+pub(super) fn order(scene: &Scene, ray: &TimedRay, a: &BoundedRoot, b: &BoundedRoot) -> Ordering {
+    let ids = |root: &RootId| (root.object, root.primitive, root.index);
+    order_of_t(scene, ray, a, b).then_with(|| ids(&a.0).cmp(&ids(&b.0)))
+}
 
+/// The order of the exact t.
+pub(super) fn order_of_t(scene: &Scene, ray: &TimedRay, a: &BoundedRoot, b: &BoundedRoot) -> Ordering {
+    if a.1.high < b.1.low {
+        Ordering::Less
+    } else if b.1.high < a.1.low {
+        Ordering::Greater
+    } else {
+        scene.compare(&a.0, &b.0, ray)
+    }
+}
+
+impl AllHits<'_> {
     /// Sorts the roots, and keeps the nearest. An object that the ray meets at a common edge or corner of
     /// several primitives is hit once there.
     fn prune(&mut self) {
         let mut roots = std::mem::take(&mut self.roots);
-        roots.sort_by(|a, b| self.order(a, b));
+        roots.sort_by(|a, b| order(self.scene, &self.ray, a, b));
         roots.dedup_by(|b, a| {
             a.0.object == b.0.object
                 && a.1.high >= b.1.low

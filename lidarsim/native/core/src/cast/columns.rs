@@ -83,6 +83,13 @@ impl HitArrays {
         memory::resize(&mut self.normal, 3 * count, x);
     }
 
+    pub fn push(&mut self, hit: &Hit) {
+        memory::push(&mut self.t, hit.t);
+        memory::push(&mut self.object, hit.object);
+        memory::push(&mut self.primitive, hit.primitive);
+        hit.normal.iter().for_each(|x| memory::push(&mut self.normal, *x));
+    }
+
     pub fn len(&self) -> usize {
         self.t.len()
     }

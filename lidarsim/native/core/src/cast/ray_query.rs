@@ -13,6 +13,11 @@ pub trait RayQuery<'a> {
     /// The largest t that still matters.
     fn limit(&self) -> f64;
 
+    /// Whether no primitive of an object needs a visit.
+    fn skips(&self, _object: u32) -> bool {
+        false
+    }
+
     /// Visits a primitive of an object.
     fn visit(&mut self, object: u32, primitive: u32);
 
@@ -34,7 +39,7 @@ pub trait RayQuery<'a> {
         let (o, d) = (origin.map(Interval::point), direction.map(Interval::point));
         let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min(), self.limit());
         hierarchy.traverse(&mut ray, stack, |stack, leaf| {
-            if !world.ignores(*leaf) {
+            if !world.ignores(*leaf) && !self.skips(*leaf) {
                 self.enter(*leaf, stack);
             }
             self.limit()
@@ -62,6 +67,10 @@ pub trait RayQuery<'a> {
         ids: impl Fn(&L) -> &[u32],
         stack: &mut Stack,
     ) {
+        if let Some(leaf) = hierarchy.only_leaf() {
+            ids(leaf).iter().for_each(|primitive| self.visit(object, *primitive));
+            return;
+        }
         let TimedRay { origin, direction, time } = *self.ray();
         let [o, d] = self.scene().at(object, time).enclose(origin, direction);
         let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min(), self.limit());

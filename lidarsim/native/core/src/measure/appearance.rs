@@ -14,6 +14,17 @@ pub struct Appearance {
     pub reflectivity: Reflectivity,
     /// None: Lambert's.
     pub backscatter: Option<Backscatter>,
+    /// The shares of light that go on, straight and mirrored.
+    pub transmission: f64,
+    pub mirror: f64,
+}
+
+impl Appearance {
+    /// Whether light goes on from the object.
+    #[inline(always)]
+    pub fn goes_on(&self) -> bool {
+        self.transmission > 0.0 || self.mirror > 0.0
+    }
 }
 
 /// The class of an object.

@@ -2,7 +2,8 @@
 
 use crate::arith::number::Interval;
 use crate::arith::simd::Isa;
-use crate::cast::{Cast, HitArrays};
+use crate::bvh::Stack;
+use crate::cast::{self, Cast, Departure, HitArrays, Met};
 use crate::geometry::point::sub;
 use crate::geometry::pose::Path;
 use crate::scene::{Geometry, Hit, Rays, TRange, TimedRay, World};
@@ -19,6 +20,16 @@ pub trait Caster: Sync {
     /// The vertices of the triangle of a mesh that was hit, and the barycentric coordinates of the hit.
     fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])>;
 
+    /// The next hit of a ray (see [`next_hit`](crate::cast::next_hit)).
+    fn next_hit(
+        &self,
+        passing: &Self,
+        solid: &Hit,
+        ray: &TimedRay,
+        from: &Departure,
+        stack: &mut Stack,
+    ) -> Option<Met>;
+
     /// The motion of an object, if it moves.
     fn path(&self, object: i32) -> Option<&Path>;
 }
@@ -32,6 +43,17 @@ impl Caster for World<'_> {
     fn cast<I: Isa>(&self, rays: Rays, hits: &mut HitArrays) {
         // The rays are legal: the pulses have been checked.
         I::call(Cast { world: self, rays, range: TRange::RAY, hits: &mut hits.columns() });
+    }
+
+    fn next_hit(
+        &self,
+        passing: &Self,
+        solid: &Hit,
+        ray: &TimedRay,
+        from: &Departure,
+        stack: &mut Stack,
+    ) -> Option<Met> {
+        cast::next_hit(self, passing, solid, ray, from, stack)
     }
 
     fn path(&self, object: i32) -> Option<&Path> {

@@ -29,12 +29,16 @@ macro_rules! scan_columns {
                 label: u32 = 0, always, copied;
                 /// What the light came from.
                 source: u8 = u8::MAX, tells_sources, copied;
+                /// How many surfaces the light passed, or was mirrored by, before this one.
+                path: u8 = u8::MAX, goes_on, copied;
             }
             of_rays {
                 /// Angle between ray and normal, rad.
                 incidence: f32 = f32::NAN, always, copied;
                 /// Direction of the light, in the sensor frame.
                 true_direction: [f64; 3] = [f64::NAN; 3], strays, own;
+                /// Where mirrored light comes from, in the sensor frame, m.
+                mirrored_point: [f64; 3] = [f64::NAN; 3], mirrors, own;
                 /// Rate of change of the true range, m/s.
                 radial_velocity: f32 = f32::NAN, moves, copied;
             }
@@ -58,6 +62,9 @@ pub struct Layout {
     pub moves: bool,
     /// Whether returns may come from anything but surfaces.
     pub tells_sources: bool,
+    /// Whether light may go on from surfaces, and whether any mirror is among these.
+    pub goes_on: bool,
+    pub mirrors: bool,
 }
 
 impl Layout {
@@ -82,6 +89,14 @@ impl Layout {
 
     pub fn tells_sources(&self, entries: usize) -> usize {
         if self.tells_sources { entries } else { 0 }
+    }
+
+    pub fn goes_on(&self, entries: usize) -> usize {
+        if self.goes_on { entries } else { 0 }
+    }
+
+    pub fn mirrors(&self, entries: usize) -> usize {
+        if self.mirrors { entries } else { 0 }
     }
 }
 

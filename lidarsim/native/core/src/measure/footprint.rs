@@ -1,8 +1,7 @@
-//! Pulses of several rays each: the sub-rays over the footprint of a beam.
+//! Pulses of several echoes each: of the sub-rays over the footprint of a beam, or of a ray that goes on.
 
 use std::ops::Range;
 
-use super::beam::Beam;
 use super::caster::Caster;
 use super::columns::{Entries, Rows, unused, write};
 use super::direction::beside;
@@ -21,7 +20,6 @@ impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
     pub(super) fn measure_footprints<I: Isa>(
         &self,
-        beam: &Beam,
         pulses: Range<usize>,
         scratch: &mut Scratch,
         rows: &mut Rows,
@@ -30,21 +28,53 @@ impl<C: Caster> Scan<'_, C> {
         self.keep_light::<I>(scratch);
         resize(&mut scratch.rows.squared_sine, pulses.len() * most, 0.0);
         resize(&mut scratch.rows.cosine, pulses.len() * most, 0.0);
+        self.measure_pulses(pulses, |_, _| true, scratch, rows);
+    }
+
+    /// Measures those pulses, of one ray each, whose light went on from the first surface.
+    #[inline(always)]
+    pub(super) fn measure_further_surfaces<I: Isa>(
+        &self,
+        pulses: Range<usize>,
+        scratch: &mut Scratch,
+        rows: &mut Rows,
+    ) {
+        self.keep_light_of::<I>(|scratch, part| scratch.ways.touch(part), scratch);
+        self.measure_pulses(pulses, |scratch, pulse| !scratch.ways.of(pulse).is_empty(), scratch, rows);
+    }
+
+    /// Measures the pulses that `is_wanted` tells.
+    #[inline(always)]
+    fn measure_pulses(
+        &self,
+        pulses: Range<usize>,
+        is_wanted: impl Fn(&Scratch, usize) -> bool,
+        scratch: &mut Scratch,
+        rows: &mut Rows,
+    ) {
+        let (most, rays, beam) =
+            (self.measurement.most_returns(), self.measurement.rays(), &self.measurement.beam);
         let indices = std::mem::take(&mut scratch.indices);
         let batch = self.frame.pulses(pulses.clone(), &indices);
         let (mut waveform, mut echoes, mut reported) = (Waveform::default(), Vec::new(), Vec::new());
         for pulse in 0..pulses.len() {
-            waveform.echoes(beam, scratch, pulse, &mut echoes);
+            if !is_wanted(scratch, pulse) {
+                continue;
+            }
+            match beam {
+                Some(beam) => waveform.echoes(beam, scratch, pulse, &mut echoes),
+                None => scratch.echoes_of_ray(pulse, &mut echoes),
+            }
             for (echo, number) in echoes.iter_mut().zip(0..) {
                 self.receive(pulse, number, echo, &batch, &scratch.draws);
             }
             if self.measurement.effects.has_weather() {
-                self.insert_weather(beam, pulse, &batch, scratch, &mut echoes);
+                self.insert_weather(beam.as_ref(), pulse, &batch, scratch, &mut echoes);
             }
             let false_return =
                 self.measurement.effects.false_returns::<f64, 1>(pulse, &batch, &scratch.draws);
             if let Some(other) = false_return.filter(|other| other.kept != 0) {
-                let echo = Echo::falsely(pulse * beam.len(), other.reported(), other.intensity);
+                let echo = Echo::falsely(pulse * rays, other.reported(), other.intensity);
                 let place = echoes.partition_point(|nearer| nearer.range <= echo.range);
                 echoes.insert(place, echo);
             }
@@ -60,10 +90,17 @@ impl<C: Caster> Scan<'_, C> {
                     self.report_air(row, echo, scratch, rows);
                 } else {
                     self.report(row, pulse, echo, scratch, rows);
+                    if let Some(entry) = rows.mirrored_point.get_mut(row) {
+                        entry.write(self.mirrored_point(pulses.start + pulse, echo.ray, scratch));
+                    }
                 }
                 if let Some(entry) = rows.true_direction.get_mut(row) {
                     let direction = self.measurement.effects.directions(&batch, &scratch.draws)[pulse];
-                    entry.write(beside(direction, beam.offset(echo.ray - pulse * beam.len())));
+                    let sub_ray = scratch.ways.fired(echo.ray) - pulse * rays;
+                    entry.write(match beam {
+                        Some(beam) => beside(direction, beam.offset(sub_ray)),
+                        None => direction,
+                    });
                 }
                 row += 1;
             }
@@ -109,6 +146,7 @@ impl<C: Caster> Scan<'_, C> {
                 instance: [instance],
                 label: [label],
                 source: [echo.source as u8],
+                path: [scratch.ways.way(echo.ray).map_or(0, |way| way.path)],
             },
         );
         let cross = cross(hit.normal, direction);
@@ -154,6 +192,9 @@ fn report_nothing(row: usize, entries: Entries<1>, scratch: &mut Scratch, rows: 
     rows.write(row, entries);
     if let Some(entry) = rows.true_direction.get_mut(row) {
         entry.write(unused::true_direction);
+    }
+    if let Some(entry) = rows.mirrored_point.get_mut(row) {
+        entry.write(unused::mirrored_point);
     }
     (scratch.rows.squared_sine[row], scratch.rows.cosine[row]) = (f64::NAN, f64::NAN);
     if let Some(range_rate) = scratch.rows.range_rate.get_mut(row) {

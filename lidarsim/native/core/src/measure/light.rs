@@ -45,7 +45,10 @@ impl<C: Caster> Scan<'_, C> {
         let Scratch { rays, hits, reflectivity, .. } = scratch;
         let normal = simd::load_points::<I>(&hits.normal.as_chunks().0.as_chunks().0[part]);
         let direction = simd::load_points::<I>(&rays.directions.as_chunks().0[part]);
-        let range = distance(lanes::load(&hits.t, part), direction);
+        let mut range = distance(lanes::load(&hits.t, part), direction);
+        if !scratch.ways.is_empty() {
+            range = range.add(I::F64x8::load(&scratch.ways.each(part, 0.0, |way| way.before)));
+        }
         let cross = lanes::cross(normal, direction);
         let cosine = lanes::dot(normal, direction).abs();
         let squared_sine = lanes::dot(cross, cross);
@@ -76,6 +79,16 @@ impl<C: Caster> Scan<'_, C> {
     /// Keeps the light of all rays.
     #[inline(always)]
     pub(super) fn keep_light<I: Isa>(&self, scratch: &mut Scratch) {
+        self.keep_light_of::<I>(|_, _| true, scratch);
+    }
+
+    /// Keeps the light of those eights of rays that `is_wanted` tells; that of others is unspecified.
+    #[inline(always)]
+    pub(super) fn keep_light_of<I: Isa>(
+        &self,
+        is_wanted: impl Fn(&Scratch, usize) -> bool,
+        scratch: &mut Scratch,
+    ) {
         let whole = scratch.hits.len();
         let LightArrays { range, cosine, intensity, transmission } = &mut scratch.light;
         for numbers in [range, cosine, intensity] {
@@ -84,11 +97,18 @@ impl<C: Caster> Scan<'_, C> {
         transmission.clear();
         resize(transmission, whole, 1.0);
         for part in 0..whole / 8 {
+            if !is_wanted(scratch, part) {
+                continue;
+            }
             let lights = self.eight_lights::<I>(part, scratch);
             let LightArrays { range, cosine, intensity, .. } = &mut scratch.light;
             range.as_chunks_mut().0[part] = lights.range.store();
             cosine.as_chunks_mut().0[part] = lights.cosine.store();
             intensity.as_chunks_mut().0[part] = lights.intensity.store();
+            if !scratch.ways.is_empty() {
+                let shares = I::F64x8::load(&scratch.ways.each(part, 1.0, |way| way.share));
+                intensity.as_chunks_mut().0[part] = lights.intensity.mul(shares).store();
+            }
         }
         let LightArrays { range, transmission, .. } = &mut scratch.light;
         self.measurement.effects.attenuate(range, transmission);
@@ -96,6 +116,12 @@ impl<C: Caster> Scan<'_, C> {
 }
 
 impl Scratch {
+    /// The light of the surfaces that a fired ray meets after the first.
+    #[inline(always)]
+    pub(super) fn further_lights(&self, ray: usize) -> impl Iterator<Item = Light> {
+        self.ways.of(ray).iter().filter_map(|at| self.light_of(*at as usize))
+    }
+
     /// The light that a ray brings back, if it hits anything.
     #[inline(always)]
     pub(super) fn light_of(&self, ray: usize) -> Option<Light> {

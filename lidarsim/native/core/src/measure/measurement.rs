@@ -13,6 +13,8 @@ pub struct Measurement {
     pub(super) returns: Returns,
     /// Of echoes of the atmosphere.
     pub(super) air_label: u32,
+    /// The most surfaces of a way of the light.
+    depth: usize,
 }
 
 impl Measurement {
@@ -22,6 +24,7 @@ impl Measurement {
             beam: Beam::from_parameters(parameters)?,
             returns: Returns::from_parameters(parameters)?,
             air_label: parameters.optional_number("atmosphere.label")?.map_or(0, |label| label as u32),
+            depth: parameters.number("measurement.depth")? as usize,
         })
     }
 
@@ -30,9 +33,14 @@ impl Measurement {
         self.beam.as_ref().map_or(1, Beam::len)
     }
 
-    /// The most returns of a pulse. A single ray has one echo.
+    /// The most returns of a pulse. A single ray has one echo, unless light goes on.
     pub fn most_returns(&self) -> usize {
-        if self.beam.is_some() { self.returns.most() } else { 1 }
+        if self.beam.is_some() || self.depth > 1 { self.returns.most() } else { 1 }
+    }
+
+    /// The most surfaces that light meets one after another.
+    pub fn depth(&self) -> usize {
+        self.depth
     }
 
     /// Whether light may come from another direction than that of the pulse.

@@ -1,6 +1,7 @@
 //! From pulses to returns.
 //!
-//! A batch of pulses is aimed, with its jitter, and cast (`fire.rs`). Its hits become light (`light.rs`),
+//! A batch of pulses is aimed, with its jitter, and cast (`fire.rs`). Light goes on through panes and from
+//! mirrors (`beyond.rs`). Hits become light (`light.rs`),
 //! light becomes echoes, one a ray (`single_ray.rs`) or those of a waveform over the footprint of a beam
 //! (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the range gate
 //! last. The rows of a scan are written to its columns (`columns.rs`), from which `returns.rs` and
@@ -9,6 +10,7 @@
 mod appearance;
 mod backscatter;
 mod beam;
+mod beyond;
 mod caster;
 mod columns;
 mod coverage;
@@ -34,6 +36,7 @@ mod source;
 mod status;
 mod texture;
 mod waveform;
+mod ways;
 mod weather;
 
 pub use appearance::{Appearance, Labels, Reflectivity};
@@ -49,3 +52,4 @@ pub use points::{Coordinates, PointSource, PointsAndNormals, WritePoints};
 pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
 pub use scan::{Batch, Scan};
 pub use texture::{Texture, TextureCoordinates, TextureMap, Wrap};
+pub use ways::Beyond;

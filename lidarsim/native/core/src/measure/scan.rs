@@ -11,6 +11,7 @@ use super::direction::reciprocal_length;
 use super::frame::{BadPulse, Frame};
 use super::measurement::Measurement;
 use super::scratch::{RowScratch, Scratch};
+use super::ways::Beyond;
 use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::simd::{Isa, Task};
 use crate::cast::pieces;
@@ -24,6 +25,8 @@ pub struct Scan<'a, C> {
     /// Of each object of the scene.
     pub appearances: &'a [Arc<Appearance>],
     pub caster: &'a C,
+    /// None if light goes on from no surface.
+    pub beyond: Option<Beyond<C>>,
 }
 
 thread_local! {
@@ -90,11 +93,16 @@ impl<C: Caster> Scan<'_, C> {
         rows: &mut Rows,
     ) -> Result<(), BadPulse> {
         self.fire::<I>(pulses.clone(), scratch)?;
+        scratch.ways.clear(scratch.hits.len());
+        if let Some(beyond) = &self.beyond {
+            self.go_on::<I>(beyond, scratch);
+        }
         self.reflect(scratch);
         resize(&mut scratch.rows.range_rate, rows.radial_velocity.len(), [0.0; 2]);
-        match &self.measurement.beam {
-            None => self.measure_single_rays::<I>(pulses, scratch, rows),
-            Some(beam) => self.measure_footprints::<I>(beam, pulses, scratch, rows),
+        if self.measurement.beam.is_none() && self.measurement.most_returns() == 1 {
+            self.measure_single_rays::<I>(pulses, scratch, rows);
+        } else {
+            self.measure_footprints::<I>(pulses, scratch, rows);
         }
         let RowScratch { squared_sine, cosine, range_rate } = &scratch.rows;
         for (angle, (squared_sine, cosine)) in rows.incidence.iter_mut().zip(squared_sine.iter().zip(cosine))

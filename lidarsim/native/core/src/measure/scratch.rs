@@ -1,6 +1,7 @@
 //! Memory that one batch of pulses leaves to the next.
 
 use super::effects::Draws;
+use super::ways::Ways;
 use crate::cast::HitArrays;
 use crate::geometry::pose::Motion;
 use crate::geometry::vector::Point;
@@ -11,6 +12,8 @@ use crate::scene::TimedRay;
 pub(super) struct Scratch {
     pub(super) rays: RayArrays,
     pub(super) hits: HitArrays,
+    /// The surfaces that light goes on to.
+    pub(super) ways: Ways,
     /// Per ray; unspecified for misses.
     pub(super) reflectivity: Vec<f64>,
     /// Whether all surfaces that were hit are Lambert's.

@@ -1,4 +1,5 @@
-//! Pulses of one ray each, eight at a time: each has one echo at most, and one row.
+//! Pulses of one ray each, eight at a time: each has one echo at most, and one row. Pulses whose light went
+//! on have more echoes, and are measured once more, one by one.
 
 use std::ops::Range;
 
@@ -22,7 +23,20 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        let whole = scratch.hits.len();
+        if scratch.ways.is_empty() {
+            self.measure_first_surfaces::<I>(pulses, scratch, rows);
+            return;
+        }
+        // False returns take the place of hits, which the rays that went on still need.
+        let objects = scratch.hits.object.clone();
+        self.measure_first_surfaces::<I>(pulses.clone(), scratch, rows);
+        scratch.hits.object = objects;
+        self.measure_further_surfaces::<I>(pulses, scratch, rows);
+    }
+
+    #[inline(always)]
+    fn measure_first_surfaces<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch, rows: &mut Rows) {
+        let whole = pulses.len().next_multiple_of(8);
         resize(&mut scratch.rows.squared_sine, whole, 0.0);
         resize(&mut scratch.rows.cosine, whole, 0.0);
         for part in 0..whole / 8 {
@@ -35,6 +49,9 @@ impl<C: Caster> Scan<'_, C> {
             for (entry, (object, direction)) in rows.true_direction.iter_mut().zip(hits) {
                 entry.write(if *object >= 0 || *object == AIR { *direction } else { unused::true_direction });
             }
+        }
+        for entry in &mut *rows.mirrored_point {
+            entry.write(unused::mirrored_point);
         }
         for i in 0..scratch.rows.range_rate.len() {
             let is_hit = scratch.hits.object[i] >= 0;
@@ -143,6 +160,7 @@ impl<C: Caster> Scan<'_, C> {
                     (0, ..) => Source::Atmosphere as u8,
                     _ => Source::FalseReturn as u8,
                 }),
+                path: object_id.map(|object| if object < 0 { Entries::<1>::UNUSED.path[0] } else { 0 }),
             },
         );
         write(rows.status, part, status);

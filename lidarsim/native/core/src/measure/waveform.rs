@@ -54,6 +54,11 @@ impl Waveform {
         lights.extend(
             beam.sub_rays(pulse).filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dimmed(share))),
         );
+        if !scratch.ways.is_empty() {
+            for (ray, share) in beam.sub_rays(pulse) {
+                lights.extend(scratch.further_lights(ray).map(|light| light.dimmed(share)));
+            }
+        }
         let (least, most) =
             lights.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l.range), b.max(l.range)));
         // Where the slope is zero, the curvature has at most the sign of V/σ² − 1, with V a variance of the
@@ -172,7 +177,7 @@ impl Scratch {
     /// −R·n·dd/(n·d). The first ray is the axis, the next is to its left, and the two after that above it, to
     /// the left and to the right by half of the way.
     fn to_next_sub_ray(&self, light: &Light, first: usize) -> f64 {
-        let normal = self.hits.normal(light.ray);
+        let normal = self.normal_of_image(light.ray);
         let [axis, left, above_left, above_right] =
             [0, 1, 2, 3].map(|k| dot(normal, self.rays.directions[first + k]));
         let (leftward, upward) = (left - axis, (above_left + above_right - 2.0 * axis) / 3.0_f64.sqrt());

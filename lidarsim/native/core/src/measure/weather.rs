@@ -103,18 +103,19 @@ impl<C: Caster> Scan<'_, C> {
         }
     }
 
-    /// Adds the echoes of the air that are detected to those that a pulse of several rays has of surfaces.
+    /// Adds the echoes of the air that are detected to those that a pulse of a beam, or of one ray without it,
+    /// has of surfaces. Only the air in front of the first surface of a ray has any.
     #[inline(always)]
     pub(super) fn insert_weather(
         &self,
-        beam: &Beam,
+        beam: Option<&Beam>,
         pulse: usize,
         batch: &Pulses,
         scratch: &Scratch,
         echoes: &mut Vec<Echo>,
     ) {
         let effects = &self.measurement.effects;
-        let first = pulse * beam.len();
+        let first = pulse * self.measurement.rays();
         let is_clear =
             |ray: usize, range: f64| scratch.hits.object[ray] < 0 || scratch.light.range[ray] > range;
         let surfaces = echoes.len();
@@ -125,8 +126,13 @@ impl<C: Caster> Scan<'_, C> {
             }
         };
         if let Some(fog) = effects.fog() {
-            let open = beam.sub_rays(pulse).filter(|(ray, _)| is_clear(*ray, fog.clear_to));
-            let share: f64 = open.map(|(_, share)| share).sum();
+            let share: f64 = match beam {
+                None => f64::from(u8::from(is_clear(first, fog.clear_to))),
+                Some(beam) => {
+                    let open = beam.sub_rays(pulse).filter(|(ray, _)| is_clear(*ray, fog.clear_to));
+                    open.map(|(_, share)| share).sum()
+                }
+            };
             if share > 0.0 {
                 insert(0, Echo::of_air(first, fog.range, share * fog.power * fog.range * fog.range));
             }
@@ -135,14 +141,14 @@ impl<C: Caster> Scan<'_, C> {
             && particles.seen::<f64, 1>(&scratch.draws, pulse) != 0
         {
             for particle in particles.of(batch, pulse) {
-                let ray = first + beam.at_share(particle.place);
+                let ray = first + beam.map_or(0, |beam| beam.at_share(particle.place));
                 if is_clear(ray, particle.range) {
                     insert(particle.number + 1, Echo::of_air(ray, particle.range, particle.intensity));
                 }
             }
         }
         if echoes.len() > surfaces {
-            tell_apart(beam.separation.max(2.0 * beam.pulse_sigma), echoes);
+            tell_apart(beam.map_or(0.0, |beam| beam.separation.max(2.0 * beam.pulse_sigma)), echoes);
         }
     }
 }

@@ -57,6 +57,14 @@ pub struct Index {
     surface: f32,
 }
 
+impl Index {
+    /// `still`: per object its box, if it has one, stands still and is of this index.
+    fn new(unbounded: Vec<u32>, still: &[Option<[Interval; 3]>]) -> Self {
+        let bounded = Bvh::new(still.len(), |id| still[id as usize], 1, |ids| ids[0]);
+        Index { unbounded, size: size(still), surface: bounded.surface(), bounded }
+    }
+}
+
 /// A refitted hierarchy is discarded if its surface area exceeds that of its build by this factor.
 const WORN: f32 = 1.5;
 
@@ -102,9 +110,18 @@ impl Scene {
     fn index(&self) -> &Index {
         self.index.get_or_make(|| {
             let (unbounded, still) = self.sorted();
-            let bounded = Bvh::new(still.len(), |id| still[id as usize], 1, |ids| ids[0]);
-            Index { unbounded, size: size(&still), surface: bounded.surface(), bounded }
+            Index::new(unbounded, &still)
         })
+    }
+
+    /// An index of some of the objects: those that `is_in` tells.
+    pub fn index_of(&self, is_in: impl Fn(u32) -> bool) -> Index {
+        let (mut unbounded, mut still) = self.sorted();
+        unbounded.retain(|&id| is_in(id));
+        for (id, bounds) in (0..).zip(&mut still) {
+            *bounds = bounds.filter(|_| is_in(id));
+        }
+        Index::new(unbounded, &still)
     }
 
     /// The unbounded objects; and per object its box, if it has one and stands still.

@@ -138,6 +138,11 @@ impl Object {
         }
     }
 
+    /// Whether all triangles are parts of one primitive.
+    pub fn is_whole(&self) -> bool {
+        self.whole
+    }
+
     /// The primitive id that hits report.
     #[inline(always)]
     pub fn reported(&self, primitive: u32) -> i32 {

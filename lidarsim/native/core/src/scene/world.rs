@@ -28,6 +28,9 @@ pub struct World<'a> {
     ignored: &'a [u32],
 }
 
+/// The number of the next world.
+static NUMBER: AtomicU64 = AtomicU64::new(1);
+
 /// The hierarchy of moving objects during a span of time.
 #[derive(Debug)]
 pub struct Movers {
@@ -88,8 +91,6 @@ impl Scene {
     /// are reused. That of moving objects is refitted from the previous span while it stays about as good,
     /// since successive frames differ little.
     pub fn during(&self, span: [f64; 2]) -> World<'_> {
-        /// The number of the next world.
-        static NUMBER: AtomicU64 = AtomicU64::new(1);
         let (index, number) = (self.index(), NUMBER.fetch_add(1, Ordering::Relaxed));
         if !self.moves() {
             return World { scene: self, index, movers: None, size: index.size, number, ignored: &[] };
@@ -118,6 +119,27 @@ impl Scene {
             number,
             ignored: &[],
         }
+    }
+
+    /// The world of some of the objects, those that `is_in` tells, in a span of time. `index` is their index.
+    pub fn part_during<'a>(
+        &'a self,
+        index: &'a Index,
+        span: [f64; 2],
+        is_in: impl Fn(u32) -> bool,
+    ) -> World<'a> {
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let mut movers = memory::copy(&self.movers);
+        movers.retain(|&id| is_in(id));
+        if movers.is_empty() {
+            return World { scene: self, index, movers: None, size: index.size, number, ignored: &[] };
+        }
+        let boxes = memory::collect(movers.iter().map(|id| self.objects[*id as usize].bounds_during(span)));
+        let hierarchy =
+            Bvh::new(boxes.len(), |place| boxes[place as usize], 1, |places| movers[places[0] as usize]);
+        let movers = Movers { surface: hierarchy.surface(), hierarchy };
+        let size = size(&boxes).max(index.size);
+        World { scene: self, index, size, movers: Some(Arc::new(movers)), number, ignored: &[] }
     }
 
     /// The hierarchy of the previous span, refitted to the boxes of this one. `None` if there is none or it

@@ -1,0 +1,243 @@
+//! Light that goes on: through surfaces that transmit it, and from mirrors.
+//!
+//! A pane lets the share T of the light pass straight on, and a mirror sends the share M on in the mirrored
+//! direction. What a surface further on sends back takes the same way in reverse, since light paths are
+//! reversible, and is weakened by the same shares once more. So the power that is received by a way is that
+//! of the surface at its end, seen at the length of the way, times the square of the product of the shares.
+//! The surfaces on the way send back their own light as if they were the last.
+//!
+//! A pulse meets up to `depth` surfaces on each way. At each depth, the ways of a ray are up to twice as many
+//! as before; the `MOST_WAYS` of greatest share are followed, of equal ones the first, where straight on
+//! comes before mirrored.
+
+use super::caster::Caster;
+use super::columns::unused;
+use super::direction::distance;
+use super::echo::Echo;
+use super::scan::Scan;
+use super::scratch::Scratch;
+use super::ways::{Beyond, Step, Surface, Way, Ways};
+use crate::arith::simd::Isa;
+use crate::cast::{Departure, Met};
+use crate::geometry::point::dot;
+use crate::geometry::vector::Point;
+use crate::memory::push;
+use crate::scene::{Hit, Rays, TimedRay};
+use crate::stop;
+
+/// Ways of a ray that are followed at each depth.
+const MOST_WAYS: usize = 16;
+
+/// Ways that are followed between two polls for a stop of the scan.
+const POLL: usize = 64;
+
+impl<C: Caster> Scan<'_, C> {
+    /// Follows the light of the fired rays that goes on.
+    pub(super) fn go_on<I: Isa>(&self, beyond: &Beyond<C>, scratch: &mut Scratch) {
+        let fired = scratch.hits.len();
+        let mut ways = std::mem::take(&mut scratch.ways);
+        ways.front.clear();
+        for at in 0..fired {
+            if self.goes_on(scratch.hits.object[at]) {
+                let met = Met::from(scratch.hits.at(at));
+                let way = Way { ray: at as u32, path: 0, mirror: None, before: 0.0, share: 1.0 };
+                push(&mut ways.front, Surface { at: at as u32, way, met, solid: None });
+            }
+        }
+        for _ in 1..beyond.depth {
+            if ways.front.is_empty() {
+                break;
+            }
+            self.leave(&mut ways, scratch);
+            find_solid::<I, C>(&beyond.solid, &mut ways);
+            self.arrive(beyond, &mut ways, scratch);
+        }
+        ways.sort();
+        scratch.ways = ways;
+    }
+
+    fn goes_on(&self, object: i32) -> bool {
+        self.appearances.get(object as usize).is_some_and(|appearance| appearance.goes_on())
+    }
+
+    /// The steps from the surfaces at the front, those of a ray together.
+    fn leave(&self, ways: &mut Ways, scratch: &Scratch) {
+        let Ways { front, steps, .. } = ways;
+        steps.clear();
+        let mut first = 0;
+        for i in 0..front.len() {
+            let Surface { at, way, met, solid } = front[i];
+            let (hit, ray) = (met.hit, scratch.rays.at(at as usize));
+            let appearance = &self.appearances[hit.object as usize];
+            let [passed, mirrored] = [appearance.transmission, appearance.mirror];
+            let way = Way { path: way.path + 1, ..way };
+            if passed > 0.0 {
+                let way = Way { share: way.share * passed * passed, ..way };
+                push(steps, Step { way, ray, from: Departure::Passed(met), solid });
+            }
+            if mirrored > 0.0
+                && let Some(next) = mirror_image(&ray, &hit)
+            {
+                let before = way.before + distance::<f64, 1>(hit.t, ray.direction);
+                let share = way.share * mirrored * mirrored;
+                let way = Way { mirror: Some(at), before, share, ..way };
+                push(steps, Step { way, ray: next, from: Departure::Mirrored(ray, met), solid: None });
+            }
+            if front.get(i + 1).is_none_or(|next| next.way.ray != way.ray) {
+                keep_strongest(steps, first);
+                first = steps.len();
+            }
+        }
+    }
+
+    /// Finds the next surface of each step.
+    fn arrive(&self, beyond: &Beyond<C>, ways: &mut Ways, scratch: &mut Scratch) {
+        let Ways { ways, front, steps, stack, .. } = ways;
+        let (rays, hits) = (&mut scratch.rays, &mut scratch.hits);
+        let stack = stack.get_or_insert_default();
+        front.clear();
+        for (i, Step { way, ray, from, solid }) in steps.iter().enumerate() {
+            if i.is_multiple_of(POLL) {
+                stop::poll();
+            }
+            let solid = solid.unwrap_or(Hit::MISS);
+            let found = self.caster.next_hit(&beyond.passing, &solid, ray, from, stack);
+            let Some(met) = found else { continue };
+            let at = hits.len();
+            push(ways, *way);
+            push(&mut rays.origins, ray.origin);
+            push(&mut rays.directions, ray.direction);
+            if !rays.times.is_empty() {
+                push(&mut rays.times, ray.time);
+            }
+            hits.push(&met.hit);
+            if self.goes_on(met.hit.object) {
+                push(front, Surface { at: at as u32, way: *way, met, solid: Some(solid) });
+            }
+        }
+    }
+}
+
+/// Keeps the steps of a ray, those from `first` on, of the greatest shares, in their order.
+fn keep_strongest(steps: &mut Vec<Step>, first: usize) {
+    if steps.len() - first > MOST_WAYS {
+        let mut shares: Vec<f64> = steps[first..].iter().map(|step| step.way.share).collect();
+        shares.sort_unstable_by(|a, b| b.total_cmp(a));
+        let least = shares[MOST_WAYS - 1];
+        let mut equal = MOST_WAYS - shares.iter().filter(|share| **share > least).count();
+        let mut i = 0;
+        steps.retain(|step| {
+            i += 1;
+            let is_kept = i <= first || step.way.share > least || step.way.share == least && equal > 0;
+            equal -= usize::from(i > first && is_kept && step.way.share == least);
+            is_kept
+        });
+    }
+}
+
+/// Finds the closest solid hit of each step that does not know it. Neighbours that go straight on, and those
+/// that a mirror turns, are alike; together they are not.
+fn find_solid<I: Isa, C: Caster>(solid: &C, ways: &mut Ways) {
+    let Ways { steps, origins, directions, times, solid: hits, .. } = ways;
+    for are_mirrored in [false, true] {
+        let is_asked = |step: &Step| {
+            step.solid.is_none() && matches!(step.from, Departure::Mirrored(..)) == are_mirrored
+        };
+        for array in [&mut *origins, &mut *directions] {
+            array.clear();
+        }
+        times.clear();
+        for step in steps.iter().filter(|step| is_asked(step)) {
+            push(origins, step.ray.origin);
+            push(directions, step.ray.direction);
+            if solid.moves() {
+                push(times, step.ray.time);
+            }
+        }
+        if origins.is_empty() {
+            continue;
+        }
+        hits.resize(origins.len());
+        solid.cast::<I>(Rays { origins, directions, times }, hits);
+        for (at, step) in steps.iter_mut().filter(|step| is_asked(step)).enumerate() {
+            step.solid = Some(hits.at(at));
+        }
+    }
+}
+
+/// The ray that a mirror makes of one that hits it: from the point o + t·d, in the direction
+/// d − (2·(d·n)/(n·n))·n. Both are evaluated in float64 once, the products of a sum from x to z. `None` if
+/// the point overflows.
+fn mirror_image(ray: &TimedRay, hit: &Hit) -> Option<TimedRay> {
+    let (d, n) = (ray.direction, hit.normal);
+    let twice = 2.0 * dot(d, n) / dot(n, n);
+    let direction = [0, 1, 2].map(|k| d[k] - twice * n[k]);
+    let origin = [0, 1, 2].map(|k| ray.origin[k] + hit.t * d[k]);
+    let is_legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
+    is_legal.then_some(TimedRay { origin, direction, time: ray.time })
+}
+
+impl<C: Caster> Scan<'_, C> {
+    /// The place of a surface that was seen in mirrors, in the sensor frame when it fired a pulse.
+    pub(super) fn mirrored_point(&self, pulse: usize, at: usize, scratch: &Scratch) -> Point {
+        if scratch.ways.way(at).is_none_or(|way| way.mirror.is_none()) {
+            return unused::mirrored_point;
+        }
+        let TimedRay { origin, direction, .. } = scratch.rays.at(at);
+        let point = [0, 1, 2].map(|k| origin[k] + scratch.hits.t[at] * direction[k]);
+        self.frame.path.at(self.frame.start + self.frame.times[pulse]).place_back(point)
+    }
+}
+
+impl Scratch {
+    /// The echoes of the lights of a fired ray, by rising range.
+    pub(super) fn echoes_of_ray(&self, ray: usize, echoes: &mut Vec<Echo>) {
+        echoes.clear();
+        echoes.extend(self.light_of(ray).into_iter().chain(self.further_lights(ray)).map(Echo::of));
+        echoes.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
+    }
+
+    /// The normal of a surface as the fired rays see it: that of its image, if it is seen in mirrors.
+    pub(super) fn normal_of_image(&self, at: usize) -> Point {
+        let mut normal = self.hits.normal(at);
+        let mut way = self.ways.way(at);
+        while let Some(mirror) = way.and_then(|way| way.mirror) {
+            let n = self.hits.normal(mirror as usize);
+            let twice = 2.0 * dot(normal, n) / dot(n, n);
+            normal = [0, 1, 2].map(|k| normal[k] - twice * n[k]);
+            way = self.ways.way(mirror as usize);
+        }
+        normal
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    fn step(share: f64, path: u8) -> Step {
+        let ray = TimedRay { origin: [0.0; 3], direction: [1.0, 0.0, 0.0], time: 0.0 };
+        let from = Departure::Passed(Met::from(Hit::MISS));
+        Step { way: Way { ray: 0, path, mirror: None, before: 0.0, share }, ray, from, solid: None }
+    }
+
+    #[test]
+    fn the_strongest_ways_are_kept_in_their_order() {
+        let others = [step(0.0, 200), step(1.0, 201)];
+        let kept = |shares: &[f64]| {
+            let mut steps: Vec<Step> = others.to_vec();
+            steps.extend((0..).zip(shares).map(|(path, share)| step(*share, path)));
+            keep_strongest(&mut steps, others.len());
+            let paths: Vec<u8> = steps.iter().map(|step| step.way.path).collect();
+            assert_eq!(paths[..2], [200, 201]);
+            paths[2..].to_vec()
+        };
+        assert_eq!(kept(&[0.5; MOST_WAYS]), (0..MOST_WAYS as u8).collect::<Vec<_>>());
+        assert_eq!(kept(&[0.5; 3 * MOST_WAYS]), (0..MOST_WAYS as u8).collect::<Vec<_>>());
+        let rising: Vec<f64> = (0..40).map(|k| f64::from(k) / 40.0).collect();
+        assert_eq!(kept(&rising), (40 - MOST_WAYS as u8..40).collect::<Vec<_>>());
+        let mut mixed = vec![0.25; 20];
+        (mixed[3], mixed[19]) = (0.5, 0.75);
+        let expected: Vec<u8> = (0..15).chain([19]).collect();
+        assert_eq!(kept(&mixed), expected);
+    }
+}

@@ -1,0 +1,158 @@
+//! The ways of light that goes on, and the surfaces that it meets.
+
+use crate::bvh::Stack;
+use crate::cast::{Departure, HitArrays, Met};
+use crate::geometry::vector::Point;
+use crate::memory::resize;
+use crate::scene::{Hit, TimedRay};
+
+/// The scene behind panes and in mirrors.
+pub struct Beyond<C> {
+    /// The most surfaces of a way.
+    pub depth: usize,
+    /// The objects that light goes on from, and all others.
+    pub passing: C,
+    pub solid: C,
+}
+
+/// A surface that light met after it passed others or was mirrored.
+#[derive(Clone, Copy)]
+pub(super) struct Way {
+    /// The ray that was fired.
+    pub(super) ray: u32,
+    /// How many surfaces came before.
+    pub(super) path: u8,
+    /// The surface at which the light was mirrored last.
+    pub(super) mirror: Option<u32>,
+    /// The length of the way up to that mirror, m.
+    pub(super) before: f64,
+    /// The share of the power that comes back by this way.
+    pub(super) share: f64,
+}
+
+/// The surfaces that the rays of a batch meet after the first. They follow the fired rays in the arrays of
+/// rays and hits; each has the part of its way after the last mirror as its ray.
+#[derive(Default)]
+pub(super) struct Ways {
+    /// The number of fired rays.
+    pub(super) fired: usize,
+    pub(super) ways: Vec<Way>,
+    /// The surfaces in the order of their fired rays, and where those of each ray begin.
+    order: Vec<u32>,
+    starts: Vec<u32>,
+    pub(super) front: Vec<Surface>,
+    pub(super) steps: Vec<Step>,
+    pub(super) origins: Vec<Point>,
+    pub(super) directions: Vec<Point>,
+    pub(super) times: Vec<f64>,
+    pub(super) solid: HitArrays,
+    pub(super) stack: Option<Box<Stack>>,
+}
+
+/// A surface from which light may go on.
+#[derive(Clone, Copy)]
+pub(super) struct Surface {
+    /// Its index in the arrays of rays and hits.
+    pub(super) at: u32,
+    pub(super) way: Way,
+    pub(super) met: Met,
+    /// The closest hit of its ray on a surface from which light does not go on, once that is known.
+    pub(super) solid: Option<Hit>,
+}
+
+/// A part of a way that is about to be followed.
+#[derive(Clone, Copy)]
+pub(super) struct Step {
+    pub(super) way: Way,
+    pub(super) ray: TimedRay,
+    pub(super) from: Departure,
+    pub(super) solid: Option<Hit>,
+}
+
+impl Ways {
+    pub(super) fn clear(&mut self, fired: usize) {
+        self.fired = fired;
+        self.ways.clear();
+        self.order.clear();
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.ways.is_empty()
+    }
+
+    /// The way to a surface, unless a fired ray met it first.
+    #[inline(always)]
+    pub(super) fn way(&self, at: usize) -> Option<&Way> {
+        if at < self.fired { None } else { self.ways.get(at - self.fired) }
+    }
+
+    /// Of eight surfaces, those from 8·part on: what `of` tells of their ways, and `other` if there is none.
+    #[inline(always)]
+    pub(super) fn each(&self, part: usize, other: f64, of: impl Fn(&Way) -> f64) -> [f64; 8] {
+        let mut values = [other; 8];
+        if 8 * part + 8 > self.fired {
+            for (k, value) in values.iter_mut().enumerate() {
+                *value = self.way(8 * part + k).map_or(other, &of);
+            }
+        }
+        values
+    }
+
+    /// Whether the surfaces from 8·part on are part of any ways of more than one surface.
+    #[inline(always)]
+    pub(super) fn touch(&self, part: usize) -> bool {
+        let last = 8 * part + 8;
+        last > self.fired || self.starts[8 * part] < self.starts[last]
+    }
+
+    /// The fired ray that met a surface.
+    #[inline(always)]
+    pub(super) fn fired(&self, at: usize) -> usize {
+        self.way(at).map_or(at, |way| way.ray as usize)
+    }
+
+    /// The surfaces that a fired ray meets after the first, in the order of their numbers.
+    #[inline(always)]
+    pub(super) fn of(&self, ray: usize) -> &[u32] {
+        if self.ways.is_empty() {
+            return &[];
+        }
+        &self.order[self.starts[ray] as usize..self.starts[ray + 1] as usize]
+    }
+
+    /// Sorts the surfaces by their fired rays.
+    pub(super) fn sort(&mut self) {
+        resize(&mut self.starts, 0, 0);
+        resize(&mut self.starts, self.fired + 2, 0);
+        for way in &self.ways {
+            self.starts[way.ray as usize + 2] += 1;
+        }
+        for ray in 2..self.starts.len() {
+            self.starts[ray] += self.starts[ray - 1];
+        }
+        resize(&mut self.order, self.ways.len(), 0);
+        for (at, way) in (self.fired as u32..).zip(&self.ways) {
+            let place = &mut self.starts[way.ray as usize + 1];
+            self.order[*place as usize] = at;
+            *place += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn surfaces_are_sorted_by_their_fired_rays() {
+        let mut ways = Ways::default();
+        ways.clear(5);
+        for ray in [3, 1, 3, 1, 4, 3] {
+            ways.ways.push(Way { ray, path: 1, mirror: None, before: 0.0, share: 1.0 });
+        }
+        ways.sort();
+        let found: Vec<&[u32]> = (0..5).map(|ray| ways.of(ray)).collect();
+        assert_eq!(found, [&[][..], &[6, 8], &[], &[5, 7, 10], &[9]]);
+        assert_eq!([0, 4, 5, 9, 10].map(|at| ways.fired(at)), [0, 4, 3, 4, 3]);
+    }
+}
