@@ -31,6 +31,7 @@ def boxes(*centers: tuple[float, float, float], yaw: float = 0.0, label: int = 1
         instance=np.arange(1, count + 1, dtype=np.uint32),
         points=np.full(count, 5),
         visibility=np.ones(count),
+        truncation=np.zeros(count),
         time=np.zeros(count),
         class_names={1: "car", 2: "person"},
     )
