@@ -100,6 +100,34 @@ def test_a_row_is_the_scan_of_its_pose(
     assert len({row.tobytes() for row in batch.range}) == 7
 
 
+@pytest.mark.parametrize("air", [None, ls.Atmosphere.fog(visibility=80.0), ls.Atmosphere.snow(2.0)])
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.003)])
+def test_rows_with_glass_mirrors_and_weather(air: ls.Atmosphere | None, beam: ls.Beam | None) -> None:
+    """Of two worlds, one of which has air, where one row does not see the pane."""
+    clear = room(moving=True)
+    pane = clear.add(ls.Box((0.02, 6, 3), center=(4, 0, 1)), material=ls.materials.GLASS)
+    clear.add(ls.Box((6, 0.02, 3), center=(0, 5, 1)), material=ls.materials.MIRROR)
+    world = copy.copy(clear)
+    world.atmosphere = air
+    far = ls.Detection(reflectivity=0.1, range=60.0)
+    measurement = ls.Measurement(range_sigma=0.01, beam=beam, returns="dual", depth=3, detection=far, crossover=(1, 5))
+    sensor = dataclasses.replace(CLEAR, measurement=measurement)
+    where, ignored = poses(4), [(), (clear[pane].instance,), (), ()]
+    scenes = [clear, world, world, world]
+    batch = sensor.scan_many(scenes, where, seed=3, ignore=ignored, fields=ALL)
+    passed = aerial = 0
+    for i in range(4):
+        alone = sensor.scan(
+            scenes[i], where[i], time=batch.time[i], frame=batch.frame[i], seed=batch.seed[i], ignore=ignored[i]
+        )
+        check_row(batch, i, alone)
+        assert alone.path is not None
+        passed += int(((alone.path > 0) & (alone.path < 255)).sum())
+        aerial += 0 if alone.source is None else int((alone.source == ls.Source.atmosphere).sum())
+    assert passed > 20
+    assert (aerial > 20) == (air is not None)
+
+
 def test_rows_of_one_seed_draw_different_noise_that_can_be_repeated() -> None:
     lidar = dataclasses.replace(CLEAR, measurement=NOISE)
     same = np.broadcast_to(poses(1), (4, 4, 4))

@@ -103,8 +103,8 @@ impl<C: Caster> Scan<'_, C> {
         }
     }
 
-    /// Adds the echoes of the air that are detected to those that a pulse of a beam, or of one ray without it,
-    /// has of surfaces. Only the air in front of the first surface of a ray has any.
+    /// Adds the echoes of the air that are detected to those that a pulse has of surfaces. Only the air in
+    /// front of the first surface of a ray has any.
     #[inline(always)]
     pub(super) fn insert_weather(
         &self,
