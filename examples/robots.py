@@ -76,11 +76,6 @@ def shelves() -> str:
     return "\n".join(geoms)
 
 
-def scan_all(lidar: ls.Lidar, scene: ls.Scene, poses: np.ndarray, frame: int) -> list[ls.Scan]:
-    """Scan from all poses."""
-    return [lidar.scan(scene, pose, frame=frame, seed=seed) for seed, pose in enumerate(poses)]
-
-
 # The warehouse without its robot: what all worlds share, so that one scene does for all of them.
 model = mujoco.MjModel.from_xml_string(ROBOT.format(shelves=shelves()))
 world = ls.mujoco.World(model, rules=[ls.Rule(node="robot*", skip=True)])
@@ -96,7 +91,7 @@ for data in worlds:
     data.ctrl[:] = rng.uniform(10, 25) + rng.normal(scale=0.4, size=2)
 
 simulated = scanned = 0.0
-paths, hits = [], 0
+paths, hits, batch = [], 0, None
 for step in range(STEPS):
     start = time.perf_counter()
     for data in worlds:
@@ -105,13 +100,13 @@ for step in range(STEPS):
     xpos, xquat = np.stack([data.xpos for data in worlds]), np.stack([data.xquat for data in worlds])
     middle = time.perf_counter()
     poses = world.poses(xpos, xquat, site="lidar")
-    scans = scan_all(lidar, world.scene, poses, frame=step)
+    batch = lidar.scan_many(world.scene, poses, frame=step, fields=["xyz", "status"], out=batch)  # one call
     scanned += time.perf_counter() - middle
     simulated += middle - start
     paths.append(poses[:, :2, 3])
-    hits += sum(scan.summary()["hit"] for scan in scans)
+    hits += int((batch.status == ls.Status.hit).sum())
 total = STEPS * WORLDS
-print(f"{WORLDS} worlds, {total} scans of {len(scans[0])} pulses, {hits / total:,.0f} points each")
+print(f"{WORLDS} worlds, {total} scans of {batch.status.shape[1]} pulses, {hits / total:,.0f} points each")
 print(f"{total / scanned:,.0f} scans/s, {total / (scanned + simulated):,.0f} steps/s with MuJoCo")
 
 grid = ls.occupancy(world.scene, 0.05, z=0.45, free_from=(0, 0))
@@ -125,7 +120,8 @@ extent = (left, left + columns * side, bottom, bottom + rows * side)
 axes.imshow(shades, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent, interpolation="nearest")
 colors = plt.get_cmap("turbo")(np.linspace(0.08, 0.92, max(WORLDS, 2)))
 for k in range(min(WORLDS, 4)):
-    points = scans[k].point_cloud(frame="world").xyz
+    seen = batch.xyz[k][batch.status[k] == ls.Status.hit]
+    points = seen @ poses[k, :3, :3].T + poses[k, :3, 3]
     points = points[(points[:, 2] > 0.3) & (points[:, 2] < 1.0)]
     axes.plot(*points[:, :2].T, ".", color=colors[k * (WORLDS - 1) // 3 if WORLDS > 3 else k], markersize=1.2)
 for k, path in enumerate(np.swapaxes(paths, 0, 1)[:200]):
