@@ -133,6 +133,8 @@ class Returns(NamedTuple):
     true_direction: Floats | None
     radial_velocity: npt.NDArray[np.float32] | None
     source: npt.NDArray[np.uint8] | None
+    path: npt.NDArray[np.uint8] | None
+    mirrored_point: Floats | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

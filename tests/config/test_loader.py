@@ -441,8 +441,11 @@ def test_poses_from_a_file() -> None:
             "pose.interpolation: expected 'linear' or 'spline', got 'cubic'",
         ),
         ("{file: 5}", "pose.file: expected text, got 5"),
-        ("{file: drive.kitti, position_m: [0, 0, 0]}",
-         "pose.position_m: unknown key; expected one of file, times, interpolation, axes"),
+        (
+            "{file: drive.kitti, color: red}",
+            "pose.color: unknown key; expected one of position_m, rotation_deg, matrix, file, times, scene, start_s, "
+            "interpolation, axes",
+        ),
     ],
 )  # fmt: skip
 def test_bad_files_of_poses(pose: str, message: str) -> None:
