@@ -977,9 +977,8 @@ def test_a_screenshot_of_frames_says_that_it_is_of_the_first(capsys: pytest.Capt
     assert lidarsim("view", "moving.yaml", "--screenshot", "b.png", "--frames", "1", *SMALL) == 0
     assert capsys.readouterr().out == ""
     first, only = (np.asarray(Image.open(name).convert("RGB")) for name in ("a.png", "b.png"))
-    told = (first != only).any(axis=2)  # the one says which frame of how many it shows, at the top
-    assert told.any()
-    assert not told[len(told) // 5 :].any()
+    assert first.shape == only.shape
+    assert (first != only).any()  # the one says which frame of how many it shows, in a view that has room for all
 
 
 @pytest.mark.parametrize("command", [("check", "run.yaml"), ("scan", "run.yaml", "-o", "scan.pcd")])

@@ -443,8 +443,8 @@ def test_poses_from_a_file() -> None:
         ("{file: 5}", "pose.file: expected text, got 5"),
         (
             "{file: drive.kitti, color: red}",
-            "pose.color: unknown key; expected one of position_m, rotation_deg, matrix, file, times, scene, start_s, "
-            "interpolation, axes",
+            "pose.color: unknown key; expected one of "
+            + ", ".join(schema.TrajectoryFile.model_fields),
         ),
     ],
 )  # fmt: skip

@@ -270,7 +270,7 @@ BAD_TABLES: list[tuple[dict[str, Any], str, str]] = [
     ({"ego_pose": '[{"timestamp": ' + "9" * 5000 + "}]"}, "scene-0061", r"ego_pose\.json: row 1: "),
     (
         {"ego_pose": [{"token": "a0", "timestamp": 10**30, "translation": [0, 0, 0], "rotation": [1, 0, 0, 0]}]},
-        "scene-0061", r"row 1: timestamp: expected an integer of 64 bits, got 1000000",
+        "scene-0061", r"row 1: expected a timestamp of 64 bits, got 1000000",
     ),
     (
         {"ego_pose": [{"token": "a0", "timestamp": 1, "translation": [0, 0], "rotation": [1, 0, 0, 0]}]},

@@ -132,7 +132,7 @@ def _check(row: dict[str, Any], kinds: dict[str, type], number: int) -> None:
         if type(row.get(key)) is not kind:
             raise ValueError(f"{key}: expected {NAMES[kind]}, got {shown(row.get(key))}")
     if "timestamp" in kinds and not abs(row["timestamp"]) < 2**63:
-        raise FileFormatError(f"timestamp: expected an integer of 64 bits, got {shown(row['timestamp'])}")
+        raise ValueError(f"expected a timestamp of 64 bits, got {shown(row['timestamp'])}")
 
 
 class _Table:
