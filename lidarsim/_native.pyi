@@ -21,6 +21,7 @@ __all__ = [
     "Texture",
     "TextureMap",
     "are_plain_points",
+    "air_echoes",
     "coverage",
     "expect_room",
     "first_not_rigid",
