@@ -19,7 +19,7 @@ from lidarsim.trajectory import LineReader, Trajectory, normals, numbers, produc
 if TYPE_CHECKING:
     from lidarsim._validation import Transform
 
-__all__ = ["Imu", "ImuErrors", "ImuSamples"]
+__all__ = ["GRAVITY", "Imu", "ImuErrors", "ImuSamples"]
 
 GRAVITY = 9.80665
 """Standard gravity, m/s² (CGPM, 1901)."""
