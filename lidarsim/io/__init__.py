@@ -8,6 +8,8 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     nuscenes,
     pcd,
     ply,
+    pts,
+    ptx,
     raster,
     rosbag,
     scenes,
