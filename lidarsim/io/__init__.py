@@ -1,6 +1,7 @@
 """File formats: one module per format, which registers itself."""
 
 from lidarsim.io import (  # noqa: F401 - each registers itself
+    e57,
     kitti,
     las,
     meshes,
