@@ -548,8 +548,9 @@ def test_bad_rigs(old: str, new: str, message: str) -> None:
 IMU = """\
     imu:
       rate_hz: 200
-      gyroscope: {noise_density_deg_per_s_per_sqrt_hz: 0.005, range_deg_per_s: 450}
-      accelerometer: {bias_m_per_s2: 0.1, random_walk_m_per_s3_per_sqrt_hz: 0.01, misalignment_deg: 0.5}
+      gyroscope: {noise_density_deg_per_s_per_sqrt_hz: 0.005, random_walk_deg_per_s2_per_sqrt_hz: 0.001,
+        range_deg_per_s: 450}
+      accelerometer: {noise_density_m_per_s2_per_sqrt_hz: 0.002, bias_m_per_s2: 0.1, random_walk_m_per_s3_per_sqrt_hz: 0.01, misalignment_deg: 0.5}
       latitude_deg: 48
 """
 WITH_IMU = RIG.replace("  top:\n", f"  box:\n    position_m: [1, 0, 2]\n{IMU}  top:\n", 1)
@@ -563,8 +564,10 @@ def test_an_imu_in_a_rig() -> None:
         "box": ls.Imu(
             200.0,
             mount=mount,
-            gyroscope=ls.ImuErrors(noise_density=np.radians(0.005), range=np.radians(450.0)),
-            accelerometer=ls.ImuErrors(bias=0.1, random_walk=0.01, misalignment=np.radians(0.5)),
+            gyroscope=ls.ImuErrors(
+                noise_density=np.radians(0.005), random_walk=np.radians(0.001), range=np.radians(450.0)
+            ),
+            accelerometer=ls.ImuErrors(noise_density=0.002, bias=0.1, random_walk=0.01, misalignment=np.radians(0.5)),
             latitude=np.radians(48.0),
             name="box",
         )
