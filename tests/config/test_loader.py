@@ -550,7 +550,8 @@ IMU = """\
       rate_hz: 200
       gyroscope: {noise_density_deg_per_s_per_sqrt_hz: 0.005, random_walk_deg_per_s2_per_sqrt_hz: 0.001,
         range_deg_per_s: 450}
-      accelerometer: {noise_density_m_per_s2_per_sqrt_hz: 0.002, bias_m_per_s2: 0.1, random_walk_m_per_s3_per_sqrt_hz: 0.01, misalignment_deg: 0.5}
+      accelerometer: {noise_density_m_per_s2_per_sqrt_hz: 0.002, bias_m_per_s2: 0.1,
+        random_walk_m_per_s3_per_sqrt_hz: 0.01, misalignment_deg: 0.5}
       latitude_deg: 48
 """
 WITH_IMU = RIG.replace("  top:\n", f"  box:\n    position_m: [1, 0, 2]\n{IMU}  top:\n", 1)
