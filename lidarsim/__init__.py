@@ -11,6 +11,7 @@ from lidarsim.boxes import Boxes
 from lidarsim.cells import Cells
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
+from lidarsim.imu import Imu, ImuErrors, ImuSamples
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
 from lidarsim.laser_scan import LaserScan
 from lidarsim.materials import Material, Texture
@@ -55,6 +56,9 @@ __all__ = [
     "Disks",
     "Ellipsoid",
     "Hits",
+    "Imu",
+    "ImuErrors",
+    "ImuSamples",
     "LaserScan",
     "Lidar",
     "Material",

@@ -30,7 +30,7 @@ from numpy.polynomial import Polynomial
 
 from lidarsim._validation import Floats
 
-__all__ = ["NoSplineError", "rotation_steps"]
+__all__ = ["NoSplineError", "angular_accelerations", "rotation_steps"]
 
 EPS = float(np.finfo(float).eps)
 
@@ -75,6 +75,25 @@ def rotation_steps(lengths: Floats, turns: Floats) -> Floats:
         rates = equations.solution()
         start, end = h * rates[:-1], h * _times(equations.inverses, rates[1:])
         return np.stack([start, 3 * turns - 2 * start - end, start + end - 2 * turns], axis=1)
+
+
+def angular_accelerations(turns: Floats, rates: Floats, bends: Floats) -> Floats:
+    """Return the angular accelerations J(φ)φ̈ + N(φ, φ̇) in the rotating frame.
+
+    Parameters
+    ----------
+    turns, rates, bends : ndarray of float64, shape (n, 3)
+        Rotation vectors φ and their first and second derivatives.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        The angular accelerations.
+    """
+    b, c, _, _ = _factors(turns)
+    once = np.cross(turns, bends)
+    accelerations: Floats = bends - b * once + c * np.cross(turns, once) + _quadratic(turns, rates)
+    return accelerations
 
 
 class _Equations:

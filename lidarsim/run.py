@@ -6,7 +6,7 @@ import copy
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from lidarsim._files import PathLike
     from lidarsim._validation import Floats
+    from lidarsim.imu import Imu, ImuSamples
     from lidarsim.io._cuts import Cut
     from lidarsim.io.scenes import Imported
     from lidarsim.pointcloud import PointCloud
@@ -108,6 +109,8 @@ class Run:
         Coordinate reference system of the world, for LAS and LAZ files in world coordinates; see `PointCloud.save`.
     start : float or datetime
         Moment at which the clock of the run is 0, for the gps_time of LAS and LAZ files.
+    imus : dict of str to Imu
+        The IMUs on the rig's body, by name.
     """
 
     scene: Scene
@@ -119,6 +122,7 @@ class Run:
     imports: tuple[Imported, ...] = ()
     crs: int | str | None = None
     start: float | datetime = 0.0
+    imus: Mapping[str, Imu] = field(default_factory=dict)
 
     @property
     def lidar(self) -> Lidar:
@@ -166,6 +170,28 @@ class Run:
             Time since the start of frame 0, s.
         """
         return frame / self.rate
+
+    def inertial(self) -> dict[str, ImuSamples]:
+        """Return the samples of the IMUs from the start of the first frame to the end of the last.
+
+        Returns
+        -------
+        dict of str to ImuSamples
+            The samples by name of the IMU.
+
+        Raises
+        ------
+        ValueError
+            If the trajectory does not cover the frames, or its velocity jumps, as with linear interpolation.
+        """
+        if not self.imus:
+            return {}
+        body = self.pose if isinstance(self.pose, Trajectory) else Trajectory.from_twist(self.pose)
+        (start, end), (first, last) = self.span, body.span
+        return {
+            name: imu.measure(body, start=max(start, first), end=min(end, last), seed=self.seed)
+            for name, imu in self.imus.items()
+        }
 
     def body_pose(self, moment: float) -> Floats:
         """Return the pose of the rig's body, or of the sensor without a rig.
@@ -283,7 +309,7 @@ class Run:
         FileFormatError, MissingExtraError, TypeError, ValueError
             As in `lidarsim.io.rosbag.Writer`.
         """
-        sensors = self.sensor if isinstance(self.sensor, Rig) else None
+        sensors: dict[str, Any] | None = {**self.sensor, **self.imus} if isinstance(self.sensor, Rig) else None
         return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, layout=layout, cut=cut)
 
     def write(
@@ -300,7 +326,8 @@ class Run:
 
         A bag holds all frames in one file. Otherwise each point cloud gets its own file, numbered if there are several
         frames, and with the sensor's name if there is a rig. With several frames, the poses of each sensor at its
-        moments (OUTPUT_poses.tum) and the start times of its scans (OUTPUT_times.txt) are written next to them.
+        moments (OUTPUT_poses.tum) and the start times of its scans (OUTPUT_times.txt) are written next to them. The
+        samples of an IMU are messages of the bag, or a file of their own (OUTPUT_NAME.csv, as `ImuSamples.save`).
 
         Parameters
         ----------
@@ -344,10 +371,12 @@ class Run:
                 raise FileFormatError(f"{argument}: expected a point cloud file as output, got the bag {output}")
         options: dict[str, Any] = {"fields": fields, "float32": float32}
         frames = self.measured()
+        inertial = self.inertial()
         written: list[Path] = []
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
         with ExitStack() as stack:
             bag = stack.enter_context(self.bag(output, layout=layout, cut=cut)) if is_bag else None
+            written += _save_inertial(inertial, bag or output)
             for frame in frames:
                 if bag:  # raw, as drivers publish scans, whatever `cloud` is
                     bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])
@@ -382,7 +411,8 @@ class Run:
             return [output]
         files = [self.path_of(output, name, self.frames.start) for name in self.lidars]
         tracks = [path for name in self.lidars for path in _track_paths(output, name)]
-        return files + (tracks if len(self.frames) > 1 else [])
+        inertial = [_inertial_path(output, name) for name in self.imus]
+        return inertial + files + (tracks if len(self.frames) > 1 else [])
 
     def path_of(self, output: Path, name: str, number: int | str) -> Path:
         """Return the path of the output of one sensor and frame.
@@ -427,6 +457,21 @@ def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]
     with atomic_writer(times) as file:
         file.writelines(f"{start!r}\n".encode("ascii") for start in starts)
     yield times
+
+
+def _save_inertial(inertial: Mapping[str, ImuSamples], output: rosbag.Writer | Path) -> Iterator[Path]:
+    """Write the samples of IMUs into a bag, or into files next to `output`; yield the paths of the files."""
+    for name, samples in inertial.items():
+        if isinstance(output, Path):
+            samples.save(_inertial_path(output, name))
+            yield _inertial_path(output, name)
+        else:
+            output.write_imu(samples)
+
+
+def _inertial_path(output: Path, name: str) -> Path:
+    """Return the path of the samples of an IMU."""
+    return _named(output, name).with_suffix(".csv")
 
 
 def _track_paths(output: Path, name: str) -> tuple[Path, Path]:

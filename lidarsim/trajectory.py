@@ -17,14 +17,23 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix
 from lidarsim._pickling import Immutable
-from lidarsim._rotation_spline import NoSplineError, rotation_steps
+from lidarsim._rotation_spline import NoSplineError, angular_accelerations, rotation_steps
 from lidarsim._validation import Floats, Transform, array
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
-__all__ = ["Trajectory", "mounted", "numbers", "product", "register_trajectory_format", "register_trajectory_tables"]
+__all__ = [
+    "LineReader",
+    "Trajectory",
+    "mounted",
+    "normals",
+    "numbers",
+    "product",
+    "register_trajectory_format",
+    "register_trajectory_tables",
+]
 
 INTERPOLATIONS = ("linear", "spline")
 
@@ -364,6 +373,63 @@ class Trajectory(Immutable):
         linear, angular = (np.ascontiguousarray(velocities[:, i]) for i in (0, 1))
         return (linear, angular) if when.ndim else (linear[0], angular[0])
 
+    def acceleration(self, times: npt.ArrayLike) -> tuple[Floats, Floats]:
+        """Return the accelerations at some times.
+
+        Parameters
+        ----------
+        times : array_like, shape () or (n,)
+            Times within the span, s.
+
+        Returns
+        -------
+        linear : ndarray of float64, shape (3,) or (n, 3)
+            Acceleration of the origin of the moving frame, in the world, m/s².
+        angular : ndarray of float64, shape (3,) or (n, 3)
+            Angular acceleration in the moving frame, rad/s².
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `times` are not numbers of either shape, or there is no pose at one of them. If the velocity jumps at the
+            given poses, as with linear interpolation, or an acceleration is beyond the range of float64.
+
+        Notes
+        -----
+        The accelerations are the derivatives of the formulas of the class. With the notation of `velocity`, the
+        angular acceleration is J(φ)φ̈ + J̇φ̇, J = I − b[φ] + c[φ]². A sensor mounted at m on a body with orientation R,
+        angular velocity ω and angular acceleration α has the body's acceleration plus R(α × m + ω × (ω × m)).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> circle = ls.Trajectory.from_twist(np.eye(4), linear=(1, 0, 0), angular=(0, 0, 0.5))
+        >>> circle.acceleration(0.0)[0]
+        array([0. , 0.5, 0. ])
+        """
+        when = self._within(times)
+        kind, arguments, mounts = self._recipe
+        body = _built((kind, arguments, ()))
+        flat = np.atleast_1d(when)
+        rotations, rates = body.at(flat)[:, :3, :3], body.velocity(flat)[:, 1]
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            if kind == "twist":
+                _, ahead, turn = map(np.array, arguments)
+                linear, angular = product(rotations, np.cross(turn, ahead)[:, None])[..., 0], np.zeros_like(rates)
+            else:
+                linear, angular = _knot_accelerations(arguments[0], arguments[2].reshape(-1, 2, 3, 3), flat)
+            mount = np.eye(4)
+            for further in mounts:
+                mount = product(mount, np.array(further))
+            arm = mount[:3, 3]
+            turning = np.cross(angular, arm) + np.cross(rates, np.cross(rates, arm))
+            linear = linear + product(rotations, turning[..., None])[..., 0]
+            angular = product(mount[:3, :3].T, angular[..., None])[..., 0]
+        if not (np.isfinite(linear).all() and np.isfinite(angular).all()):
+            raise ArgumentValueError("trajectory", "accelerations within the range of float64", "ones beyond it")
+        return (linear, angular) if when.ndim else (linear[0], angular[0])
+
     def _within(self, times: npt.ArrayLike) -> Floats:
         """Return `times`, of shape () or (n,), after checking that there is a pose at each."""
         when = _validation.one_or_each("times", times, "n")
@@ -573,18 +639,33 @@ def _finely(times: Floats, step: float) -> Floats:
 
 
 def _gauss_markov(times: Floats, scale: float, seed: int) -> Floats:
-    """Return six stationary Gauss-Markov processes of unit variance at some times, shape (n, 6).
-
-    The bits are drawn by Philox, keyed by the seed, which is the same on every machine and in every version of NumPy.
-    """
-    cells = np.random.Philox(key=seed).random_raw((len(times), 6)) >> np.uint64(12)
-    normal = _native.normal_quantile((cells.ravel().astype(np.float64) + 0.5) * 2.0**-52).reshape(-1, 6)
+    """Return six stationary Gauss-Markov processes of unit variance at some times, shape (n, 6)."""
+    normal = normals(np.random.Philox(key=seed), (len(times), 6))
     kept = np.exp(-np.diff(times) / scale)
     fresh = np.sqrt(-np.expm1(-2.0 * np.diff(times) / scale))
     errors = normal.copy()
     for k, (old, new) in enumerate(zip(kept.tolist(), fresh.tolist(), strict=True), 1):
         errors[k] = old * errors[k - 1] + new * normal[k]
     return errors
+
+
+def normals(bits: np.random.Philox, shape: tuple[int, ...]) -> Floats:
+    """Return standard normal numbers.
+
+    Parameters
+    ----------
+    bits : numpy.random.Philox
+        Where the bits are drawn, the same on every machine and in every version of NumPy.
+    shape : tuple of int
+        Shape of the result.
+
+    Returns
+    -------
+    ndarray of float64
+        The quantiles of the next numbers of `bits`, in order.
+    """
+    cells = bits.random_raw(math.prod(shape)) >> np.uint64(12)
+    return _native.normal_quantile((cells.astype(np.float64) + 0.5) * 2.0**-52).reshape(shape)
 
 
 def product(left: Floats, right: Floats) -> Floats:
@@ -661,6 +742,34 @@ def _spline_steps(times: Floats, matrices: Floats) -> Floats:
             "use more even times, smaller turns or interpolation='linear'",
         ) from None
     return steps
+
+
+def _knot_accelerations(times: Floats, steps: Floats, when: Floats) -> tuple[Floats, Floats]:
+    """Return the second derivatives of positions and the angular accelerations, shape (n, 3) each.
+
+    `steps` are coefficients in the form of `_linear_steps`.
+    """
+    if not len(steps):
+        return np.zeros((len(when), 3)), np.zeros((len(when), 3))
+    lengths = np.diff(times)
+    # Linear steps differ in velocity unless they are all at rest or equal; a spline has terms in u² or u³.
+    velocities = steps[:, :, 0] / lengths[:, None, None]
+    if not steps[:, :, 1:].any() and (velocities[1:] != velocities[:-1]).any():
+        k = 1 + int(np.argmax((velocities[1:] != velocities[:-1]).any(axis=(1, 2))))
+        raise ArgumentValueError(
+            "trajectory",
+            "one of continuous velocity",
+            f"linear interpolation, whose velocity jumps at times[{k}] = {times[k]}",
+            'make or load it with interpolation="spline"',
+        )
+    i = np.clip(np.searchsorted(times, when, side="right") - 1, 0, len(steps) - 1)
+    h = lengths[i][:, None]
+    u = (when - times[i])[:, None] / h
+    (_, p2, p3), (r1, r2, r3) = np.moveaxis(steps[i], 0, 2)
+    turns = ((r3 * u + r2) * u + r1) * u
+    rates = ((3 * r3 * u + 2 * r2) * u + r1) / h
+    bends = (6 * r3 * u + 2 * r2) / h / h
+    return (6 * p3 * u + 2 * p2) / h / h, angular_accelerations(turns, rates, bends)
 
 
 # Files
@@ -779,7 +888,7 @@ def _read(path: PathLike, times: PathLike | npt.ArrayLike | None, scene: str | N
         if times is not None:
             raise ArgumentValueError("times", f"none for {path}, which is {tables.name} and has its own", "some")
         return tables.read(Path(path), scene)
-    lines = _LineReader(path)
+    lines = LineReader(path)
     with lines.refusals():
         first = next(iter(lines), "")
         form = next((form for form in _FORMATS if form.recognise(first)), None)
@@ -796,7 +905,7 @@ def _read(path: PathLike, times: PathLike | npt.ArrayLike | None, scene: str | N
     if times is None:
         raise ArgumentValueError("times", f"those of {path}, since {form.name} has none of its own", "none")
     if isinstance(times, str | os.PathLike):
-        lines = _LineReader(times)
+        lines = LineReader(times)
         with lines.refusals():
             stamps = np.array([numbers(line.split(), 1)[0] for line in lines])
         what, stamps = str(lines.path), lines.rising(stamps)
@@ -810,8 +919,14 @@ def _read(path: PathLike, times: PathLike | npt.ArrayLike | None, scene: str | N
     return stamps, poses
 
 
-class _LineReader:
-    """Iterator over the lines of a text file, without empty lines and comments, bounded in length and number."""
+class LineReader:
+    """Iterator over the lines of a text file, without empty lines and comments, bounded in length and number.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    """
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)

@@ -26,7 +26,7 @@ FIELDS = (
     "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, instance, label, "
     "incidence, range_error"
 )
-FORMATS = ".bin, .csv, .db3, .label, .las, .laz, .mcap, .npz, .pcd, .pcd.bin, .ply or .xyz"
+FORMATS = ".bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, .npz, .pcd, .pcd.bin, .ply, .pts, .ptx or .xyz"
 CONFIG = """\
 seed: 3
 sensor: {preset: velodyne-vlp16, noise: datasheet}

@@ -10,6 +10,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Reader
 
 import lidarsim as ls
 from lidarsim.cli import main
@@ -53,6 +54,23 @@ def test_python_writes_what_the_command_line_writes(config: str, suffix: str) ->
     for path in written:
         if suffix != "mcap":  # a bag holds the time at which it was written
             assert path.read_bytes() == Path("cli", path.name).read_bytes()
+
+
+def test_samples_of_an_imu_are_written_beside_the_clouds_or_into_the_bag() -> None:
+    Path("imu.yaml").write_text(RIG.replace("rig: {", "rig: {box: {imu: {rate_hz: 100}}, ", 1), encoding="utf-8")
+    run = ls.config.load("imu.yaml")
+    names = [path.name for path in run.write("a.pcd")]
+    assert names == [path.name for path in run.files_of_a_frame(Path("a.pcd"))][:1] + names[1:]
+    samples = ls.ImuSamples.load("a_box.csv")
+    assert names[0] == "a_box.csv"
+    assert run.span == (0.0, 0.1)  # the first frame of one sensor, and three of the other, at 50 Hz
+    np.testing.assert_array_equal(samples.time, np.arange(11) / 100)
+    np.testing.assert_array_equal(samples.specific_force, np.tile([0, 0, 9.80665], (11, 1)))
+    run.write("a.mcap")
+    with Reader(Path("a.mcap")) as bag:
+        counts = {connection.topic: connection.msgcount for connection in bag.connections}
+    assert counts["/box/data_raw"] == 11
+    assert counts["/low/points"] == 3
 
 
 def test_each_frame_is_told_after_it_was_written() -> None:

@@ -34,6 +34,8 @@ from lidarsim.sensor import HEAD, PRESETS, Lidar, preset_path
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
+    from lidarsim.imu import Imu
+
 
 M = TypeVar("M", bound=Model)
 
@@ -77,9 +79,10 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
     if crs is not None and config.cloud.frame != "world":
         raise (place / "georeference" / "crs").error("expected points in the world, with cloud.frame: world")
     scene = _scene(config, place)
+    sensor, imus = _sensor_or_rig(config, place)
     return Run(
         scene=scene,
-        sensor=_sensor_or_rig(config, place),
+        sensor=sensor,
         pose=build_pose(config.pose, place / "pose"),
         seed=config.seed,
         frames=range(config.first_frame, config.first_frame + config.frames),
@@ -87,6 +90,7 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
         imports=place.loaded(Imported),
         crs=crs,
         start=start,
+        imus=imus,
     )
 
 
@@ -106,13 +110,13 @@ def read_scene(path: Path) -> Scene:
     return _scene(checked(Config, root), Place(root))
 
 
-def _sensor_or_rig(config: Config, place: Place) -> Lidar | Rig:
+def _sensor_or_rig(config: Config, place: Place) -> tuple[Lidar | Rig, dict[str, Imu]]:
     if config.sensor is not None and config.rig is not None:
         raise (place / "rig").error("expected either sensor or rig, got both")
     if config.rig is not None:
         return build_rig(config.rig, place / "rig")
     if config.sensor is not None:
-        return config.sensor.build(place / "sensor")
+        return config.sensor.build(place / "sensor"), {}
     raise place.error("missing key 'sensor' or 'rig'")
 
 

@@ -28,6 +28,7 @@ from lidarsim._files import check_names, load_array, name_problem
 from lidarsim._shown import plain
 from lidarsim._validation import pose as rigid
 from lidarsim.atmosphere import Atmosphere
+from lidarsim.imu import GRAVITY, Imu, ImuErrors
 from lidarsim.io import raster, scenes
 from lidarsim.io._georeference import gps_time, projected
 from lidarsim.materials import Material, named
@@ -57,6 +58,11 @@ P = TypeVar("P", bound="Part")
 
 # Small units are divided: 55.296 / 1e6 is the float64 nearest to 55.296e-6, because 1e6 is a float64 and 1e-6 is not.
 UNITS: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
+    "deg_per_s_per_sqrt_hz": ("rad/s/√Hz", np.radians),
+    "deg_per_s2_per_sqrt_hz": ("rad/s²/√Hz", np.radians),
+    "m_per_s2_per_sqrt_hz": ("", np.positive),
+    "m_per_s3_per_sqrt_hz": ("", np.positive),
+    "m_per_s2": ("", np.positive),
     "deg_per_s": ("rad/s", np.radians),
     "m_per_s": ("", np.positive),
     "per_m": ("", np.positive),
@@ -743,24 +749,84 @@ else:
     AnySensor = either(Sensor, VendorSensor, _has_file)
 
 
+class Gyroscope(Model):
+    """Errors of the gyroscopes of an IMU."""
+
+    noise_density_deg_per_s_per_sqrt_hz: float = 0.0
+    random_walk_deg_per_s2_per_sqrt_hz: float = 0.0
+    bias_deg_per_s: float = 0.0
+    scale_factor: float = 0.0
+    misalignment_deg: float = 0.0
+    range_deg_per_s: float = float("inf")
+
+    def build(self, place: Place) -> ImuErrors:
+        """Return the errors."""
+        return construct(ImuErrors, self, type(self).model_fields, place)
+
+
+class Accelerometer(Model):
+    """Errors of the accelerometers of an IMU."""
+
+    noise_density_m_per_s2_per_sqrt_hz: float = 0.0
+    random_walk_m_per_s3_per_sqrt_hz: float = 0.0
+    bias_m_per_s2: float = 0.0
+    scale_factor: float = 0.0
+    misalignment_deg: float = 0.0
+    range_m_per_s2: float = float("inf")
+
+    def build(self, place: Place) -> ImuErrors:
+        """Return the errors."""
+        return construct(ImuErrors, self, type(self).model_fields, place)
+
+
+class InertialUnit(Model):
+    """An IMU."""
+
+    rate_hz: float
+    gyroscope: Gyroscope = Gyroscope()
+    accelerometer: Accelerometer = Accelerometer()
+    gravity_m_per_s2: float = GRAVITY
+    latitude_deg: float | None = None
+
+    def build(self, place: Place, name: str, mount: Floats) -> Imu:
+        """Return the IMU of this name and pose on the body."""
+        errors = {
+            "gyroscope": self.gyroscope.build(place / "gyroscope"),
+            "accelerometer": self.accelerometer.build(place / "accelerometer"),
+        }
+        keys = type(self).model_fields.keys() - errors
+        return construct(Imu, self, keys, place, name=name, mount=mount, **errors)
+
+
 class Mounted(Placement):
-    """A sensor of a rig: its placement on the body, and the delay of its frames."""
+    """A lidar or an IMU of a rig: its placement on the body, and the delay of a lidar's frames."""
 
-    sensor: AnySensor
-    offset_s: Finite = 0.0
+    sensor: AnySensor | None = None
+    imu: InertialUnit | None = None
+    offset_s: Finite | None = None
 
 
-def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
-    """Return the rig."""
-    parts = {}
+def build_rig(sensors: dict[str, Mounted], place: Place) -> tuple[Rig, dict[str, Imu]]:
+    """Return the rig of the lidars, and the IMUs by name."""
+    parts, imus = {}, {}
     for name, mounted in sensors.items():
         there = place / name
         if expected := name_problem(name):  # files get this name
             raise there.error(f"expected {expected}")
-        parts[name] = mounted.sensor.build(there / "sensor"), _rigid(mounted, there), mounted.offset_s
+        mount = _rigid(mounted, there)
+        if mounted.imu is not None:
+            for key in mounted.model_fields_set & {"sensor", "offset_s"}:
+                raise (there / key).error("expected none beside an imu")
+            imus[name] = mounted.imu.build(there / "imu", name, mount)
+        elif mounted.sensor is not None:
+            parts[name] = mounted.sensor.build(there / "sensor"), mount, mounted.offset_s or 0.0
+        else:
+            raise there.error("missing key 'sensor' or 'imu'")
+    if imus and not parts:
+        raise place.error("expected at least one sensor, got imus only")
     with place.refusals():
-        check_names("sensors", parts)
-        return Rig(parts)
+        check_names("sensors", [*parts, *imus])
+        return Rig(parts), imus
 
 
 class Cloud(Model):

@@ -1,6 +1,7 @@
 """File formats: one module per format, which registers itself."""
 
 from lidarsim.io import (  # noqa: F401 - each registers itself
+    e57,
     kitti,
     las,
     meshes,
@@ -8,6 +9,8 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     nuscenes,
     pcd,
     ply,
+    pts,
+    ptx,
     raster,
     rosbag,
     scenes,

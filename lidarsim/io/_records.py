@@ -185,15 +185,15 @@ def _check_number(records: npt.NDArray[np.float32], size: int) -> None:
     )
 
 
-def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int) -> Iterator[Fields]:
-    """Yield the columns of `points` lines of text, one point each; the lines after them are not read.
+def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int, size: int = BLOCK) -> Iterator[Fields]:
+    """Yield the columns of `points` lines of text, one point each, `size` at a time; later lines are not read.
 
     In a block where a number does not fit an integer column of `dtype`, that column is float64.
     """
     lines = itertools.islice((line for line in lines if line and not line.isspace()), min(points, sys.maxsize))
     read = 0
     yield columns_of(np.empty(0, dtype))
-    while part := list(itertools.islice(lines, BLOCK)):
+    while part := list(itertools.islice(lines, size)):
         try:
             yield columns_of(np.loadtxt(part, dtype, comments=None, ndmin=1))
         except (ValueError, OverflowError):

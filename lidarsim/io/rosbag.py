@@ -2,7 +2,7 @@
 
 One file is a complete bag, without the folder and metadata.yaml of ROS's recorder. Besides the clouds it holds
 ``/clock``, the extrinsics of the sensors (``/tf_static``) and, if the body's trajectory is known, its true pose and
-velocity (``/tf``, ``/odom``).
+velocity (``/tf``, ``/odom``). Samples of IMUs are ``sensor_msgs/msg/Imu``.
 
 Each cloud is written in one of these layouts, chosen by the sensor's model or by the caller:
 
@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
     from lidarsim._validation import Transform
+    from lidarsim.imu import Imu, ImuSamples
     from lidarsim.io._cuts import Cut
     from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
@@ -85,7 +86,7 @@ OLDEST = 0, 11
 _START = 1_577_836_800.0  # 2020-01-01T00:00:00Z; ROS treats a stamp of 0 as unset
 _CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # in sensor_msgs/msg/PointField
 _CLOUD, _CUSTOM = "sensor_msgs/msg/PointCloud2", "livox_ros_driver2/msg/CustomMsg"
-_LASER = "sensor_msgs/msg/LaserScan"
+_LASER, _IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 _LASER_LAYOUT = "laserscan"
 NAMES = *LAYOUTS, _LASER_LAYOUT
 """Names of all layouts; `LAYOUTS` are those of point clouds."""
@@ -107,9 +108,9 @@ class Writer:
     path : path-like
         The file: ``.mcap``, or ``.db3`` for the older storage, SQLite.
     sensors : mapping of str to pose, or to an object with a pose as `mount`, optional
-        Name and mount of each sensor. The name is also the frame_id, and the topic is ``/<name>/points``, or
-        ``/<name>/scan`` for a LaserScan; the mount
-        maps sensor to body, as a RigidTransform or (4, 4) array_like. Default: one "lidar" at the body's origin.
+        Name and mount of each sensor. The name is also the frame_id, and the topic is ``/<name>/points``,
+        ``/<name>/scan`` for a LaserScan, or ``/<name>/data_raw`` for an `Imu`; the mount maps sensor to body, as a
+        RigidTransform or (4, 4) array_like. Default: one "lidar" at the body's origin.
     trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
         The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
     layout : str or mapping of str to str, optional
@@ -161,7 +162,7 @@ class Writer:
         self,
         path: PathLike,
         *,
-        sensors: Mapping[str, Transform] | Mapping[str, RigSensor] | None = None,
+        sensors: Mapping[str, Transform | RigSensor | Imu] | None = None,
         trajectory: Trajectory | Transform | None = None,
         layout: str | Mapping[str, str] | None = None,
         start: float = _START,
@@ -310,6 +311,52 @@ class Writer:
         del records  # rosbags copies the message several times
         self._publish_open(name)
         self._publish(name, layout, stamp, last, message)
+
+    def write_imu(self, samples: ImuSamples, *, sensor: str | None = None) -> None:
+        """Write the samples of an IMU.
+
+        The messages are those of drivers that do not estimate an orientation (REP 145): ``orientation_covariance[0]``
+        is -1, and the other covariances are those of the white noise; 0 stands for unknown.
+
+        Parameters
+        ----------
+        samples : ImuSamples
+            The samples, in the axes of the IMU.
+        sensor : str, optional
+            Name of the sensor. Default: the name of the IMU.
+
+        Raises
+        ------
+        ValueError
+            If no sensor has that name, the bag is not open, or a time is not on the clock of the bag.
+        """
+        self._check_open()
+        imu = samples.imu
+        name = sensor if sensor is not None else self._only() if imu is None else imu.name
+        if name not in self._mounts:
+            raise ArgumentValueError("sensor", f"one of {', '.join(self._mounts)}", repr(name))
+        new, identity, unknown = self._ros.types, (0.0, 0.0, 0.0, 1.0), np.zeros(9)
+        unknown[0] = -1.0
+        densities = (0.0, 0.0) if imu is None else (imu.gyroscope.noise_density, imu.accelerometer.noise_density)
+        of_rate, of_force = (np.eye(3).ravel() * density**2 * (imu.rate if imu else 0.0) for density in densities)
+        stamps = [self._stamp(time) for time in samples.time.tolist()]
+        rows = zip(stamps, samples.angular_rate.tolist(), samples.specific_force.tolist(), strict=True)
+        with _lost_writes():
+            if stamps:
+                self._advance(stamps[0], stamps[-1])
+            for stamp, rate, force in rows:
+                self._send_new(
+                    f"/{name}/data_raw",
+                    _IMU,
+                    stamp,
+                    header=self._header(stamp, name),
+                    orientation=new["geometry_msgs/msg/Quaternion"](*identity),
+                    orientation_covariance=unknown,
+                    angular_velocity=new["geometry_msgs/msg/Vector3"](*rate),
+                    angular_velocity_covariance=of_rate,
+                    linear_acceleration=new["geometry_msgs/msg/Vector3"](*force),
+                    linear_acceleration_covariance=of_force,
+                )
 
     def _write_cut(self, name: str, cloud: PointCloud, lidar: Sensor, *, layout: str, frame: int, cut: int) -> None:
         """Publish the message that ends at the cut of a frame, and keep the one that begins there.

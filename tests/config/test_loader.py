@@ -526,7 +526,8 @@ def test_overrides_reach_into_a_rig() -> None:
          "run.yaml:5: rig.top.sensor.noise: expected none, datasheet or measured, got 'loud'"),
         ("preset: velodyne-vlp16, name", "name",
          "run.yaml:8: rig.left.sensor: expected one of the keys preset, file, pattern, got none of them"),
-        ("    sensor: {preset: velodyne-vlp16, noise: datasheet}\n", "", "run.yaml:4: rig.top: missing key 'sensor'"),
+        ("    sensor: {preset: velodyne-vlp16, noise: datasheet}\n", "",
+         "run.yaml:4: rig.top: missing key 'sensor' or 'imu'"),
         ("offset_s: 0.05", "offset_s: late", "run.yaml:11: rig.left.offset_s: expected a number, got 'late'"),
         ("offset_s: 0.05", "offset_s: .inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got inf"),
         ("offset_s: 0.05", "offset_s: -.inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got -inf"),
@@ -537,7 +538,7 @@ def test_overrides_reach_into_a_rig() -> None:
           "determinant 2")),
         ("position_m: [1, 0, 2]", "scale: 2",
          ("run.yaml:6: rig.top.scale: unknown key; expected one of position_m, rotation_deg, matrix, sensor, "
-          "offset_s")),
+          "imu, offset_s")),
         ("max_range_m: 60", "max_range_m: -1",
          "run.yaml:8: rig.left.sensor.max_range_m: expected a real number >= 0.5, got -1.0"),
     ],
@@ -545,6 +546,58 @@ def test_overrides_reach_into_a_rig() -> None:
 def test_bad_rigs(old: str, new: str, message: str) -> None:
     assert old in RIG
     assert refusal(RIG.replace(old, new, 1)) == message
+
+
+IMU = """\
+    imu:
+      rate_hz: 200
+      gyroscope: {noise_density_deg_per_s_per_sqrt_hz: 0.005, random_walk_deg_per_s2_per_sqrt_hz: 0.001,
+        range_deg_per_s: 450}
+      accelerometer: {noise_density_m_per_s2_per_sqrt_hz: 0.002, bias_m_per_s2: 0.1,
+        random_walk_m_per_s3_per_sqrt_hz: 0.01, misalignment_deg: 0.5}
+      latitude_deg: 48
+"""
+WITH_IMU = RIG.replace("  top:\n", f"  box:\n    position_m: [1, 0, 2]\n{IMU}  top:\n", 1)
+
+
+def test_an_imu_in_a_rig() -> None:
+    run = load(WITH_IMU)
+    mount = np.eye(4)
+    mount[:3, 3] = 1, 0, 2
+    assert run.imus == {
+        "box": ls.Imu(
+            200.0,
+            mount=mount,
+            gyroscope=ls.ImuErrors(
+                noise_density=np.radians(0.005), random_walk=np.radians(0.001), range=np.radians(450.0)
+            ),
+            accelerometer=ls.ImuErrors(noise_density=0.002, bias=0.1, random_walk=0.01, misalignment=np.radians(0.5)),
+            latitude=np.radians(48.0),
+            name="box",
+        )
+    }
+    assert "box" not in run.sensor
+    assert load(WITH_IMU, "rig.box.imu.rate_hz=100").imus["box"].rate == 100.0
+    assert load(RIG).imus == {}
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("rig.box.imu.rate_hz=0", "expected a finite number > 0, got 0.0"),
+        ("rig.box.imu.gyroscope.bias_deg_per_s=-1", "expected a finite number >= 0, got -0.0174"),
+        ("rig.box.imu.latitude_deg=91", "expected a finite number from -1.57"),
+        ("rig.box.imu.range_m=5", "unknown key"),
+        ("rig.box.offset_s=0.1", "expected none beside an imu"),
+        ("rig.box.sensor={preset: velodyne-vlp16}", "expected none beside an imu"),
+        ("rig.box.imu={}", "missing key 'rate_hz'"),
+        ("rig={a: {imu: {rate_hz: 200}}}", "expected at least one sensor, got imus only"),
+    ],
+)
+def test_bad_imus(assignment: str, message: str) -> None:
+    problem = refusal(WITH_IMU, assignment)
+    assert assignment.split("=", maxsplit=1)[0] in problem
+    assert message in problem
 
 
 def test_a_rig_without_sensors_and_a_run_without_either() -> None:

@@ -446,6 +446,17 @@ def test_names_of_sensors_that_files_cannot_have(tmp_path: Path, layout: str, na
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
+def test_imus_are_refused(tmp_path: Path, layout: str) -> None:
+    (tmp_path / "recipe.yaml").write_text(
+        "run:\n  scene: [{shape: plane, normal: [0, 0, 1], distance_m: -1}]\n"
+        "  rig: {top: {sensor: {preset: sick-lms111}}, box: {imu: {rate_hz: 100}}}\n"
+        f"frames: 1\nsequences: 1\nlayout: {layout}\n"
+    )
+    with pytest.raises(ls.errors.LidarsimError, match=r"rig\.box: expected a sensor, as data sets have no imus"):
+        ls.generate(tmp_path / "recipe.yaml", tmp_path / "out", pictures=0)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_later_rig_with_such_a_name(tmp_path: Path, layout: str) -> None:
     def scenes(rng: np.random.Generator, sequence: int) -> Any:
         return of_sensors("../x" if sequence else "top")(rng, sequence)

@@ -54,6 +54,7 @@ RESULTS = {
     "Cells",
     "Comparison",
     "Hits",
+    "ImuSamples",
     "LaserScan",
     "OccupancyGrid",
     "RigSensor",
@@ -269,6 +270,12 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "poses": lambda _: np.array([turned(a, a, 0, 0) for a in (0.0, 1.0, 3.0)]),
     "interpolation": lambda _: "spline",
     "axes": lambda _: "camera",
+    # Inertial data
+    **dict.fromkeys(("noise_density", "random_walk", "bias", "scale_factor", "misalignment"), lambda _: 0.01),
+    **dict.fromkeys(("gyroscope", "accelerometer"), lambda _: ls.ImuErrors(noise_density=0.01)),
+    "gravity": lambda _: 9.8,
+    "latitude": lambda _: 0.8,
+    "trajectory": lambda _: drive(),
     # Scans and clouds
     "field": lambda _: "range",
     "return_number": lambda _: 1,
@@ -302,6 +309,9 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 """By name of a parameter, what it may be."""
 
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
+    "Imu.measure.start": lambda _: 0.5,
+    "Imu.measure.end": lambda _: 1.5,
+    "ImuSamples.load.path": lambda folder: written(folder, "imu.csv", "0,1,2,3,4,5,6\n"),
     "PointCloud.save.start": lambda _: 0.0,
     "Scan.point_cloud.pose": lambda _: None,
     "PointCloud.raster.field": lambda _: "z",
@@ -513,6 +523,7 @@ def example(name: str, signature: inspect.Signature, folder: Path) -> dict[str, 
 
 INSTANCES = {
     "Scan": lambda: lidar().scan(ball_and_floor()),
+    "ImuSamples": lambda: ls.Imu(10.0).measure(drive()),
     "Scene": ball_and_floor,
     "Lidar": lidar,
     "Boxes": lambda: lidar().scan(ball_and_floor()).boxes(),

@@ -167,6 +167,44 @@ def test_mcap_ros2_reads_the_same(cloud: PointCloud, ros: Any, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_samples_of_an_imu(suffix: str, cloud: PointCloud, ros: Any, tmp_path: Path) -> None:
+    mount = RigidTransform.from_components([1, 2, 3], Rotation.from_euler("z", 0.5)).as_matrix()
+    noisy = ls.ImuErrors(noise_density=0.02)
+    imu = ls.Imu(200.0, mount=mount, gyroscope=noisy, accelerometer=ls.ImuErrors(bias=0.1), name="imu")
+    drive = ls.Trajectory.from_twist(np.eye(4), (10, 0, 0), (0, 0, 0.3))
+    samples = imu.measure(drive, end=0.25)
+    path = tmp_path / f"drive{suffix}"
+    with rosbag.Writer(path, sensors={"top": np.eye(4), "imu": imu}, trajectory=drive, start=100.0) as bag:
+        bag.write_imu(samples)
+        bag.write_cloud(cloud, 0.1, sensor="top")
+    found = messages(path, ros)
+    assert len(found["/top/points"]) == 1
+    assert len(found["/imu/data_raw"]) == len(samples) == 51
+    for k, (recorded, message) in enumerate(found["/imu/data_raw"]):
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        assert recorded == stamp == 100 * 10**9 + 5_000_000 * k
+        assert message.header.frame_id == "imu"
+        rate, force = message.angular_velocity, message.linear_acceleration
+        assert [rate.x, rate.y, rate.z] == samples.angular_rate[k].tolist()
+        assert [force.x, force.y, force.z] == samples.specific_force[k].tolist()
+        assert message.orientation_covariance[0] == -1
+        np.testing.assert_allclose(message.angular_velocity_covariance, np.eye(3).ravel() * 0.02**2 * 200, rtol=1e-15)
+        assert not message.linear_acceleration_covariance.any()
+    (_, frames), *_ = found["/tf_static"]
+    placed = {frame.child_frame_id: frame.transform.translation for frame in frames.transforms}
+    assert (placed["imu"].x, placed["imu"].y, placed["imu"].z) == (1, 2, 3)
+
+
+def test_samples_of_unknown_imus_are_refused(tmp_path: Path) -> None:
+    samples = ls.Imu(10.0).measure(ls.Trajectory.from_twist(np.eye(4)), end=0.1)
+    bag = rosbag.Writer(tmp_path / "drive.mcap")
+    with pytest.raises(ValueError, match="expected to be written in a with block"):
+        bag.write_imu(samples)
+    with bag, pytest.raises(ValueError, match="sensor: expected one of lidar, got 'imu'"):
+        bag.write_imu(samples)
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
 @pytest.mark.parametrize("count", [0, 1, 2, COUNT])
 def test_livox_custom_messages(count: int, suffix: str, cloud: PointCloud, ros: Any, tmp_path: Path) -> None:
     path = tmp_path / f"drive{suffix}"

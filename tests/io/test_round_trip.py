@@ -288,11 +288,13 @@ def test_a_dtype_that_a_format_cannot_hold(suffix: str, dtype: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    "suffix", [*FORMATS, ".las", ".laz", ".csv", ".xyz", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"]
+    "suffix", [*FORMATS, ".las", ".laz", ".csv", ".xyz", ".pts", ".ptx", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"]
 )
 def test_memory(suffix: str, tmp_path: Path) -> None:
     """Writing takes at most twice the memory of the cloud besides it, reading at most twice that of what it gives."""
-    points = 40_960 if suffix in {".csv", ".xyz"} else 65_536  # text takes its time while memory is traced
+    points = (
+        40_960 if suffix in {".csv", ".xyz", ".pts", ".ptx"} else 65_536
+    )  # text takes its time while memory is traced
     rng = np.random.default_rng(1)
     cloud = PointCloud(
         {
@@ -327,7 +329,9 @@ def size(cloud: PointCloud) -> int:
     return sum(getattr(cloud, name).nbytes for name in cloud.fields)
 
 
-@pytest.mark.parametrize("suffix", [".las", ".laz", ".csv", ".xyz", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"])
+@pytest.mark.parametrize(
+    "suffix", [".las", ".laz", ".csv", ".xyz", ".pts", ".ptx", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"]
+)
 def test_a_full_disk_leaves_the_old_file(suffix: str, tmp_path: Path) -> None:
     resource = pytest.importorskip("resource", reason="Windows has no limit on the size of a file")
     path = tmp_path / f"cloud{suffix}"

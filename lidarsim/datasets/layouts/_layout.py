@@ -205,6 +205,8 @@ class Layout(Model):
 
     def check(self, run: Run) -> None:
         """Raise `ValueError` if a sensor's name cannot be that of a file, or topic, of this layout."""
+        if run.imus:
+            raise ArgumentValueError(f"rig.{next(iter(run.imus))}", "a sensor, as data sets have no imus", "an imu")
         if isinstance(run.sensor, Rig):
             check_names("sensors", run.sensor)
 
