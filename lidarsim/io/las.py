@@ -300,13 +300,17 @@ class _Reference:
 
 
 class _Points:
-    """The points of an open file; the first points determine its offset, its dimensions and its clock."""
+    """The points of an open file; the first points determine its offset, its dimensions and its clock.
+
+    Until there are points, clouds without any, such as those of a flight before its target, are only remembered.
+    """
 
     def __init__(self, file: BinaryIO, reference: _Reference, *, compress: bool) -> None:
         self._laspy = _import(compress)
         self._file, self._reference, self._compress = file, reference, compress
         self._is_gps_time = False
         self._writer: Any = None
+        self._empty: tuple[Fields, float | datetime] = {"xyz": np.empty((0, 3))}, 0.0
         self._dtypes: dict[str, np.dtype[Any]] = {}
         self._targets: dict[str, str] = {}
 
@@ -317,13 +321,19 @@ class _Points:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             if self._writer is None:
-                self.write({"xyz": np.empty((0, 3))}, 0.0)
+                self._append(*self._empty)
             self._writer.close()
             self._file.seek(90)
             self._file.write(bytes(4))  # no creation date: the same cloud gives the same bytes on any day
 
     @_lost_writes()
     def write(self, fields: Fields, start: float | datetime) -> None:
+        if self._writer is None and not len(fields["xyz"]):
+            self._empty = fields, start
+        else:
+            self._append(fields, start)
+
+    def _append(self, fields: Fields, start: float | datetime) -> None:
         zero, is_gps_time = gps_time(start)
         if zero != 0.0:
             fields = fields | {"time": zero + fields.get("time", np.zeros(len(fields["xyz"])))}
