@@ -274,3 +274,32 @@ def test_a_strip_in_las_is_in_the_world(strips: Path) -> None:
     ls.config.load(strips).write("e.las", fields=["intensity", "scan_angle"])
     assert np.asarray(laspy.read("e_1.las").scan_angle).any()
     assert "range" not in laspy.read("e_1.las").point_format.extra_dimension_names
+
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+
+def test_the_strips_over_the_valley_leave_no_gap() -> None:
+    run = ls.config.load(CONFIGS / "airborne.yaml", ["sensor.pattern.pulse_rate_khz=5"])
+    assert len(run.legs) == 3
+    box = (612_000, 5_264_000, 613_200, 5_264_700)
+    strips = []
+    for part in run.parts:
+        clouds = [frame.clouds[""] for frame in part.measured()]
+        cells = ls.PointCloud.concatenate([cloud for cloud in clouds if len(cloud)]).raster(
+            cell=50, statistic="count", bounds=box
+        )
+        strips.append(np.nan_to_num(np.asarray(cells.values)) > 0)
+    covered = np.sum(strips, axis=0)
+    # The lake is the only hole: of its cells of 50 m, few lie in it as a whole.
+    assert (covered == 0).sum() <= 12
+    assert (covered >= 2).mean() > 0.25
+
+
+def test_the_stations_in_the_courtyard_stand_in_the_open() -> None:
+    run = ls.config.load(CONFIGS / "terrestrial.yaml", ["sensor.pattern.columns=72", "sensor.pattern.rate_hz=1"])
+    assert len(run.legs) == 3
+    for frame in run.measured():
+        scan = frame.scans[""]
+        assert not (scan.status == ls.Status.below_min_range).any()
+        assert (scan.status == ls.Status.hit).mean() > 0.25
