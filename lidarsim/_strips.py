@@ -45,6 +45,8 @@ def legs(
     along, across = (corners - corners[0]) @ ahead, (corners - corners[0]) @ left
     swath = 2.0 * height * math.tan(0.5 * field_of_view)
     spacing, width = swath * (1.0 - overlap), float(np.ptp(across))
+    if not swath < math.inf:
+        raise ArgumentValueError("height", "a height whose swath is within the range of float64", f"{height:g}")
     more = (width - swath) / spacing if spacing > 0.0 else math.inf
     if not more < MOST:
         raise ArgumentValueError("area", f"one that {MOST:,} strips cover", f"{more:.3g}", "degrees, or a low height?")
@@ -63,9 +65,12 @@ def legs(
         poses[:, :2, 0], poses[:, :2, 1] = sign * ahead, sign * left
         poses[:, :2, 3] = corners[0] + ends[:, None] * ahead + line * left
         poses[:, 2, 3] = ground + height
-        times = np.array((start, start + (end - begin + 2.0 * margin) / speed))
-        start = times[1] + turn
-        yield times, poses
+        stop = start + (end - begin + 2.0 * margin) / speed
+        if not start < stop < math.inf:
+            expected = "strips whose times differ, and within the range of float64"
+            raise ArgumentValueError("turn, speed", expected, f"one from {start:g} to {stop:g} s")
+        yield np.array((start, stop)), poses
+        start = stop + turn
 
 
 def _corners(area: npt.ArrayLike) -> Floats:

@@ -177,7 +177,7 @@ def scan(
     With several frames, each frame gets its own numbered file, and the sensor poses (OUT_poses.tum) and the start times
     of the frames (OUT_times.txt) are written next to them. Each pose is that at the start of its frame, or at the time
     to which the points are deskewed. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all of
-    this in one file.
+    this in one file. Strips and stations are numbered; a strip is one LAS or LAZ file.
     """
     check_output(output)
     begins = _cut(cut)
@@ -220,8 +220,8 @@ def scan(
     for note in filter(None, notes):
         print_line(note)
     is_bag = output.suffix.lower() in rosbag.SUFFIXES
-    one = is_bag and not run.legs
-    paths = (output if one else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
+    bags = output.with_stem(f"{output.stem}_*") if run.legs else output
+    paths = (bags if is_bag else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
     print_line(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")

@@ -256,12 +256,26 @@ def test_each_station_is_a_cloud_at_its_pose() -> None:
         (["pose.strips.area_m=[[0, 0], [1, 1]]"], "at least 3 corners, got 2"),
         (["pose.strips.speed_m_per_s=-5"], "speed_m_per_s=-5: expected a finite number > 0, got -5"),
         (["sensor.pattern.rate_hz=0.01", "pose.strips.margin_m=0"], "expected strips of a frame, 100 s, got one of 8."),
+        (["pose.strips.speed_m_per_s=1.0e-200"], "pose.strips: expected at most 4294967296 frames, got 1"),
+        (["pose.strips.turn_s=1.0e+300"], "expected strips whose times differ"),
         (["pose.stations=[]"], "pose.*"),
     ],
 )
 def test_flights_that_cannot_be(strips: Path, changes: list[str], message: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(message).replace(r"\.\*", ".*")):
         ls.config.load(strips, changes)
+
+
+def test_sensors_of_a_rig_have_a_file_a_strip_each(strips: Path) -> None:
+    text = STRIPS.replace(
+        "sensor:\n  pattern:", "rig:\n  a: {rotation_deg: {pitch: 5}, offset_s: 0.2, sensor: {pattern:", 1
+    )
+    text = text.replace("turn: 0.2}\n", "turn: 0.2}}}\n", 1)
+    strips.write_text(text, encoding="utf-8")
+    run = ls.config.load(strips)
+    run.check_coverage()
+    assert [path.name for path in run.write("r.laz")][:2] == ["r_1_a.laz", "r_2_a.laz"]
+    assert (laspy.read("r_2_a.laz").point_source_id == 2).all()
 
 
 def test_a_strip_in_las_is_in_the_world(strips: Path) -> None:

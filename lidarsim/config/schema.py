@@ -370,6 +370,8 @@ class Strips(Placement):
         legs, mount = [], _rigid(self, place)
         for number, body in enumerate(construct(Trajectory.strips, plan, keys, there, **margin), 1):
             (start, end), pose = body.span, mounted(body, mount)
+            if not end * rate < 2**32:
+                raise there.error(f"expected at most 4294967296 frames, got {end * rate:.3g}")
             first, stop = math.ceil(start * rate), math.floor(end * rate)
             while first / rate < start:  # rounding may exceed the span by a frame
                 first += 1

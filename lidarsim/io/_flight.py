@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import integer
+from lidarsim._validation import integer, shown
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.patterns import OscillatingMirror, PolygonMirror
+from lidarsim.scan import Scan
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
-    from lidarsim.scan import Scan
-
-FIELDS = ("scan_angle", "scan_direction_flag", "edge_of_flight_line", "point_source_id")
 
 
 def flight_fields(scan: Scan, *, point_source_id: int = 0) -> dict[str, npt.NDArray[Any]]:
@@ -63,6 +61,8 @@ def flight_fields(scan: Scan, *, point_source_id: int = 0) -> dict[str, npt.NDAr
     array([-10.,  10.])
     """
     source = integer("point_source_id", point_source_id, at_least=0, at_most=65_535)
+    if not isinstance(scan, Scan):
+        raise ArgumentTypeError("scan", "a Scan", shown(scan))
     if not isinstance(scan.pose, Trajectory):
         raise ArgumentTypeError("scan", "one of a sensor that moves along a trajectory", "one of a sensor at rest")
     first, last = scan.pose.span

@@ -340,6 +340,8 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Trajectory.load.path": lambda folder: written(folder, "poses.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 3),
     "Trajectory.load.scene": lambda _: None,
     "Trajectory.load.start": lambda _: 0.5,
+    "io.las.flight_fields.scan": lambda _: lidar().scan(ball_and_floor(), drive()),
+    "io.las.flight_fields.point_source_id": lambda _: 3,
     "Trajectory.strips.area": lambda _: (0.0, 0.0, 300.0, 200.0),
     "Trajectory.strips.height": lambda _: 100.0,
     "Trajectory.strips.speed": lambda _: 30.0,
