@@ -347,7 +347,8 @@ def view(
             _view_scene(path, saves, looks)
             return
         clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
-    looks["color_by"] = color_by or places.pop("color_by", None)
+    usual = places.pop("color_by", None)
+    looks["color_by"] = color_by or usual
     targets: list[Path | None] = [*saves] or [None]
     for save in targets:
         seen = slice(1 if save and save is screenshot else None)
