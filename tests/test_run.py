@@ -317,3 +317,25 @@ def test_the_stations_in_the_courtyard_stand_in_the_open() -> None:
         scan = frame.scans[""]
         assert not (scan.status == ls.Status.below_min_range).any()
         assert (scan.status == ls.Status.hit).mean() > 0.25
+
+
+def test_strips_do_not_fit_by_the_boresight_error_put_in(strips: Path) -> None:
+    """Strips flown to and fro tilt against each other, by twice an error of the roll."""
+    roll, plan = 2e-3, {"height": 400, "speed": 60, "overlap": 0.3, "field_of_view": np.radians(40)}
+    bodies = ls.Trajectory.strips((611_000, 5_264_000, 611_400, 5_264_500), **plan, turn=29.9, margin=30)
+    run = ls.config.load(strips, ["pose.strips.heading_deg=0", "sensor.pattern.pulse_rate_khz=10"])
+    down = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+    points = []
+    for part, body in zip(run.parts[:2], bodies[:2], strict=True):
+        believed = body.perturbed(boresight=(roll, 0, 0)) @ down
+        clouds = [frame.scans[""].point_cloud("world", pose=believed) for frame in part.measured()]
+        points.append(np.concatenate([cloud.xyz for cloud in clouds]))
+    # Of each, height over y in the overlap. On flat ground the true difference is 0.
+    low = max(xyz[:, 1].min() for xyz in points)
+    high = min(xyz[:, 1].max() for xyz in points)
+    assert high - low > 50
+    slopes = []
+    for xyz in points:
+        within = (xyz[:, 1] > low) & (xyz[:, 1] < high)
+        slopes.append(np.polyfit(xyz[within, 1] - low, xyz[within, 2], 1)[0])
+    assert slopes[0] - slopes[1] == pytest.approx(2 * roll, rel=1e-3)
