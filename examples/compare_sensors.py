@@ -23,7 +23,8 @@ counts = {}
 print(f"{'sensor':20}" + "".join(f"{distance:>8} m" for distance in DISTANCES))
 for name in ls.Lidar.presets():
     lidar = ls.Lidar.preset(name)
-    if isinstance(lidar.pattern, ls.patterns.Spinning) and lidar.pattern.shape[0] > 1:  # 2D lidars see over their heads
+    spins = isinstance(lidar.pattern, ls.patterns.Spinning) and lidar.pattern.rate >= 1  # terrestrial ones take seconds
+    if spins and lidar.pattern.shape[0] > 1:  # 2D lidars see over their heads
         cloud = lidar.scan(scene, roof).point_cloud()
         counts[name] = np.bincount(cloud.object_id, minlength=len(scene))[1:]
         print(f"{name:20}" + "".join(f"{count:10}" for count in counts[name]))

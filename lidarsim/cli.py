@@ -177,7 +177,7 @@ def scan(
     With several frames, each frame gets its own numbered file, and the sensor poses (OUT_poses.tum) and the start times
     of the frames (OUT_times.txt) are written next to them. Each pose is that at the start of its frame, or at the time
     to which the points are deskewed. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all of
-    this in one file.
+    this in one file. Strips and stations are numbered; a strip is one LAS or LAZ file.
     """
     check_output(output)
     begins = _cut(cut)
@@ -193,7 +193,7 @@ def scan(
     points = 0
 
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("scanning", total=len(run.frames))
+        task = progress.add_task("scanning", total=len(run.numbers))
 
         def tell(frame: RunFrame) -> None:
             nonlocal points
@@ -220,7 +220,8 @@ def scan(
     for note in filter(None, notes):
         print_line(note)
     is_bag = output.suffix.lower() in rosbag.SUFFIXES
-    paths = (output if is_bag else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
+    bags = output.with_stem(f"{output.stem}_*") if run.legs else output
+    paths = (bags if is_bag else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
     print_line(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
@@ -346,7 +347,8 @@ def view(
             _view_scene(path, saves, looks)
             return
         clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
-    looks["color_by"] = color_by or places.pop("color_by", None)
+    usual = places.pop("color_by", None)
+    looks["color_by"] = color_by or usual
     targets: list[Path | None] = [*saves] or [None]
     for save in targets:
         seen = slice(1 if save and save is screenshot else None)
@@ -424,8 +426,8 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     """Check CONFIG: build all of it, scan its first and last frame, and print a summary."""
     run = _load(config, overrides)
     run.check_coverage()
-    for frame in sorted({run.frames[0], run.frames[-1]}):
-        next(dataclasses.replace(run, frames=range(frame, frame + 1)).measured())
+    for frame in sorted({run.numbers[0], run.numbers[-1]}):
+        next(run.only(frame).measured())
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
     meshes = [item.shape for item in run.scene if isinstance(item.shape, ls.TriangleMesh)]
     degenerate = any(mesh.degenerate_count for mesh in meshes)
@@ -459,15 +461,16 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
         _print_sensor(lidar, run.scene.atmosphere)
     for name, lidar in run.lidars.items():
         _print_depth(name, lidar, run.scene)
-    pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
+    moving = [part.pose for part in run.parts if isinstance(part.pose, ls.Trajectory)]
+    pose = [(moving[0].span[0], moving[-1].span[1])] if moving else []
     kinds = {"pose": pose, "objects": [*spans.values()], "all": [*pose, *spans.values()] if pose and spans else []}
     defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
     if defined:
         defined["frames"] = run.span
         print_line("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
-    print_line(
-        f"{config}: ok, {counted(len(run.scene), 'object')}, {counted(len(run.frames), 'frame')}, seed {run.seed}"
-    )
+    legs = [counted(len(run.legs), "strip" if moving else "station")] if run.legs else []
+    counts = [counted(len(run.scene), "object"), *legs, counted(len(run.numbers), "frame")]
+    print_line(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
 
 
 LARGEST, SMALLEST = 20e3, 0.01
@@ -711,14 +714,14 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
 
 def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
     """Return the clouds of a run, what else `show` takes for them, and the number of frames."""
-    count = len(run.frames)
+    count = len(run.numbers)
     found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
     if not found:
         raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
     clouds, poses, times = zip(*found, strict=True)
     places: dict[str, Any] = {"pose": poses, "time": times}
     if len(found) == min(count, wanted or count) and count > 1:  # else, frames of a rig have no scans
-        numbers = enumerate(zip(run.frames, times, strict=False), 1)
+        numbers = enumerate(zip(run.numbers, times, strict=False), 1)
         places["title"] = tuple(_title(number, place, count, time) for place, (number, time) in numbers)
     return clouds, places, count
 

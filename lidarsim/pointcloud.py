@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import pyproj
     import pyvista
 
-__all__ = ["PointCloud", "check_output", "register_format"]
+__all__ = ["PointCloud", "check_output", "chosen", "register_format"]
 
 Fields = dict[str, npt.NDArray[Any]]
 
@@ -473,7 +473,7 @@ class PointCloud(Pickled, Plotted):
         """
         arrays = self._arrays()
         if fields is not None:
-            arrays = {name: arrays[name] for name in ("xyz", *_chosen(fields, self.fields))}
+            arrays = {name: arrays[name] for name in ("xyz", *chosen(fields, self.fields))}
         check_output(path)
         save, where = _format(path).save, None if pose is None else _validation.pose("pose", pose)
         known = _options(_format(path))
@@ -857,7 +857,7 @@ def _extent(array: npt.NDArray[Any]) -> str:
     return " … ".join(f"({', '.join(end)})" if array.ndim == 2 else end[0] for end in ends)
 
 
-def _chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
+def chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
     """Return the fields to write besides `xyz`, in order, after checking that they exist."""
     if isinstance(names, str):
         raise ArgumentTypeError("fields", "a sequence of names", repr(names))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
     from lidarsim.scene import Scene
     from lidarsim.sensor import Lidar
 
-__all__ = ["CloudArguments", "Deskew", "Run", "RunFrame"]
+__all__ = ["CloudArguments", "Deskew", "Leg", "Run", "RunFrame"]
 
 
 Deskew = bool | Literal["start", "middle", "end"] | float
@@ -86,6 +88,25 @@ class RunFrame:
 
 
 @dataclass(frozen=True)
+class Leg:
+    """A strip of a flight or a station of a survey.
+
+    Attributes
+    ----------
+    number : int
+        Number of the strip or station, from 1.
+    pose : ndarray of float64, shape (4, 4), or Trajectory
+        Pose of the sensor or of the rig's body, to world: a trajectory for a strip.
+    frames : range
+        Numbers of its frames.
+    """
+
+    number: int
+    pose: Floats | Trajectory
+    frames: range
+
+
+@dataclass(frozen=True)
 class Run:
     """A configuration, built and ready to scan.
 
@@ -96,11 +117,12 @@ class Run:
     sensor : Lidar or Rig
         The sensor or the rig.
     pose : ndarray of float64, shape (4, 4), or Trajectory
-        Pose of the sensor or of the rig's body, to world.
+        Pose of the sensor or of the rig's body, to world; with `legs`, that of the first.
     seed : int
         Seed of all random numbers.
     frames : range
-        Numbers of the frames to scan.
+        Numbers of the frames to scan; with `legs`, from the first of the first leg to the last of the last, of which
+        those between the legs are not scanned: `numbers` has the others.
     cloud : dict
         Arguments of `Scan.point_cloud`, which set the coordinates of the points.
     imports : tuple
@@ -111,6 +133,9 @@ class Run:
         Moment at which the clock of the run is 0, for the gps_time of LAS and LAZ files.
     imus : dict of str to Imu
         The IMUs on the rig's body, by name.
+    legs : tuple of Leg
+        The strips of a flight or the stations of a survey, in order of their frames. Default: none; `pose` is that of
+        all frames.
     """
 
     scene: Scene
@@ -123,6 +148,45 @@ class Run:
     crs: int | str | None = None
     start: float | datetime = 0.0
     imus: Mapping[str, Imu] = field(default_factory=dict)
+    legs: tuple[Leg, ...] = ()
+
+    @property
+    def parts(self) -> list[Run]:
+        """One run for each leg, or this run if it has none."""
+        if not self.legs:
+            return [self]
+        return [replace(self, pose=leg.pose, frames=leg.frames, legs=()) for leg in self.legs]
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """Numbers of the frames that are scanned, in order."""
+        return [number for leg in self.legs for number in leg.frames] if self.legs else self.frames
+
+    def only(self, frame: int) -> Run:
+        """Return the run of one frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number; with `legs`, one of theirs.
+
+        Returns
+        -------
+        Run
+            A run without legs, at the pose of the frame.
+
+        Raises
+        ------
+        ConfigError
+            If the frame is between the legs.
+        """
+        pose = self.pose
+        if self.legs:
+            of = next((leg.pose for leg in self.legs if frame in leg.frames), None)
+            if of is None:
+                raise ConfigError(f"frame: expected one of a strip or a station, got {frame}")
+            pose = of
+        return replace(self, pose=pose, frames=range(frame, frame + 1), legs=())
 
     @property
     def lidar(self) -> Lidar:
@@ -216,10 +280,11 @@ class Run:
         ValueError
             If they do not; the message states the times.
         """
-        if isinstance(self.sensor, Rig):
-            self.sensor.check_coverage(self.scene, self.pose, len(self.frames), first=self.frames.start)
-        else:
-            check_coverage(self.sensor, self.scene, self.pose, self.frames)
+        for part in self.parts:
+            if isinstance(self.sensor, Rig):
+                self.sensor.check_coverage(self.scene, part.pose, len(part.frames), first=part.frames.start)
+            else:
+                check_coverage(self.sensor, self.scene, part.pose, part.frames)
 
     def scan(self, frame: int | None = None) -> Scan:
         """Scan one frame with the only sensor, at the frame's start time.
@@ -240,7 +305,8 @@ class Run:
             If the run has a rig.
         """
         frame = self.frames.start if frame is None else frame
-        return self.lidar.scan(self.scene, self.pose, time=self.time(frame), frame=frame, seed=self.seed)
+        pose = self.only(frame).pose
+        return self.lidar.scan(self.scene, pose, time=self.time(frame), frame=frame, seed=self.seed)
 
     def scans(self) -> Iterator[dict[str, Scan]]:
         """Scan all frames in order, with all sensors.
@@ -255,6 +321,9 @@ class Run:
         ValueError
             At once, if the trajectory does not cover the frames.
         """
+        if self.legs:
+            self.check_coverage()
+            return chain.from_iterable(part.scans() for part in self.parts)
         what, first = (self.scene, self.pose, len(self.frames)), self.frames.start
         if isinstance(self.sensor, Rig):
             return self.sensor.frames(*what, first=first, seed=self.seed)
@@ -274,7 +343,7 @@ class Run:
             At once, if the trajectory does not cover the frames.
         """
         scans = self.scans()
-        return (self._measured(number, scans) for number in self.frames)
+        return (self._measured(number, scans) for number in self.numbers)
 
     def _measured(self, number: int, scans: Iterator[dict[str, Scan]]) -> RunFrame:
         begin = time.perf_counter()
@@ -329,6 +398,10 @@ class Run:
         moments (OUTPUT_poses.tum) and the start times of its scans (OUTPUT_times.txt) are written next to them. The
         samples of an IMU are messages of the bag, or a file of their own (OUTPUT_NAME.csv, as `ImuSamples.save`).
 
+        With `legs`, the number of the strip or station precedes these in the names, and each gets a bag of its own. A
+        strip is one file in LAS and LAZ, in which its number is the point_source_id. LAS and LAZ files of points in
+        world coordinates have the fields of `lidarsim.io.las.flight_fields` if the sensor moves.
+
         Parameters
         ----------
         output : path-like
@@ -362,37 +435,37 @@ class Run:
         output = Path(output)
         check_output(output)
         is_bag = output.suffix.lower() in rosbag.SUFFIXES
-        for argument, given in {"layout": layout is not None, "cut": cut != "pattern"}.items():
-            if given and not is_bag:
-                suffixes = ", ".join(rosbag.SUFFIXES)
-                raise FileFormatError(f"{argument}: expected a bag ({suffixes}) as output, got {output}")
-        for argument, value in {"fields": fields, "float32": float32}.items():
-            if value is not None and is_bag:
-                raise FileFormatError(f"{argument}: expected a point cloud file as output, got the bag {output}")
+        _check_options(output, layout=layout, cut=cut, fields=fields, float32=float32)
+        if self.legs:
+            self.check_coverage()
         options: dict[str, Any] = {"fields": fields, "float32": float32}
-        frames = self.measured()
-        inertial = self.inertial()
-        written: list[Path] = []
+        written: dict[Path, None] = {}
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
-        with ExitStack() as stack:
-            bag = stack.enter_context(self.bag(output, layout=layout, cut=cut)) if is_bag else None
-            written += _save_inertial(inertial, bag or output)
-            for frame in frames:
-                if bag:  # raw, as drivers publish scans, whatever `cloud` is
-                    bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])
+        parts = [(part, part.inertial()) for part in self.parts]
+        for number, (part, inertial) in zip([leg.number for leg in self.legs] or [0], parts, strict=True):
+            place = _named(output, str(number)) if number else output
+            with ExitStack() as stack:
+                save: Callable[[RunFrame], Iterable[Path]]
+                if is_bag:
+                    save = part._into_bag(place, stack, inertial, layout, cut)
+                elif number and part._fits_strip(output):
+                    save = part._into_strips(place, stack, number, fields, float32)
                 else:
-                    written += self._save(frame, output, options)
-                    for name, scan in frame.scans.items():
-                        track = scan.time, frame.moments[name], frame.poses[name]
-                        tracks.setdefault(name, []).append(track)
-                if each:
-                    each(frame)
-        if bag:
-            written.append(output)
+                    save = partial(part._save, place, options)
+                if not is_bag:
+                    written.update(dict.fromkeys(_save_inertial(inertial, place)))
+                for frame in part.measured():
+                    written.update(dict.fromkeys(save(frame)))
+                    if not is_bag:
+                        for name, scan in frame.scans.items():
+                            track = scan.time, frame.moments[name], frame.poses[name]
+                            tracks.setdefault(name, []).append(track)
+                    if each:
+                        each(frame)
         if len(self.frames) > 1:
             for name, track_of_it in tracks.items():
-                written += _save_track(output, name, track_of_it)
-        return written
+                written.update(dict.fromkeys(_save_track(output, name, track_of_it)))
+        return list(written)
 
     def files_of_a_frame(self, output: Path) -> list[Path]:
         """Return the files that `write` makes for the first frame and for the run as a whole.
@@ -407,11 +480,15 @@ class Run:
         list of Path
             The files; those of other frames differ only in their numbers.
         """
-        if output.suffix.lower() in rosbag.SUFFIXES:
-            return [output]
-        files = [self.path_of(output, name, self.frames.start) for name in self.lidars]
         tracks = [path for name in self.lidars for path in _track_paths(output, name)]
-        inertial = [_inertial_path(output, name) for name in self.imus]
+        first, place = (self.parts[0], _named(output, "1")) if self.legs else (self, output)
+        if output.suffix.lower() in rosbag.SUFFIXES:
+            return [place]
+        if self.legs and first._fits_strip(output):
+            files = [first._strip_path(place, name) for name in self.lidars]
+        else:
+            files = [first.path_of(place, name, first.frames.start) for name in self.lidars]
+        inertial = [_inertial_path(place, name) for name in self.imus]
         return inertial + files + (tracks if len(self.frames) > 1 else [])
 
     def path_of(self, output: Path, name: str, number: int | str) -> Path:
@@ -424,7 +501,7 @@ class Run:
         name : str
             Name of the sensor; part of the path if there is a rig.
         number : int or str
-            Number of the frame; part of the path if there are several frames.
+            Number of the frame; part of the path if there are several frames or legs.
 
         Returns
         -------
@@ -432,20 +509,93 @@ class Run:
             ``scan.pcd`` becomes ``scan_top_0003.pcd``.
         """
         numbered = f"{number:04}" if isinstance(number, int) else number
-        return _named(output, name if isinstance(self.sensor, Rig) else "", numbered if len(self.frames) > 1 else "")
+        return _named(
+            output, name if isinstance(self.sensor, Rig) else "", numbered if len(self.frames) > 1 or self.legs else ""
+        )
 
-    def _save(self, frame: RunFrame, output: Path, options: Mapping[str, Any]) -> Iterator[Path]:
+    def _into_bag(
+        self,
+        output: Path,
+        stack: ExitStack,
+        inertial: Mapping[str, ImuSamples],
+        layout: str | None,
+        cut: Cut,
+    ) -> Callable[[RunFrame], Iterable[Path]]:
+        """Return a function that writes a frame into a bag, raw, as drivers publish scans, whatever `cloud` is.
+
+        The samples of IMUs are written at once.
+        """
+        bag = stack.enter_context(self.bag(output, layout=layout, cut=cut))
+        for samples in inertial.values():
+            bag.write_imu(samples)
+
+        def save(frame: RunFrame) -> Iterable[Path]:
+            bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])
+            return [output]
+
+        return save
+
+    def _into_strips(
+        self, output: Path, stack: ExitStack, number: int, fields: Sequence[str] | None, float32: bool | None
+    ) -> Callable[[RunFrame], Iterable[Path]]:
+        """Return a function that appends a frame to the LAS files of a strip, one for each sensor."""
+        if self.cloud["frame"] != "world":
+            raise FileFormatError(f"{output}: expected points in the world, with cloud.frame: world, for a strip")
+        if float32:
+            raise FileFormatError(f"float32: expected a format with float32 coordinates, got the strip {output}")
+        paths = {name: self._strip_path(output, name) for name in self.lidars}
+        writers = {
+            name: stack.enter_context(las.Writer(path, crs=self.crs, fields=fields)) for name, path in paths.items()
+        }
+
+        def save(frame: RunFrame) -> Iterable[Path]:
+            for name, cloud in frame.clouds.items():
+                writers[name].write(self._of_run(frame.scans[name], cloud, number), start=self.start)
+            return paths.values()
+
+        return save
+
+    def _fits_strip(self, output: Path) -> bool:
+        """Return whether a leg with this pose is one file of this format."""
+        return output.suffix.lower() in las.SUFFIXES and isinstance(self.pose, Trajectory)
+
+    def _strip_path(self, output: Path, name: str) -> Path:
+        return _named(output, name if isinstance(self.sensor, Rig) else "")
+
+    def _of_run(self, scan: Scan, cloud: PointCloud, number: int = 0) -> PointCloud:
+        """Return a cloud for LAS: times since the start of the run, and in the world the fields of the flight."""
+        of_run = copy.copy(cloud)
+        of_run.time = cloud.time + scan.time
+        if self.cloud["frame"] == "world" and isinstance(scan.pose, Trajectory):
+            for name, values in las.flight_fields(scan, point_source_id=number).items():
+                setattr(of_run, name, values)
+        return of_run
+
+    def _save(self, output: Path, options: Mapping[str, Any], frame: RunFrame) -> Iterator[Path]:
         in_world = self.cloud["frame"] == "world"
         for name, cloud in frame.clouds.items():
             path = self.path_of(output, name, frame.number)
             pose = None if in_world else frame.poses[name]
             if output.suffix.lower() in las.SUFFIXES:
-                of_run = copy.copy(cloud)
-                of_run.time = cloud.time + frame.scans[name].time
+                of_run = self._of_run(frame.scans[name], cloud)
                 of_run.save(path, pose=pose, crs=self.crs, start=self.start, **options)
             else:
                 cloud.save(path, pose=pose, **options)
             yield path
+
+
+def _check_options(
+    output: Path, *, layout: str | None, cut: Cut, fields: Sequence[str] | None, float32: bool | None
+) -> None:
+    """Check that the format of `output` has the given options."""
+    is_bag = output.suffix.lower() in rosbag.SUFFIXES
+    for argument, given in {"layout": layout is not None, "cut": cut != "pattern"}.items():
+        if given and not is_bag:
+            suffixes = ", ".join(rosbag.SUFFIXES)
+            raise FileFormatError(f"{argument}: expected a bag ({suffixes}) as output, got {output}")
+    for argument, value in {"fields": fields, "float32": float32}.items():
+        if value is not None and is_bag:
+            raise FileFormatError(f"{argument}: expected a point cloud file as output, got the bag {output}")
 
 
 def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]]) -> Iterator[Path]:
@@ -459,14 +609,11 @@ def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]
     yield times
 
 
-def _save_inertial(inertial: Mapping[str, ImuSamples], output: rosbag.Writer | Path) -> Iterator[Path]:
-    """Write the samples of IMUs into a bag, or into files next to `output`; yield the paths of the files."""
+def _save_inertial(inertial: Mapping[str, ImuSamples], output: Path) -> Iterator[Path]:
+    """Write the samples of IMUs into files next to `output`; yield the paths."""
     for name, samples in inertial.items():
-        if isinstance(output, Path):
-            samples.save(_inertial_path(output, name))
-            yield _inertial_path(output, name)
-        else:
-            output.write_imu(samples)
+        samples.save(_inertial_path(output, name))
+        yield _inertial_path(output, name)
 
 
 def _inertial_path(output: Path, name: str) -> Path:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _native, _validation
+from lidarsim import _native, _strips, _validation
 from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix
 from lidarsim._pickling import Immutable
 from lidarsim._rotation_spline import NoSplineError, angular_accelerations, rotation_steps
@@ -256,6 +256,87 @@ class Trajectory(Immutable):
         if first is not None and len(stamps):
             stamps = stamps - stamps[0] + first
         return cls(stamps, poses, interpolation=interpolation)
+
+    @classmethod
+    def strips(
+        cls,
+        area: npt.ArrayLike,
+        *,
+        height: float,
+        speed: float,
+        overlap: float,
+        field_of_view: float,
+        heading: float = 0.0,
+        turn: float = 60.0,
+        ground: float = 0.0,
+        margin: float = 0.0,
+    ) -> list[Trajectory]:
+        """Return the parallel strips of an airborne survey that cover an area.
+
+        On level ground a sensor sees a swath of 2·height·tan(field_of_view / 2). The lines of flight are
+        swath·(1 − overlap) apart. There are as many as cover the area, so that the outer ones reach equally far beyond
+        it. Each strip is as long as the part of the area in its swath, and the strips follow each other from right to
+        left, to and fro.
+
+        Parameters
+        ----------
+        area : array_like, shape (4,) or (n, 2)
+            x_min, y_min, x_max, y_max of a rectangle, or the corners of a polygon in order, m.
+        height : float
+            Height of the flight above the ground, m.
+        speed : float
+            Speed, m/s.
+        overlap : float
+            Share of the swath that adjacent strips have in common, from 0 to less than 1. On hills it is less, since
+            swaths are narrower where the ground is higher.
+        field_of_view : float
+            Angle that the sensor sees across the line of flight, symmetric to the nadir, rad, less than π.
+        heading : float
+            Direction of the first strip, counter-clockwise from the x axis, rad: π/2 is along y, north in UTM. Every
+            second strip goes the other way.
+        turn : float
+            Time from the end of a strip to the start of the next, s. The turns are not part of the trajectories.
+        ground : float
+            Height of the ground, the z coordinate above which `height` counts, m.
+        margin : float
+            Distance for which each strip is flown beyond the area at both ends, m.
+
+        Returns
+        -------
+        list of Trajectory
+            One for each strip, of constant velocity, with spans one after the other; the first starts at 0. The poses
+            are those of a body with x ahead, y to the left and z up: ``strip @ mount`` is the trajectory of a sensor.
+            An airborne preset, which looks along its own x axis, is pitched by 90° to look down.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is out of its range, the area has no length or needs more than 10,000 strips.
+
+        Examples
+        --------
+        >>> from math import radians
+        >>> import lidarsim as ls
+        >>> strips = ls.Trajectory.strips(
+        ...     (0, 0, 1000, 900), height=500, speed=50, overlap=0.3, field_of_view=radians(45)
+        ... )
+        >>> [strip.span for strip in strips]
+        [(0.0, 20.0), (80.0, 100.0), (160.0, 180.0)]
+        """
+        return [
+            cls(times, poses)
+            for times, poses in _strips.legs(
+                area,
+                height=height,
+                speed=speed,
+                overlap=overlap,
+                field_of_view=field_of_view,
+                heading=heading,
+                turn=turn,
+                ground=ground,
+                margin=margin,
+            )
+        ]
 
     def save(self, path: PathLike) -> None:
         """Write the given poses to a file; its suffix determines the format.

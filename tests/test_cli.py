@@ -970,6 +970,13 @@ def test_no_output_takes_the_place_of_another(capsys: pytest.CaptureFixture[str]
     assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
 
 
+def test_labelled_points_can_have_other_colours() -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "a.las") == 0
+    for color in ("label", "range"):
+        assert lidarsim("view", "a.las", "--screenshot", f"{color}.png", "--color-by", color, *SMALL) == 0
+    assert Path("label.png").read_bytes() != Path("range.png").read_bytes()
+
+
 def test_a_screenshot_of_frames_says_that_it_is_of_the_first(capsys: pytest.CaptureFixture[str]) -> None:
     Path("moving.yaml").write_text(MOVING, encoding="utf-8")
     assert lidarsim("view", "moving.yaml", "--screenshot", "a.png", *SMALL) == 0

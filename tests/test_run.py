@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +15,7 @@ from rosbags.rosbag2 import Reader
 
 import lidarsim as ls
 from lidarsim.cli import main
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.run import RunFrame
 
 RUN = """\
@@ -125,3 +126,234 @@ def test_options_of_the_files(tmp_path: Path) -> None:
     ):
         run.write(tmp_path / "a.mcap", float32=True)
     assert not (tmp_path / "a.mcap").exists()
+
+
+STRIPS = """\
+sensor:
+  pattern: {type: oscillating_mirror, field_of_view_deg: 40, scan_rate_hz: 20, pulse_rate_khz: 1, rate_hz: 2, turn: 0.2}
+pose:
+  strips:
+    {area_m: [611000, 5264000, 611400, 5264500], height_m: 400, speed_m_per_s: 60, overlap: 0.3, field_of_view_deg: 40,
+     turn_s: 29.9, heading_deg: 90}
+  rotation_deg: {pitch: 90}
+cloud: {frame: world}
+georeference: {crs: "EPSG:25832", start: "2026-05-01T10:00:00+02:00"}
+scene: [{shape: plane, normal: [0, 0, 1], label: 2}]
+"""
+
+
+@pytest.fixture
+def strips() -> Path:
+    path = Path("strips.yaml")
+    path.write_text(STRIPS, encoding="utf-8")
+    return path
+
+
+def test_each_strip_is_one_las_file(strips: Path) -> None:
+    run = ls.config.load(strips)
+    written = run.write("flight.laz")
+    assert [path.name for path in written] == [
+        *("flight_1.laz", "flight_2.laz"),
+        *("flight_poses.tum", "flight_times.txt"),
+    ]
+    plan = ls.Trajectory.strips(
+        (611_000, 5_264_000, 611_400, 5_264_500),
+        height=400,
+        speed=60,
+        overlap=0.3,
+        field_of_view=np.radians(40),
+        turn=29.9,
+        heading=np.pi / 2,
+        margin=30,
+    )
+    # GPS time is ahead of UTC by 18 s since 2017.
+    zero = (datetime(2026, 5, 1, 8, tzinfo=UTC) - datetime(1980, 1, 6, tzinfo=UTC)).total_seconds() + 18 - 1e9
+    seen = []
+    for number, (path, strip) in enumerate(zip(written, plan, strict=False), 1):
+        file = laspy.read(path)
+        assert file.header.parse_crs().to_epsg() == 25832
+        assert (file.point_source_id == number).all()
+        time = file.gps_time - zero
+        assert strip.span[0] <= time.min() < strip.span[0] + 0.5
+        assert strip.span[1] - 0.5 - 1e-3 < time.max() <= strip.span[1]
+        # The oracle: the place of the aircraft and of the point, which lies in the plane z = 0 below it.
+        ahead = 1 if number % 2 else -1
+        offset = (file.x - strip.at(time).translation[:, 0]) * ahead  # to the right of the flight
+        angle = np.degrees(np.arctan2(offset, 400))
+        assert np.abs(file.scan_angle * 0.006 - angle).max() < 0.0031  # half a step, and 0.1 mm at 400 m
+        assert np.abs(angle).max() > 19
+        # A line takes 25 pulses; the flag of its direction is that of the swing, and its last pulse is at an end.
+        ends = np.flatnonzero(file.edge_of_flight_line)
+        assert len(ends) > len(time) / 25 * 0.9
+        assert np.abs(angle[ends]).min() > 19
+        same = np.diff(time) < 1.5e-3
+        grows = np.diff(angle) > 0
+        flag = np.asarray(file.scan_direction_flag).astype(bool)
+        inner = same & (np.asarray(file.edge_of_flight_line)[:-1] == 0)
+        assert (flag[:-1] == grows)[inner].all()
+        assert 0.45 < flag.mean() < 0.55
+        seen.append(file)
+    assert len(seen) == 2
+    assert seen[0].gps_time.max() + 29 < seen[1].gps_time.min()
+    every = np.concatenate([np.asarray(file.xyz) for file in seen])
+    assert every[:, 1].min() <= 5_264_000
+    assert every[:, 1].max() >= 5_264_500
+
+
+def test_frames_of_strips_go_on_and_their_noise_differs(strips: Path) -> None:
+    run = ls.config.load(strips, ["sensor.measurement={range_sigma_m: 0.02}"])
+    first, second = (leg.frames for leg in run.legs)
+    assert first.stop < second.start
+    assert list(run.numbers) == [*first, *second]
+    assert run.frames == range(first.start, second.stop)
+    found = [frame.scans[""] for frame in run.measured()]
+    assert [scan.frame for scan in found] == list(run.numbers)
+    assert [scan.time for scan in found] == [number / 2 for number in run.numbers]
+    errors = [scan.range_error[:, 0] for scan in found]
+    assert all(abs(np.corrcoef(errors[0], other)[0, 1]) < 0.2 for other in errors[1:])
+    again = run.only(second[1]).scan()
+    assert again.range.tolist() == found[len(first) + 1].range.tolist()
+    with pytest.raises(ConfigError, match=f"^frame: expected one of a strip or a station, got {first.stop}"):
+        run.only(first.stop)
+
+
+def test_other_formats_hold_a_frame_of_a_strip_each(strips: Path) -> None:
+    run = ls.config.load(strips)
+    written = [path.name for path in run.write("a.npz")]
+    assert written[0] == "a_1_0000.npz"
+    assert len(written) == len(run.numbers) + 2
+    assert f"a_2_{run.legs[1].frames.start:04}.npz" in written
+    assert [path.name for path in run.write("b.mcap")] == ["b_1.mcap", "b_2.mcap"]
+
+
+def test_the_command_line_counts_strips(strips: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in (["check"], ["scan", "-o", "c.las"]):
+        with pytest.raises(SystemExit) as end:
+            main([command[0], str(strips), *command[1:]])
+        assert end.value.code == 0
+    shown = capsys.readouterr().out
+    assert "ok, 1 object, 2 strips, 36 frames" in shown
+    assert "c_*.las" in shown
+    assert sorted(path.name for path in Path().glob("c_*")) == ["c_1.las", "c_2.las", "c_poses.tum", "c_times.txt"]
+
+
+STATIONS = RUN.replace(
+    "pose: {position_m: [0, 0, 1], linear_m_per_s: [5, 0, 0]}",
+    "pose: {position_m: [0, 0, 1.5], stations: [{position_m: [0, 1, 0]}, "
+    "{position_m: [2, 0, 0], rotation_deg: {yaw: 5}}]}",
+)
+
+
+def test_each_station_is_a_cloud_at_its_pose() -> None:
+    Path("stations.yaml").write_text(STATIONS, encoding="utf-8")
+    run = ls.config.load("stations.yaml", ["frames=1", "first_frame=4"])
+    assert [(leg.number, leg.frames) for leg in run.legs] == [(1, range(4, 5)), (2, range(5, 6))]
+    assert np.asarray(run.legs[0].pose)[:3, 3].tolist() == [0, 1, 1.5]
+    written = [path.name for path in run.write("s.pcd")]
+    assert written == ["s_1.pcd", "s_2.pcd", "s_poses.tum", "s_times.txt"]
+    truth = ls.Trajectory.load("s_poses.tum").poses.as_matrix()
+    expected = np.eye(4)
+    expected[:2, :2] = [[np.cos(np.radians(5)), -np.sin(np.radians(5))], [np.sin(np.radians(5)), np.cos(np.radians(5))]]
+    expected[:3, 3] = 2, 0, 1.5
+    assert np.abs(truth[1] - expected).max() < 1e-12
+    clouds = [ls.PointCloud.load(f"s_{number}.pcd") for number in (1, 2)]
+    assert all(len(cloud) == 6 for cloud in clouds)
+    for cloud, pose in zip(clouds, truth, strict=True):
+        distance = np.linalg.norm(cloud.transformed(pose).xyz - (20, 0, 1), axis=1)
+        assert np.abs(distance - 5).max() < 1e-5  # float32
+    assert len(run.write("t.pcd")) == 4
+    several = ls.config.load("stations.yaml")
+    assert [path.name for path in several.write("u.pcd")][2:5] == ["u_1_0002.pcd", "u_2_0003.pcd", "u_2_0004.pcd"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["frames=3"], "--set frames=3: expected none, since the strips are as long as their area"),
+        (["pose.strips.overlap=1"], "expected a share from 0 to less than 1, got 1"),
+        (["pose.strips.area_m=[[0, 0], [1, 1]]"], "at least 3 corners, got 2"),
+        (["pose.strips.speed_m_per_s=-5"], "speed_m_per_s=-5: expected a finite number > 0, got -5"),
+        (["sensor.pattern.rate_hz=0.01", "pose.strips.margin_m=0"], "expected strips of a frame, 100 s, got one of 8."),
+        (["pose.strips.speed_m_per_s=1.0e-200"], "pose.strips: expected at most 4294967296 frames, got 1"),
+        (["pose.strips.turn_s=1.0e+300"], "expected strips whose times differ"),
+        (["pose.stations=[]"], "pose.*"),
+    ],
+)
+def test_flights_that_cannot_be(strips: Path, changes: list[str], message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message).replace(r"\.\*", ".*")):
+        ls.config.load(strips, changes)
+
+
+def test_sensors_of_a_rig_have_a_file_a_strip_each(strips: Path) -> None:
+    text = STRIPS.replace(
+        "sensor:\n  pattern:", "rig:\n  a: {rotation_deg: {pitch: 5}, offset_s: 0.2, sensor: {pattern:", 1
+    )
+    text = text.replace("turn: 0.2}\n", "turn: 0.2}}}\n", 1)
+    strips.write_text(text, encoding="utf-8")
+    run = ls.config.load(strips)
+    run.check_coverage()
+    assert [path.name for path in run.write("r.laz")][:2] == ["r_1_a.laz", "r_2_a.laz"]
+    assert (laspy.read("r_2_a.laz").point_source_id == 2).all()
+
+
+def test_a_strip_in_las_is_in_the_world(strips: Path) -> None:
+    run = ls.config.load(strips, ["cloud.frame=sensor", "georeference={}"])
+    with pytest.raises(FileFormatError, match=r"^d_1.las: expected points in the world, with cloud.frame: world"):
+        run.write("d.las")
+    with pytest.raises(FileFormatError, match=r"^float32: expected a format with float32 coordinates"):
+        ls.config.load(strips).write("d.las", float32=True)
+    assert not list(Path().glob("d*"))
+    ls.config.load(strips).write("e.las", fields=["intensity", "scan_angle"])
+    assert np.asarray(laspy.read("e_1.las").scan_angle).any()
+    assert "range" not in laspy.read("e_1.las").point_format.extra_dimension_names
+
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+
+def test_the_strips_over_the_valley_leave_no_gap() -> None:
+    run = ls.config.load(CONFIGS / "airborne.yaml", ["sensor.pattern.pulse_rate_khz=5"])
+    assert len(run.legs) == 3
+    box = (612_000, 5_264_000, 613_200, 5_264_700)
+    strips = []
+    for part in run.parts:
+        clouds = [frame.clouds[""] for frame in part.measured()]
+        cells = ls.PointCloud.concatenate([cloud for cloud in clouds if len(cloud)]).raster(
+            cell=50, statistic="count", bounds=box
+        )
+        strips.append(np.nan_to_num(np.asarray(cells.values)) > 0)
+    covered = np.sum(strips, axis=0)
+    # The lake is the only hole: of its cells of 50 m, few lie in it as a whole.
+    assert (covered == 0).sum() <= 12
+    assert (covered >= 2).mean() > 0.25
+
+
+def test_the_stations_in_the_courtyard_stand_in_the_open() -> None:
+    run = ls.config.load(CONFIGS / "terrestrial.yaml", ["sensor.pattern.columns=72", "sensor.pattern.rate_hz=1"])
+    assert len(run.legs) == 3
+    for frame in run.measured():
+        scan = frame.scans[""]
+        assert not (scan.status == ls.Status.below_min_range).any()
+        assert (scan.status == ls.Status.hit).mean() > 0.25
+
+
+def test_strips_do_not_fit_by_the_boresight_error_put_in(strips: Path) -> None:
+    """Strips flown to and fro tilt against each other, by twice an error of the roll."""
+    roll, plan = 2e-3, {"height": 400, "speed": 60, "overlap": 0.3, "field_of_view": np.radians(40)}
+    bodies = ls.Trajectory.strips((611_000, 5_264_000, 611_400, 5_264_500), **plan, turn=29.9, margin=30)
+    run = ls.config.load(strips, ["pose.strips.heading_deg=0", "sensor.pattern.pulse_rate_khz=10"])
+    down = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+    points = []
+    for part, body in zip(run.parts[:2], bodies[:2], strict=True):
+        believed = body.perturbed(boresight=(roll, 0, 0)) @ down
+        clouds = [frame.scans[""].point_cloud("world", pose=believed) for frame in part.measured()]
+        points.append(np.concatenate([cloud.xyz for cloud in clouds]))
+    # Of each, height over y in the overlap. On flat ground the true difference is 0.
+    low = max(xyz[:, 1].min() for xyz in points)
+    high = min(xyz[:, 1].max() for xyz in points)
+    assert high - low > 50
+    slopes = []
+    for xyz in points:
+        within = (xyz[:, 1] > low) & (xyz[:, 1] < high)
+        slopes.append(np.polyfit(xyz[within, 1] - low, xyz[within, 2], 1)[0])
+    assert slopes[0] - slopes[1] == pytest.approx(2 * roll, rel=1e-3)

@@ -123,7 +123,8 @@ def test_unknown_preset_suggests_the_nearest(name: str, message: str) -> None:
 
 def test_unknown_preset_unlike_any_lists_all() -> None:
     with pytest.raises(
-        ValueError, match=r"^preset: expected the name of a sensor, got ''; there are hesai-at128, .*velodyne-vls128$"
+        ValueError,
+        match=r"^preset: expected the name of a sensor, got ''; there are faro-focus-s150, .*velodyne-vls128$",
     ):
         ls.Lidar.preset("")
 
@@ -177,6 +178,8 @@ def test_a_preset_at_another_rate() -> None:
     assert (lidar.pattern.rate, faster.pattern.rate, faster.pattern.shape) == (10.0, 20.0, (4, 2500))
     assert faster == dataclasses.replace(lidar, pattern=ls.patterns.Mid360(rate=20.0))
     for name in ls.Lidar.presets():
-        assert ls.Lidar.preset(name, rate=5.0).pattern.rate == 5.0
+        # A mirror of a terrestrial scanner takes seconds for the lines of a dome.
+        rate = 5.0 if ls.Lidar.preset(name).pattern.rate > 1.0 else 0.1
+        assert ls.Lidar.preset(name, rate=rate).pattern.rate == rate
     with pytest.raises(ValueError, match=r"rate: expected a finite number > 0, got 0\.0"):
         ls.Lidar.preset("ouster-os1-64", rate=0.0)

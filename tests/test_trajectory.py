@@ -13,6 +13,7 @@ from typing import Any
 
 import mpmath
 import numpy as np
+import numpy.typing as npt
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
@@ -632,3 +633,105 @@ def test_an_endless_trajectory_has_no_changing_errors() -> None:
         ValueError, match=r"^correlation_time: expected inf, as the trajectory has no end, got 2\.0; give"
     ):
         path.perturbed(position_sigma=1.0, correlation_time=2.0)
+
+
+# Strips of a survey
+
+SURVEY: dict[str, Any] = {"height": 500.0, "speed": 60.0, "overlap": 0.3, "field_of_view": math.radians(40)}
+SWATH = 2 * 500 * math.tan(math.radians(20))
+KITE = [(0, 0), (2000, 600), (2400, 2000), (500, 1300)]
+
+
+def swaths(strips: list[ls.Trajectory]) -> list[npt.NDArray[np.float64]]:
+    """Return the corners on the ground of what each strip sees, shape (4, 2)."""
+    found = []
+    for strip in strips:
+        ends, left = strip.poses.translation[:, :2], strip.poses.as_matrix()[0, :2, 1]
+        found.append(
+            np.array(
+                [ends[0] + side * left for side in (-SWATH / 2, SWATH / 2)]
+                + [ends[1] + side * left for side in (SWATH / 2, -SWATH / 2)]
+            )
+        )
+    return found
+
+
+def within(points: npt.NDArray[np.float64], corners: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Return which points lie in a convex polygon, whatever its orientation, to a micrometre of rounding."""
+    sides = []
+    for a, b in pairwise([*corners, corners[0]]):
+        (x, y), (u, v) = b - a, (points - a).T
+        sides.append((x * v - y * u) / np.hypot(x, y))
+    return (np.min(sides, axis=0) > -1e-6) | (np.max(sides, axis=0) < 1e-6)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.4, math.pi / 2, -2.0])
+@pytest.mark.parametrize("area", [(0, 0, 1500, 2000), KITE], ids=["rectangle", "polygon"])
+def test_strips_cover_the_area_and_no_fewer_would(area: Any, heading: float) -> None:
+    strips = ls.Trajectory.strips(area, **SURVEY, heading=heading)
+    rectangle = np.array([(0, 0), (1500, 0), (1500, 2000), (0, 2000)], float)
+    corners = np.array(KITE, float) if area is KITE else rectangle
+    grid = np.stack(np.meshgrid(np.arange(0, 2401, 23.0), np.arange(0, 2001, 19.0)), axis=-1).reshape(-1, 2)
+    inside = np.concatenate([grid[within(grid, corners)], corners])
+    assert len(inside) > 1000
+    seen = np.array([within(inside, swath) for swath in swaths(strips)])
+    assert seen.any(axis=0).all()
+    left = np.array([-math.sin(heading), math.cos(heading)])
+    width = np.ptp(corners @ left)
+    assert SWATH + (len(strips) - 2) * 0.7 * SWATH < width <= SWATH + (len(strips) - 1) * 0.7 * SWATH
+    lines = np.array([strip.poses.translation[0, :2] @ left for strip in strips])
+    assert np.diff(lines) == pytest.approx(0.7 * SWATH)
+    assert lines.mean() == pytest.approx(0.5 * ((corners @ left).min() + (corners @ left).max()))
+
+
+def test_strips_fly_to_and_fro_one_after_the_other() -> None:
+    strips = ls.Trajectory.strips(
+        (500_000, 5_400_000, 501_500, 5_402_000), **SURVEY, heading=math.pi / 2, turn=45, ground=300, margin=30
+    )
+    assert len(strips) == 6
+    for number, strip in enumerate(strips):
+        start, end = strip.span
+        assert end - start == pytest.approx(2060 / 60)
+        assert strip.velocity(start)[0] == pytest.approx([0, -60 if number % 2 else 60, 0])
+        assert strip.at(start).translation[1:] == pytest.approx([5_402_030 if number % 2 else 5_399_970, 800])
+        rotation = strip.at(end).rotation.as_matrix()
+        assert rotation[:, 0] == pytest.approx([0, -1 if number % 2 else 1, 0])
+        assert rotation[:, 2] == pytest.approx([0, 0, 1])
+    assert strips[0].span[0] == 0
+    assert [after.span[0] - before.span[1] for before, after in pairwise(strips)] == pytest.approx([45] * 5)
+    east = [strip.poses.translation[0, 0] for strip in strips]
+    assert east == sorted(east, reverse=True)  # from right to left
+
+
+def test_a_strip_is_as_long_as_the_area_in_its_swath() -> None:
+    """In a triangle whose hypotenuse is x = y, a strip along x begins where its left border meets it."""
+    strips = ls.Trajectory.strips([(0, 0), (2000, 2000), (2000, 0)], **SURVEY)
+    assert len(strips) > 2
+    for strip in strips:
+        x, y = strip.poses.translation[:, 0], strip.poses.translation[0, 1]
+        assert sorted(x) == pytest.approx([max(y - SWATH / 2, 0), 2000])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"area": (0, 0, 0, 5)}, r"^area: expected x_min < x_max and y_min < y_max, got \[0, 0, 0, 5\]$"),
+        ({"area": (0, 0, 5)}, r"^area: expected shape \(4,\), got \(3,\)"),
+        ({"area": [(0, 0), (5, 5)]}, "^area: expected x_min, y_min, x_max, y_max, or at least 3 corners, got 2"),
+        ({"area": [(0, 0), (0, 5), (0, 9)]}, "^area: expected a length above 0 along the line of flight, got 0 m"),
+        ({"area": [(0, 0), (0, 5, 2)]}, "^area: expected "),
+        ({"overlap": 1.0}, "^overlap: expected a share from 0 to less than 1, got 1; 20 % is 0.2"),
+        ({"overlap": -0.1}, "^overlap: expected a finite number >= 0"),
+        ({"height": 0.0}, "^height: expected a finite number > 0"),
+        ({"speed": -1.0}, "^speed: expected a finite number > 0"),
+        ({"field_of_view": 40.0}, "^field_of_view: expected an angle less than π, got 40; degrees"),
+        ({"turn": 1e20}, "^turn, speed: expected strips whose times differ, and within the range of float64, got one"),
+        ({"turn": 1e308}, "^turn, speed: expected strips whose times differ"),
+        ({"height": 1e308, "field_of_view": 3.0}, "^height: expected a height whose swath is within the range of"),
+        ({"turn": -1.0}, "^turn: expected a finite number >= 0"),
+        ({"field_of_view": 1e-6}, "^area: expected one that 10,000 strips cover, got "),
+    ],
+)
+def test_strips_that_cannot_be_flown(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=message):
+        ls.Trajectory.strips(**{"area": (0, 0, 1500, 2000), **SURVEY, **arguments})

@@ -19,6 +19,8 @@ from lidarsim.config.schema import (
     Model,
     SceneDocument,
     Sensor,
+    Stations,
+    Strips,
     VendorSensor,
     build_pose,
     build_rig,
@@ -27,7 +29,7 @@ from lidarsim.config.schema import (
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import Imported
 from lidarsim.rig import Rig
-from lidarsim.run import Run
+from lidarsim.run import Leg, Run
 from lidarsim.scene import Scene
 from lidarsim.sensor import HEAD, PRESETS, Lidar, preset_path
 
@@ -80,18 +82,40 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
         raise (place / "georeference" / "crs").error("expected points in the world, with cloud.frame: world")
     scene = _scene(config, place)
     sensor, imus = _sensor_or_rig(config, place)
+    frames = range(config.first_frame, config.first_frame + config.frames)
+    legs = _legs(config, sensor, frames, place)
+    if isinstance(config.pose, Strips | Stations):
+        pose, frames = legs[0].pose, range(legs[0].frames.start, legs[-1].frames.stop)
+    else:
+        pose = build_pose(config.pose, place / "pose")
     return Run(
         scene=scene,
         sensor=sensor,
-        pose=build_pose(config.pose, place / "pose"),
+        pose=pose,
         seed=config.seed,
-        frames=range(config.first_frame, config.first_frame + config.frames),
+        frames=frames,
         cloud=config.cloud.build(place / "cloud"),
         imports=place.loaded(Imported),
         crs=crs,
         start=start,
         imus=imus,
+        legs=legs,
     )
+
+
+def _legs(config: Config, sensor: Lidar | Rig, frames: range, place: Place) -> tuple[Leg, ...]:
+    """Return the strips or stations of a run, if it has some."""
+    legs: tuple[Leg, ...] = ()
+    if isinstance(config.pose, Strips):
+        for key in ("frames", "first_frame"):
+            if key in config.model_fields_set:
+                raise (place / key).error("expected none, since the strips are as long as their area")
+        legs = config.pose.build(place / "pose", sensor)
+    elif isinstance(config.pose, Stations):
+        legs = config.pose.build(place / "pose", frames)
+    if legs and legs[-1].frames.stop > 2**32:
+        raise (place / "pose").error(f"expected frames up to number 4294967295, got {legs[-1].frames[-1]}")
+    return legs
 
 
 def _scene(config: Config, place: Place) -> Scene:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import inspect
+import math
 import re
 from collections.abc import Callable, Iterable
 from datetime import datetime
@@ -36,9 +37,9 @@ from lidarsim.measurement import Measurement
 from lidarsim.pointcloud import PointCloud
 from lidarsim.rig import Rig
 from lidarsim.rules import Options, Rule
-from lidarsim.run import CloudArguments
+from lidarsim.run import CloudArguments, Leg
 from lidarsim.sensor import Lidar
-from lidarsim.trajectory import Trajectory
+from lidarsim.trajectory import Trajectory, mounted
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -231,6 +232,14 @@ def _has_file(value: object) -> bool:
     return isinstance(value, dict) and "file" in value
 
 
+def _has_strips(value: object) -> bool:
+    return isinstance(value, dict) and "strips" in value
+
+
+def _has_stations(value: object) -> bool:
+    return isinstance(value, dict) and "stations" in value
+
+
 def _is_table(value: object) -> bool:
     return isinstance(value, list) and any(isinstance(row, list) for row in value)
 
@@ -249,12 +258,14 @@ if TYPE_CHECKING:
     FloatOrText = float | str
     NumbersOrColor = float | list[float] | str
     SigmaTable = float | list[Pair]
+    Area = list[float] | list[Pair]
     Returns = str | int
 else:
     Numbers = either(float, list[float], _is_list)
     Vectors = either(Vector, list[Vector], _is_table)
     Scale = either(Finite, Annotated[list[Finite], Field(min_length=3, max_length=3)], _is_list)
     SigmaTable = either(float, list[Pair], _is_list)
+    Area = either(list[float], list[Pair], _is_table)
     Returns = either(int, str, _is_text)
     Grouping = either(int, Literal["node", "parent", "file"], _is_text) | None
     NumbersOrColor = either(Numbers, Literal["color"], _is_text)
@@ -336,6 +347,70 @@ class TrajectoryFile(Placement):
     axes: Literal["body", "camera"] = "body"
 
 
+class Plan(Model):
+    """Parallel strips over an area, as in `Trajectory.strips`."""
+
+    area_m: Area
+    height_m: float
+    speed_m_per_s: float
+    overlap: float
+    field_of_view_deg: float
+    heading_deg: float = 0.0
+    turn_s: float = 60.0
+    ground_m: float = 0.0
+    margin_m: float | None = None
+
+
+class Strips(Placement):
+    """A flight in strips; its placement is that of the sensor on the aircraft."""
+
+    strips: Plan
+
+    def build(self, place: Place, sensor: Lidar | Rig) -> tuple[Leg, ...]:
+        """Return the strips, each with the frames that it holds."""
+        plan, there = self.strips, place / "strips"
+        rate = sensor.rate if isinstance(sensor, Rig) else sensor.pattern.rate
+        # Frames start at multiples of 1/rate, so a strip has up to one period without a frame at either end.
+        margin = {} if plan.margin_m is not None else {"margin": plan.speed_m_per_s / rate}
+        keys = [key for key in Plan.model_fields if getattr(plan, key) is not None]
+        legs, mount = [], _rigid(self, place)
+        for number, body in enumerate(construct(Trajectory.strips, plan, keys, there, **margin), 1):
+            (start, end), pose = body.span, mounted(body, mount)
+            if not end * rate < 2**32:
+                raise there.error(f"expected at most 4294967296 frames, got {end * rate:.3g}")
+            first, stop = math.ceil(start * rate), math.floor(end * rate)
+            while first / rate < start:  # rounding may exceed the span by a frame
+                first += 1
+            while stop / rate > end or _end(sensor, first, stop) > end:
+                stop -= 1
+            if stop <= first:
+                raise there.error(f"expected strips of a frame, {1.0 / rate:g} s, got one of {end - start:g} s")
+            legs.append(Leg(number, pose, range(first, stop)))
+        return tuple(legs)
+
+
+def _end(sensor: Lidar | Rig, first: int, stop: int) -> float:
+    """Return the end of the last frame of any sensor, s."""
+    if isinstance(sensor, Rig) and stop > first:
+        return sensor.span(stop - first, first=first)[1]
+    return -math.inf
+
+
+class Stations(Placement):
+    """Places of a tripod; the placement is that of the sensor on it."""
+
+    stations: Annotated[list[Placement], Field(min_length=1)]
+
+    def build(self, place: Place, frames: range) -> tuple[Leg, ...]:
+        """Return the stations; the first has the given frames, and the others as many after them."""
+        mount, legs = _rigid(self, place), []
+        for index, station in enumerate(self.stations):
+            first = frames.start + index * len(frames)
+            pose = mounted(_rigid(station, place / "stations" / index), mount)
+            legs.append(Leg(index + 1, pose, range(first, first + len(frames))))
+        return tuple(legs)
+
+
 def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> Floats | Trajectory:
     """Return the pose, or the trajectory of a moving one."""
     if isinstance(value, TrajectoryFile):
@@ -376,9 +451,11 @@ def _moving(start: Floats, twist: Pose | Twist, place: Place) -> Floats | Trajec
 if TYPE_CHECKING:
     PoseOverTime = Pose | list[Waypoint] | TrajectoryFile
     Motion = Twist | list[Waypoint] | TrajectoryFile
+    PoseOfRun = PoseOverTime | Strips | Stations
 else:
     PoseOverTime = either(either(Pose, TrajectoryFile, _has_file), list[Waypoint], _is_list)
     Motion = either(either(Twist, TrajectoryFile, _has_file), list[Waypoint], _is_list)
+    PoseOfRun = either(either(PoseOverTime, Strips, _has_strips), Stations, _has_stations)
 
 
 # Objects of the scene
@@ -809,17 +886,17 @@ class Mounted(Placement):
 def build_rig(sensors: dict[str, Mounted], place: Place) -> tuple[Rig, dict[str, Imu]]:
     """Return the rig of the lidars, and the IMUs by name."""
     parts, imus = {}, {}
-    for name, mounted in sensors.items():
+    for name, member in sensors.items():
         there = place / name
         if expected := name_problem(name):  # files get this name
             raise there.error(f"expected {expected}")
-        mount = _rigid(mounted, there)
-        if mounted.imu is not None:
-            for key in mounted.model_fields_set & {"sensor", "offset_s"}:
+        mount = _rigid(member, there)
+        if member.imu is not None:
+            for key in member.model_fields_set & {"sensor", "offset_s"}:
                 raise (there / key).error("expected none beside an imu")
-            imus[name] = mounted.imu.build(there / "imu", name, mount)
-        elif mounted.sensor is not None:
-            parts[name] = mounted.sensor.build(there / "sensor"), mount, mounted.offset_s or 0.0
+            imus[name] = member.imu.build(there / "imu", name, mount)
+        elif member.sensor is not None:
+            parts[name] = member.sensor.build(there / "sensor"), mount, member.offset_s or 0.0
         else:
             raise there.error("missing key 'sensor' or 'imu'")
     if imus and not parts:
@@ -937,7 +1014,7 @@ class Config(Model):
     atmosphere: Air | None = None
     sensor: AnySensor | None = None
     rig: dict[str, Mounted] | None = None
-    pose: PoseOverTime = Pose()
+    pose: PoseOfRun = Pose()
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
     first_frame: Annotated[int, Field(ge=0, lt=2**32)] = 0
     frames: Annotated[int, Field(ge=1, le=2**32)] = 1

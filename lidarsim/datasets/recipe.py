@@ -222,6 +222,12 @@ class Document:
         for path, value in others:
             node = replace(node, path, value)
         run = built(node, self.loaded)
+        if run.legs:
+            raise (
+                Place(node, (), self.loaded)
+                .at(("pose",))
+                .error("expected one pose or trajectory, got strips or stations")
+            )
         cloud = entries(entries(node)["cloud"][1]) if "cloud" in entries(node) else {}
         if settings.layout.kept is not None and cloud.keys().isdisjoint({"deskew", "deskew_s"}):
             run = dataclasses.replace(run, cloud={"frame": run.cloud["frame"], "deskew": "start"})

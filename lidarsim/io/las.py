@@ -13,8 +13,9 @@ time               gps_time: `start` plus the time since the start of the scan. 
 return_number,     return number, number of returns: 0 to 15
 return_count
 label              classification: 0 to 255; the standard defines 2 as ground and 6 as building
-scan_angle         scan angle, in steps of 0.006°. lidarsim has no such field, since it depends on the nadir and the
-                   line of flight. Set it, in rad, to have it written.
+scan_angle         scan angle, in steps of 0.006°. A cloud has no such field, since it depends on the nadir and the
+                   line of flight: `flight_fields` returns it in rad, with scan_direction_flag, edge_of_flight_line
+                   and point_source_id. The files of ``lidarsim scan`` have them if the sensor moves.
 normal             extra dimensions NormalX, NormalY, NormalZ
 all others         extra dimensions of the same name and type; shape (n, m) becomes one per component. Fields named
                    like other LAS dimensions (user_data, point_source_id, red, …) are stored there, also gps_time,
@@ -43,7 +44,7 @@ import sys
 import threading
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import datetime
@@ -60,15 +61,16 @@ from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix, parsing
 from lidarsim._validation import flag, short, shown
 from lidarsim.errors import ArgumentValueError, FileFormatError
+from lidarsim.io._flight import flight_fields
 from lidarsim.io._georeference import gps_time, projected
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
 from lidarsim.io._units import fitting, warn_above
-from lidarsim.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, register_format
+from lidarsim.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, chosen, register_format
 
 if TYPE_CHECKING:
     import pyproj
 
-__all__ = ["Writer", "read"]
+__all__ = ["Writer", "flight_fields", "read"]
 
 SUFFIXES = (".las", ".laz")
 NORMAL = ("NormalX", "NormalY", "NormalZ")
@@ -102,6 +104,8 @@ class Writer:
         Coordinate reference system of the points, as in `lidarsim.PointCloud.save`.
     geokeys : bool
         Also write it as GeoTIFF keys, which older programs read. It must have an EPSG code.
+    fields : sequence of str, optional
+        The fields to write besides `xyz`. Default: all of the clouds.
 
     Raises
     ------
@@ -123,8 +127,15 @@ class Writer:
     [500000. 500001. 500002.]
     """
 
-    def __init__(self, path: PathLike, *, crs: int | str | pyproj.CRS | None = None, geokeys: bool = False) -> None:
-        self._path = path
+    def __init__(
+        self,
+        path: PathLike,
+        *,
+        crs: int | str | pyproj.CRS | None = None,
+        geokeys: bool = False,
+        fields: Sequence[str] | None = None,
+    ) -> None:
+        self._path, self._fields = path, fields
         self._compress = check_suffix(path, SUFFIXES) == ".laz"
         self._reference = _Reference.of(crs, geokeys=geokeys)
         check_output(path)
@@ -160,12 +171,13 @@ class Writer:
         ------
         FileFormatError
             If a field does not fit.
-        ValueError
-            If the fields are not those of the first cloud, or the file is not open.
+        TypeError, ValueError
+            If the fields are not those of the first cloud, one of `fields` is missing, or the file is not open.
         """
         if self._points is None:
             raise ValueError(f"{self._path}: expected to be written in a with block")
-        self._points.write({name: getattr(cloud, name) for name in cloud.fields}, start)
+        names = cloud.fields if self._fields is None else ("xyz", *chosen(self._fields, cloud.fields))
+        self._points.write({name: getattr(cloud, name) for name in names}, start)
 
 
 def read(path: PathLike) -> Iterator[PointCloud]:
@@ -288,13 +300,17 @@ class _Reference:
 
 
 class _Points:
-    """The points of an open file; the first points determine its offset, its dimensions and its clock."""
+    """The points of an open file; the first points determine its offset, its dimensions and its clock.
+
+    Until there are points, clouds without any, such as those of a flight before its target, are only remembered.
+    """
 
     def __init__(self, file: BinaryIO, reference: _Reference, *, compress: bool) -> None:
         self._laspy = _import(compress)
         self._file, self._reference, self._compress = file, reference, compress
         self._is_gps_time = False
         self._writer: Any = None
+        self._empty: tuple[Fields, float | datetime] = {"xyz": np.empty((0, 3))}, 0.0
         self._dtypes: dict[str, np.dtype[Any]] = {}
         self._targets: dict[str, str] = {}
 
@@ -305,13 +321,19 @@ class _Points:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             if self._writer is None:
-                self.write({"xyz": np.empty((0, 3))}, 0.0)
+                self._append(*self._empty)
             self._writer.close()
             self._file.seek(90)
             self._file.write(bytes(4))  # no creation date: the same cloud gives the same bytes on any day
 
     @_lost_writes()
     def write(self, fields: Fields, start: float | datetime) -> None:
+        if self._writer is None and not len(fields["xyz"]):
+            self._empty = fields, start
+        else:
+            self._append(fields, start)
+
+    def _append(self, fields: Fields, start: float | datetime) -> None:
         zero, is_gps_time = gps_time(start)
         if zero != 0.0:
             fields = fields | {"time": zero + fields.get("time", np.zeros(len(fields["xyz"])))}

@@ -224,3 +224,8 @@ def test_materials_may_be_drawn(recipe: Path) -> None:
     assert {material.roughness for material in found} == {0.0, ls.materials.ASPHALT.roughness}
     with pytest.raises(ConfigError, match=r"material: expected the name of a material, got 'gras'; did you mean grass"):
         load(recipe, [drawn.replace("grass", "gras")]).source.run(0)
+
+
+def test_a_recipe_has_no_strips_or_stations(recipe: Path) -> None:
+    with pytest.raises(ConfigError, match=r"pose: expected one pose or trajectory, got strips or stations$"):
+        load(recipe, ["run.pose={stations: [{position_m: [0, 0, 1]}]}"]).source.run(0)

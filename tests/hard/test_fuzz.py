@@ -350,6 +350,13 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Trajectory.load.path": lambda folder: written(folder, "poses.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 3),
     "Trajectory.load.scene": lambda _: None,
     "Trajectory.load.start": lambda _: 0.5,
+    "io.las.flight_fields.scan": lambda _: lidar().scan(ball_and_floor(), drive()),
+    "io.las.flight_fields.point_source_id": lambda _: 3,
+    "Trajectory.strips.area": lambda _: (0.0, 0.0, 300.0, 200.0),
+    "Trajectory.strips.height": lambda _: 100.0,
+    "Trajectory.strips.speed": lambda _: 30.0,
+    **dict.fromkeys(("Trajectory.strips.overlap", "Trajectory.strips.heading"), lambda _: 0.3),
+    **dict.fromkeys(("Trajectory.strips.ground", "Trajectory.strips.margin"), lambda _: 5.0),
     "Trajectory.save.path": lambda folder: folder / "poses.tum",
     "TriangleMesh.from_file.path": lambda folder: written(
         folder, "m.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"

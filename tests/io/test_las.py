@@ -583,3 +583,61 @@ def test_moments_that_do_not_fit(start: str, message: str, tmp_path: Path) -> No
     with pytest.raises(ValueError, match=message):
         PointCloud(xyz=[UTM]).save(tmp_path / "a.las", start=datetime.fromisoformat(start))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_flight_may_begin_without_points(tmp_path: Path) -> None:
+    """The offset is near the first points, not near the origin, from which those in UTM are too far."""
+    empty = PointCloud(xyz=np.empty((0, 3)), intensity=np.empty(0, np.float32))
+    with Writer(tmp_path / "a.las") as file:
+        for cloud in (empty, empty, PointCloud(xyz=[UTM], intensity=[0.5]), empty):
+            file.write(cloud, start=2.0)
+    las = laspy.read(tmp_path / "a.las")
+    assert np.abs(las.xyz - [UTM]).max() < 1e-4
+    assert las.header.offsets.tolist() == np.rint(UTM).tolist()
+    assert (las.intensity.tolist(), las.gps_time.tolist()) == ([5000], [2.0])
+    with Writer(tmp_path / "b.las") as file:
+        file.write(PointCloud(xyz=np.empty((0, 3)), normal=np.empty((0, 3), np.float32)))
+    assert "NormalX" in laspy.read(tmp_path / "b.las").point_format.extra_dimension_names
+
+
+def scan_of_a_flight(pattern: ls.patterns.Pattern, **flight: object) -> ls.Scan:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -100.0))
+    down = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+    return ls.Lidar(pattern).scan(scene, ls.Trajectory.from_twist(np.eye(4), **flight) @ down)
+
+
+def test_lines_of_a_polygon() -> None:
+    pattern = ls.patterns.PolygonMirror(sweep=1.2, field_of_view=0.7, line_rate=100, pulse_rate=5e3, rate=10)
+    fields = las.flight_fields(scan_of_a_flight(pattern, linear=(50, 0, 0)), point_source_id=7)
+    angle, ends = fields["scan_angle"], np.flatnonzero(fields["edge_of_flight_line"])
+    # Ten lines a frame, from the left to the right: negative angles first. The last ends with the frame, not within it.
+    starts = np.append(0, ends + 1)
+    assert len(starts) == 10
+    assert (angle[starts] < -0.33).all()
+    assert (angle[ends] > 0.33).all()
+    assert (fields["scan_direction_flag"] == 1).all()
+    assert (fields["point_source_id"] == 7).all()
+    assert fields["point_source_id"].dtype == np.uint16
+
+
+def test_scan_angles_include_the_roll_and_other_patterns_have_no_lines() -> None:
+    cone = ls.patterns.Palmer(half_angle=0.3, scan_rate=20.0, pulse_rate=4e3, rate=10.0)
+    scan = scan_of_a_flight(cone, linear=(50, 0, 0), angular=(1.5, 0, 0))  # a roll of 0.15 rad within the frame
+    fields, xyz = las.flight_fields(scan), scan.point_cloud("world").xyz
+    path = np.asarray(scan.poses)[:, :3, 3]
+    # The line of flight is x, since the roll leaves it there.
+    expected = np.arctan2(-(xyz[:, 1] - path[:, 1]), path[:, 2] - xyz[:, 2])
+    assert np.abs(fields["scan_angle"] - expected).max() < 1e-12
+    assert np.abs(expected).max() > 0.4
+    assert not fields["scan_direction_flag"].any()
+    assert not fields["edge_of_flight_line"].any()
+
+
+def test_flights_without_fields() -> None:
+    grid = ls.patterns.Grid([-0.1, 0.1], [0.0], rate=10.0)
+    assert las.flight_fields(scan_of_a_flight(grid, angular=(0, 0, 0.1)))["scan_angle"].tolist() == [0.0, 0.0]
+    with pytest.raises(TypeError, match=r"^scan: expected one of a sensor that moves along a trajectory, got one of a"):
+        las.flight_fields(ls.Lidar(grid).scan(ls.Scene()))
+    with pytest.raises(ValueError, match=r"^point_source_id: expected an integer"):
+        las.flight_fields(scan_of_a_flight(grid, linear=(1, 0, 0)), point_source_id=65_536)

@@ -53,6 +53,9 @@ SHEETS = {
     "riegl-vq780i": (1, 666_667, 0, 0),
     "riegl-vq880g": (1, 200_000, -20, 20),
     "leica-als50": (1, 150_000, 0, 0),
+    "riegl-vz400": (201, 18_090, -40, 60),
+    "leica-rtc360": (201, 19_296, -60, 90),
+    "faro-focus-s150": (201, 19_296, -60, 90),
 }
 
 
@@ -307,6 +310,7 @@ NO_DETECTION_LIMIT = {
     "velodyne-vlp16": "its data sheet and manual print ranges without a reflectivity",
     "velodyne-vlp32c": "its data sheet and manual print ranges without a reflectivity",
     "velodyne-hdl32e": "its data sheet and manual print ranges without a reflectivity",
+    "leica-rtc360": "its data sheet prints a range without a reflectivity",
     "leica-als50": "HELIOS++ has no range at a reflectivity, and no data sheet was found",
     "riegl-vq780i": "HELIOS++ has no range at a reflectivity, and no data sheet was found",
     "riegl-vq880g": "HELIOS++ has no range at a reflectivity, and no data sheet was found",
@@ -449,3 +453,37 @@ def test_every_sensor_scans(name: str) -> None:
     assert (scan.status == ls.Status.hit).all()
     # beams leave within a quarter of a metre of the middle of the sphere
     assert np.abs(scan.range - distance).max() < 0.25
+
+
+TERRESTRIAL = {"riegl-vz400": 0.3, "leica-rtc360": 0.5, "faro-focus-s150": 0.3 * np.sqrt(2.0)}
+"""Divergence of terrestrial scanners at 1/e², full angle, mrad."""
+
+
+@pytest.mark.parametrize("name", TERRESTRIAL)
+def test_a_terrestrial_scanner_sees_a_dome_with_mixed_pixels(name: str) -> None:
+    lidar = preset(name, noise="datasheet")
+    scene = ls.Scene()
+    scene.add(ls.Sphere((0.0, 0.0, 0.0), 20.0))
+    scene.add(ls.Box((0.5, 0.5, 8.0), center=(10.0, 0.0, 0.0)))
+    scene.add(ls.Plane((1.0, 0.0, 0.0), 10.4))
+    scan = lidar.scan(scene)
+    assert (scan.status == ls.Status.hit).mean() > 0.99
+    beam = lidar.measurement.beam
+    assert beam is not None
+    assert 1e3 * beam.divergence_azimuth == pytest.approx(TERRESTRIAL[name], abs=0.005)
+    # On the pole's front, x = 9.75, and on the plane, x = 10.4, exact ranges lie; between them only mixed pixels.
+    edge = ls.patterns.Grid(np.linspace(-0.03, 0.03, 4001), [0.0], rate=10.0)
+    near = dataclasses.replace(lidar, pattern=edge).scan(scene).point_cloud().xyz[:, 0]
+    mixed = (near > 9.8) & (near < 10.35)
+    assert 0 < mixed.sum() * 0.06 / 4000 < 2 * beam.divergence_azimuth  # in rad, at two edges
+    exact = dataclasses.replace(lidar.measurement, beam=None)
+    sharp = dataclasses.replace(lidar, pattern=edge, measurement=exact).scan(scene).point_cloud().xyz[:, 0]
+    assert not ((sharp > 9.8) & (sharp < 10.35)).any()
+
+
+def test_domes_have_a_manageable_number_of_pulses() -> None:
+    assert {name: len(preset(name).pattern.pulses()) for name in TERRESTRIAL} == {
+        "riegl-vz400": 144_720,
+        "leica-rtc360": 96_480,
+        "faro-focus-s150": 96_480,
+    }
