@@ -1,5 +1,7 @@
 """PCD beside Open3D and pypcd4, and files as the Point Cloud Library writes them."""
 
+import shutil
+import subprocess
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -9,6 +11,7 @@ import pypcd4
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import FileFormatError, MissingExtraError
 from lidarsim.pointcloud import PointCloud
@@ -64,6 +67,21 @@ def test_float32_if_it_keeps_a_tenth_of_a_millimetre(coordinate: float, size: in
     np.testing.assert_allclose(PointCloud.load(path).xyz, cloud.xyz, rtol=0, atol=2**-14 if size == 4 else 0)
     cloud.save(path, float32=False)
     np.testing.assert_array_equal(PointCloud.load(path).xyz, cloud.xyz)
+
+
+@pytest.mark.skipif(shutil.which("pcl_voxel_grid") is None, reason="Debian's pcl-tools are not installed")
+def test_the_tools_of_the_point_cloud_library_read_a_scan(tmp_path: Path) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -1.8))
+    cloud = ls.Lidar.preset("velodyne-vlp16").scan(scene).point_cloud()
+    cloud.save(tmp_path / "scan.pcd")
+    command = ["pcl_voxel_grid", "scan.pcd", "thin.pcd", "-leaf", "0.5,0.5,0.5"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=60)
+    thin = PointCloud.load(tmp_path / "thin.pcd")
+    # The centroids of cells of half a metre; PCL counts cells from the origin in float32.
+    occupied = len(np.unique(np.floor(cloud.xyz.astype(np.float32) / np.float32(0.5)), axis=0))
+    assert len(thin) == pytest.approx(occupied, rel=0.01)
+    assert len(thin) > 1000
 
 
 def test_the_viewpoint_is_the_pose(tmp_path: Path) -> None:
