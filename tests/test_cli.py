@@ -606,7 +606,7 @@ MISTAKES = {
     ),
     "check broken.yaml": "broken.yaml:2: scene.0.radius: unknown key; did you mean radius_m?",
     # outputs
-    "scan run.yaml -o a.e57": f"a.e57: unknown extension '.e57', expected {FORMATS}",
+    "scan run.yaml -o a.fls": f"a.fls: unknown extension '.fls', expected {FORMATS}",
     "scan run.yaml -o a": f"a: no extension, expected {FORMATS}",
     "scan run.yaml -o gone/a.pcd": "gone/a.pcd: the folder gone does not exist",
     "scan run.yaml -o run.yaml/a.pcd": "run.yaml/a.pcd: run.yaml is not a folder",

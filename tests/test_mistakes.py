@@ -506,8 +506,8 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         lambda: CLOUD.save("scan.pcb"),
         ls.errors.FileFormatError,
         (
-            "scan.pcb: unknown extension '.pcb', expected .bin, .csv, .db3, .label, .las, .laz, .mcap, "
-            ".npz, .pcd, .pcd.bin, .ply or .xyz"
+            "scan.pcb: unknown extension '.pcb', expected .bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, "
+            ".npz, .pcd, .pcd.bin, .ply, .pts, .ptx or .xyz"
         ),
     ),
     "fields as text": (

@@ -319,7 +319,7 @@ class TestSaving:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("scan.e57", "unknown extension '.e57', expected .bin, .csv, "),
+        ("scan.fls", "unknown extension '.fls', expected .bin, .csv, "),
         ("scan", "no extension, expected .bin, .csv, "),
         (".pcd", "no extension, expected .bin, .csv, "),
     ],
