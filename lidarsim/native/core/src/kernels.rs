@@ -8,8 +8,8 @@ use crate::scene::{Rays, TRange, World};
 
 /// The work on a piece of a cast or of a scan, compiled for one instruction set.
 pub trait Kernels: Sync {
-    /// The closest hit of each ray with t_min ≤ t ≤ t_max. Of equal t the lowest object comes first, then the
-    /// lowest primitive. False if there was an illegal ray (see [`Cast`]).
+    /// The closest hit of each ray with t_min ≤ t ≤ t_max. Of equal t the lowest object comes first,
+    /// then the lowest primitive. False if there was an illegal ray (see [`Cast`]).
     fn cast(&self, world: &World, rays: Rays, range: TRange, hits: &mut Columns) -> bool;
 
     /// Whether each ray hits anything with t_min ≤ t ≤ t_max. False if there was an illegal ray.

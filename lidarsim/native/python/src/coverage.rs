@@ -20,9 +20,9 @@ type Coverage<'py> = (
 /// many of these reach it; the number of its returns; and the mean time of its returns, or else of the pulses
 /// that would hit it, since the start of the frame.
 ///
-/// `things` is the thing of each object of the scene, or 2³² − 1. `returns` are the object of each return,
-/// (n, most), and the number of returns of each pulse. `first` is the object that each pulse hits first, −1
-/// for none within `max_range` and −2 if unknown; absent if all are unknown.
+/// `things` is the thing of each object of the scene, or 2³² − 1. `returns` are the object of each
+/// return, (n, most), and the number of returns of each pulse. `first` is the object that each pulse hits
+/// first, −1 for none within `max_range` and −2 if unknown; absent if all are unknown.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call a scan")]
 pub fn coverage<'py>(

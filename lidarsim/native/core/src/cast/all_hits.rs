@@ -132,8 +132,8 @@ pub struct HitRows<'a> {
     pub normal: &'a mut [Point],
 }
 
-/// Writes the nearest hits of each ray with t_min ≤ t ≤ t_max in ascending order. All numbers must be finite
-/// and no direction zero. Rows must be those of misses at first.
+/// Writes the nearest hits of each ray with t_min ≤ t ≤ t_max in ascending order. All numbers must be
+/// finite and no direction zero. Rows must be those of misses at first.
 pub fn cast_all(world: &World, rays: Rays, range: TRange, rows: HitRows) {
     let HitRows { most, t, object, primitive, normal } = rows;
     let range = TRange { max: range.max.min(f64::MAX), ..range };

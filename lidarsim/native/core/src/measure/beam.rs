@@ -57,9 +57,10 @@ impl Beam {
     /// `divergence`: full angles at 1/e² of the axis' intensity, rad; `pulse_length`: full width at half
     /// maximum, as a range, m.
     ///
-    /// The ellipse that the angles bound is divided into a disc and m rings about it, m·(m+1)·3 + 1 = `rays`,
-    /// each as wide as the disc; ring k has 6k sub-rays. Each carries the energy that a Gaussian beam, of
-    /// profile exp(−2r²/w²), has in its cell; what lies outside of the ellipse is spread over all.
+    /// The ellipse that the angles bound is divided into a disc and m rings about it, m·(m+1)·3 + 1 =
+    /// `rays`, each as wide as the disc; ring k has 6k sub-rays. Each carries the energy that a Gaussian
+    /// beam, of profile exp(−2r²/w²), has in its cell; what lies outside of the ellipse is spread over
+    /// all.
     pub fn new(divergence: [f64; 2], rays: usize, pulse_length: f64) -> Self {
         let rings = (1..).take_while(|m| 3 * m * (m + 1) < rays).count();
         // In units of the half angle w.
@@ -126,8 +127,8 @@ mod tests {
                     && sum(|[_, y]| y).abs() < 1e-16
                     && sum(|[x, y]| x * y).abs() < 1e-16
             );
-            // ∫r²·exp(−2r²)·r dr over ∫exp(−2r²)·r dr, up to 1: half of it on each axis, of half angles 1 and
-            // 1/2.
+            // ∫r²·exp(−2r²)·r dr over ∫exp(−2r²)·r dr, up to 1: half of it on each axis, of
+            // half angles 1 and 1/2.
             let moment = (1.0 - 3.0 * (-2.0_f64).exp()) / (2.0 * (1.0 - (-2.0_f64).exp()));
             assert!((sum(|[x, _]| x * x) / (moment / 2.0) - 1.0).abs() < 0.01);
             assert!((sum(|[_, y]| y * y) / (moment / 8.0) - 1.0).abs() < 0.01);

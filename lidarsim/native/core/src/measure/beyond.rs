@@ -165,8 +165,8 @@ fn find_solid<I: Isa, C: Caster>(solid: &C, ways: &mut Ways) {
     }
 }
 
-/// The ray that a mirror makes of one that hits it: from the point o + t·d, in the direction
-/// d − (2·(d·n)/(n·n))·n. Both are evaluated in float64 once, the products of a sum from x to z. `None` if
+/// The ray that a mirror makes of one that hits it: from the point o + t·d, in the direction d −
+/// (2·(d·n)/(n·n))·n. Both are evaluated in float64 once, the products of a sum from x to z. `None` if
 /// the point overflows.
 fn mirror_image(ray: &TimedRay, hit: &Hit) -> Option<TimedRay> {
     let (d, n) = (ray.direction, hit.normal);

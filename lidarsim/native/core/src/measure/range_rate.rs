@@ -22,10 +22,10 @@ impl<C: Caster> Scan<'_, C> {
 
     /// As `range_rate`, of a way that mirrors bend: the rate of change of its length.
     ///
-    /// A way of straight parts with directions dᵢ, between points of velocities vᵢ, has the rate
-    /// Σ (vᵢ₊₁ − vᵢ)·dᵢ. So each point adds its velocity times the direction of the light that comes less
-    /// that of the light that leaves. By Fermat's principle the points at which mirrors are met do not add to
-    /// it by moving along them: their velocities are those of the mirrors.
+    /// A way of straight parts with directions dᵢ, between points of velocities vᵢ, has the rate Σ
+    /// (vᵢ₊₁ − vᵢ)·dᵢ. So each point adds its velocity times the direction of the light that
+    /// comes less that of the light that leaves. By Fermat's principle the points at which mirrors are met
+    /// do not add to it by moving along them: their velocities are those of the mirrors.
     fn range_rate_in_mirrors(&self, pulse: usize, surface: usize, scratch: &mut Scratch) -> [f64; 2] {
         let mut direction = scratch.rays.directions[surface];
         let mut rate = dot(self.velocity_of_surface(surface, scratch), direction);

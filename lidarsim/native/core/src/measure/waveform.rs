@@ -12,9 +12,10 @@ use crate::geometry::point::dot;
 /// the sub-ray. Its peaks are the echoes; an echo has all light between the valleys on either side.
 ///
 /// A sub-ray samples its part of the footprint. On a slanted surface the light of that part is spread in
-/// range, which widens the Gaussian: σᵢ² = σ² + δᵢ²/2. Here δᵢ is the change of range along the tangent plane
-/// to the next sub-ray, where the light of this one has fallen to 1/e. So the waveform of a plane has one
-/// peak for any number of sub-rays and any spread of their ranges, as that of a continuous footprint has.
+/// range, which widens the Gaussian: σᵢ² = σ² + δᵢ²/2. Here δᵢ is the change of range along the
+/// tangent plane to the next sub-ray, where the light of this one has fallen to 1/e. So the waveform of a
+/// plane has one peak for any number of sub-rays and any spread of their ranges, as that of a continuous
+/// footprint has.
 ///
 /// Two equal surfaces, each at one range, are separate echoes if they are more than 2σ apart, 0.85 of the
 /// full width at half maximum of the pulse (Sparrow's criterion).
@@ -61,9 +62,9 @@ impl Waveform {
         }
         let (least, most) =
             lights.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l.range), b.max(l.range)));
-        // Where the slope is zero, the curvature has at most the sign of V/σ² − 1, with V a variance of the
-        // lights' ranges: (extent/2)² at most. So up to an extent of 2σ each such place is a peak, and there
-        // is one.
+        // Where the slope is zero, the curvature has at most the sign of V/σ² − 1, with V a variance of
+        // the lights' ranges: (extent/2)² at most. So up to an extent of 2σ each such place is a peak, and
+        // there is one.
         if most - least <= 2.0 * beam.pulse_sigma {
             echoes.extend((!lights.is_empty()).then(|| scratch.merge(lights)));
             return;
@@ -110,9 +111,9 @@ impl Waveform {
     }
 
     /// The slope of the waveform at each light, and between each two where a valley between them would show:
-    /// the light of the one falls most steeply against the rise of the other's at a from the first and b from
-    /// the second with a·b = σ², if they are of one width and more than 2σ apart. Else they have no valley of
-    /// their own, but others may make one: half way.
+    /// the light of the one falls most steeply against the rise of the other's at a from the first and b
+    /// from the second with a·b = σ², if they are of one width and more than 2σ apart. Else they have no
+    /// valley of their own, but others may make one: half way.
     #[inline(always)]
     fn sample_slopes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize) {
         let Waveform { lights, variances, samples, before, slopes, .. } = self;
@@ -174,8 +175,8 @@ impl Scratch {
     /// what it hit, where that changes most. `first`: the first ray of the pulse.
     ///
     /// Rays of direction d from one point meet the plane of normal n where R·n·d is the same, so dR =
-    /// −R·n·dd/(n·d). The first ray is the axis, the next is to its left, and the two after that above it, to
-    /// the left and to the right by half of the way.
+    /// −R·n·dd/(n·d). The first ray is the axis, the next is to its left, and the two after that above
+    /// it, to the left and to the right by half of the way.
     fn to_next_sub_ray(&self, light: &Light, first: usize) -> f64 {
         let normal = self.normal_of_image(light.ray);
         let [axis, left, above_left, above_right] =

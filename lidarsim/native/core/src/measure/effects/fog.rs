@@ -1,10 +1,10 @@
 //! Fog: the air along the whole pulse sends light back, with one peak close to the sensor.
 //!
-//! A slice dr of the air has the differential backscatter β·dr per unit of area, 1/sr, where a white diffuser
-//! at normal incidence has 1/π. So it has the intensity π·β·dr, and the receiver gets
-//! π·β·ξ(r)·exp(−2αr)/r²·dr of it, in the unit in which it gets ρ·ξ(R)·exp(−2αR)/R² of a surface: that of the
-//! peak of an echo, which the Gaussian pulse gives the shape g(x) = exp(−x²/2σ²). The response of the fog is
-//! then
+//! A slice dr of the air has the differential backscatter β·dr per unit of area, 1/sr, where a white
+//! diffuser at normal incidence has 1/π. So it has the intensity π·β·dr, and the receiver gets
+//! π·β·ξ(r)·exp(−2αr)/r²·dr of it, in the unit in which it gets ρ·ξ(R)·exp(−2αR)/R² of a
+//! surface: that of the peak of an echo, which the Gaussian pulse gives the shape g(x) = exp(−x²/2σ²).
+//! The response of the fog is then
 //!
 //! W(R) = π·β·∫ g(R − r)·ξ(r)/r²·exp(−2αr) dr
 //!
@@ -100,9 +100,9 @@ impl Response {
         self.integral(range, begin, middle) + self.integral(range, middle, end)
     }
 
-    /// The same over some ranges, by Simpson's rule in u = ln r: dr/r² = du/r. It is smooth in u however near
-    /// the sensor it begins. A step h has an error of (κh)⁴/180 of the integral, where the integrand changes
-    /// by e over 1/κ: with 256 steps over at most 17σ and at most 11.1/α that is below 10⁻⁶.
+    /// The same over some ranges, by Simpson's rule in u = ln r: dr/r² = du/r. It is smooth in u however
+    /// near the sensor it begins. A step h has an error of (κh)⁴/180 of the integral, where the integrand
+    /// changes by e over 1/κ: with 256 steps over at most 17σ and at most 11.1/α that is below 10⁻⁶.
     fn integral(&self, range: f64, begin: f64, end: f64) -> f64 {
         const STEPS: u32 = 256;
         if begin >= end {

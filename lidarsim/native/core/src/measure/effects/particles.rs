@@ -1,11 +1,12 @@
 //! Rain and snow: single drops and flakes in the beam, each with an echo.
 //!
-//! Their diameters D are distributed by N(D) = N₀·exp(−ΛD), per volume and diameter (J. S. Marshall, W. M.
-//! Palmer: The distribution of raindrops with size. Journal of Meteorology 5, 1948). In a beam of the section
-//! A(r), uniformly bright, a particle has the share q·D²·π/4/A(r) of the intensity of a white diffuser that
-//! fills the beam. It is seen if its power is at least that of the detection limit, so if D ≥ D₀(r): those
-//! that are seen are a Poisson process along the beam of the density A(r)·(N₀/Λ)·exp(−Λ·D₀(r)), with
-//! diameters that exceed D₀ by an exponential variable of the mean 1/Λ. So no other particle is ever drawn.
+//! Their diameters D are distributed by N(D) = N₀·exp(−ΛD), per volume and diameter (J. S. Marshall,
+//! W. M. Palmer: The distribution of raindrops with size. Journal of Meteorology 5, 1948). In a beam of the
+//! section A(r), uniformly bright, a particle has the share q·D²·π/4/A(r) of the intensity of a white
+//! diffuser that fills the beam. It is seen if its power is at least that of the detection limit, so if D
+//! ≥ D₀(r): those that are seen are a Poisson process along the beam of the density
+//! A(r)·(N₀/Λ)·exp(−Λ·D₀(r)), with diameters that exceed D₀ by an exponential variable of the
+//! mean 1/Λ. So no other particle is ever drawn.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
