@@ -51,6 +51,10 @@ ROBOTS = """\
 1,000 robots with a lidar of 360 beams each, from new poses at each step, in a scene of 100 shapes and a mesh of 100,352
 triangles. Peers know geoms only; they scan from one place again and again, which saves them the update of the poses."""
 
+IN_PLANE = """\
+541 horizontal rays all around, over surfaces that lie in the plane z = 0, hits of no ray but for the box and the height
+field. Time at 0.5 m above, and the ratios to it of the same rays at z = 0 exactly, and at z = 1e-300 m."""
+
 SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
 built and scanned once. Mean times of a scene, and the share of building."""
@@ -229,6 +233,15 @@ def to_markdown(results: Results) -> str:
                 for row in results["robots"]
             ),
         ),
+        "## Rays in the plane of a surface",
+        IN_PLANE,
+        _table(
+            "surface | above, µs | in the plane, × | next to it, ×",
+            (
+                [row["what"], _short(1e6 * row["seconds"]), _short(row["in_plane"]), _short(row["next"])]
+                for row in results["in_plane"]
+            ),
+        ),
         "## Random scenes",
         SCENES,
         _table(
@@ -361,6 +374,10 @@ def summary(results: Results) -> str:
         for row in results["scenes"]
         if row["threads"] == max(results["plan"]["threads"])
     ]
+    slowest = max(results["in_plane"], key=lambda row: max(row["in_plane"], row["next"]), default=None)
+    if slowest is not None:
+        most = max(slowest["in_plane"], slowest["next"])
+        lines.append(f"rays in the plane of a surface: at most {_short(most)} × of rays above ({slowest['what']})")
     errors = [row["error"] for row in results["speed"] + results["growth"] if row["method"] == "lidarsim"]
     wrong = sum(error["lost"] + error["invented"] + error["other"] for error in errors)
     worst = max((error["max_ulp"] for error in errors if error["max_ulp"] is not None), default=0.0)

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim.bench import building, exact, motion, report, robots, scenes
+from lidarsim.bench import building, exact, in_plane, motion, report, robots, scenes
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
@@ -233,6 +233,7 @@ class _Run:
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
         self.robots: list[dict[str, Any]] = []
+        self.in_plane: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
         self.scaling: list[dict[str, Any]] = []
         self.scenes: list[dict[str, Any]] = []
@@ -444,6 +445,12 @@ class _Run:
         times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
         self.robots += robots.over(times, what, self.plan.robots)
 
+    def rays_in_planes(self) -> None:
+        """Measure rays that lie in the plane of a surface."""
+        self.progress("rays in planes")
+        os.environ["LIDARSIM_THREADS"] = str(self.plan.threads[-1])
+        self.in_plane += in_plane.over(interleave(in_plane.calls(), self.plan.rounds, self.plan.seconds))
+
     def random_scenes(self) -> None:
         """Measure the share of building in the total time of scenes that are scanned once."""
         for threads in self.plan.threads:
@@ -466,6 +473,7 @@ class _Run:
             "coincident": self.coincident,
             "motion": self.motion,
             "robots": self.robots,
+            "in_plane": self.in_plane,
             "sight": self.sight,
             "scaling": self.scaling,
             "scenes": self.scenes,
@@ -647,6 +655,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.lines_of_sight()
         bench.moving()
         bench.many_robots()
+        bench.rays_in_planes()
         bench.random_scenes()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}

@@ -78,6 +78,10 @@ def results() -> dict[str, Any]:
             {"what": "cast", "over": "cast", "seconds": 0.008, "ratio": 1.0},
             {"what": "scan_many", "over": "cast", "seconds": 0.009, "ratio": 1.125},
         ],
+        "in_plane": [
+            {"what": "plane", "seconds": 3e-5, "in_plane": 1.0, "next": 1.25},
+            {"what": "mesh", "seconds": 4e-5, "in_plane": 1.5, "next": 1.0},
+        ],
         "scaling": [
             {"scene": scene, "rays": "128 × 1024", "threads": threads, "mrays": 20.0 * ratio, "ratio": ratio}
             for scene, most in (("city", 1.9), ("terrain", 1.8))
@@ -171,6 +175,7 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
     assert table(text, "what | ms | × cast") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
     assert table(text, "what | over") == [["still", "", "4", "1"], ["moving", "still", "6", "1.5"]]
     assert table(text, "robots | over") == [["cast", "", "8", "1"], ["scan_many", "cast", "9", "1.12"]]
+    assert table(text, "surface | above, µs") == [["plane", "30", "1", "1.25"], ["mesh", "40", "1.5", "1"]]
     assert table(text, "rays | cast") == [["random", "45.6", "22.8", "2", "0"]]
     assert table(text, "scenes | objects") == [
         ["200", "50", "scan", "69,472", "1", "250", "4750", "5.0%"],
@@ -191,6 +196,7 @@ def test_the_summary_is_of_the_rows(results: dict[str, Any]) -> None:
         "- Lidar.scan, range noise: 1.25 × the bare cast",
         "- robots, scan_many: 1.12 × cast",
         "- 200 random scenes of 50 objects, a scan by 32 channels each: building takes 10.0% of the time",
+        "- rays in the plane of a surface: at most 1.5 × of rays above (mesh)",
         "- lidarsim against exact arithmetic: 0 wrong of 3,000 rays, ranges within 0.5 ulp",
     ]
     results["speed"][0]["error"].update(other=2, max_ulp=3.0)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim.bench import building, motion, peers, robots, scenes, speed
+from lidarsim.bench import building, in_plane, motion, peers, robots, scenes, speed
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
 
@@ -192,6 +192,24 @@ def test_robots_cast_the_rays_that_they_scan_with() -> None:
     batch = lidar.scan_many(scene, places, fields=["object_id"])
     assert (batch.object_id == cast).mean() > 0.999  # the poses are made orthonormal once more, which is a rounding
     assert len({row.tobytes() for row in robots.poses(3, 1)} & {row.tobytes() for row in places}) == 0
+
+
+def test_rays_in_planes_are_timed_over_rays_above(results: dict[str, Any]) -> None:
+    assert [row["what"] for row in results["in_plane"]] == list(in_plane.worlds())
+    assert all(row["in_plane"] > 0.0 and row["next"] > 0.0 for row in results["in_plane"])
+
+
+def test_rays_in_planes_lie_in_them() -> None:
+    hits = {name: call() for name, call in in_plane.calls().items()}
+    found = {name: int(hit.hit.sum()) for name, hit in hits.items() if "; above" not in name}
+    assert {name for name, count in found.items() if count} == {
+        "box; in the plane",
+        "height field with flat parts; in the plane",
+        "height field with flat parts; next to it",
+    }
+    assert found["box; in the plane"] == in_plane.RAYS
+    low, high = in_plane.rays(0.0), in_plane.rays(in_plane.TINY)
+    assert (low[1][:, 2] == 0.0).all() and (low[1] == high[1]).all() and (high[0][:, 2] > low[0][:, 2]).all()
 
 
 def test_what_is_moved_is_not_built_anew() -> None:

@@ -635,6 +635,13 @@ def _meshes() -> Iterator[Case]:
     yield Case("mesh-integer-grid-axis-parallel", "mesh, integer grid, axis-parallel rays", spec, *_rays(down), 100, 20)
     along = [((-3.0, v, w), (1.0, 0, -0.0)) for v in half for w in (0.0, 0.5, 1.0, 2.0)]
     yield Case("mesh-integer-grid-along-rows", "mesh, integer grid, axis-parallel rays", spec, *_rays(along), 20, 5)
+    vertices, faces = terraces(6)
+    level = [0.0, 1.0, 2.0, 5e-324, 1e-300, 1.0 + 2.0**-52]
+    along = [(o, d) for z in level for o, d in _level_rays(rng, 6, z, 12)]
+    spec = Spec("TriangleMesh", (vertices, faces))
+    yield Case(
+        "mesh-terraces-rays-in-their-planes", "mesh, rays in the planes of its parts", spec, *_rays(along), 20, 10
+    )
     # two coplanar triangles overlap, one twice; then zero area in three ways
     vertices = np.array([(0, 0, 0), (4, 0, 0), (0, 4, 0), (4, 4, 0), (2, 0, 0), (2, 2, 0)], dtype=float)
     faces = np.array([(0, 0, 1), (0, 4, 1), (3, 3, 3), (0, 1, 3), (0, 1, 2), (2, 0, 1), (1, 3, 2)])
@@ -648,6 +655,29 @@ def _meshes() -> Iterator[Case]:
         80,
         20,
     )
+
+
+def terraces(n: int) -> tuple[Floats, npt.NDArray[np.int64]]:
+    """Return n × n flat squares of whole heights, from (0, 0) to (n, n), with a wall wherever two heights differ."""
+    height = np.mod(np.add.outer(np.arange(n) // 2, np.arange(n) // 3), 3).astype(float)
+    quads = []
+    for i, j in itertools.product(range(n), range(n)):
+        z = height[i, j]
+        quads.append([(i, j, z), (i + 1, j, z), (i + 1, j + 1, z), (i, j + 1, z)])
+        for k, m, a, b in ((i + 1, j, (i + 1, j), (i + 1, j + 1)), (i, j + 1, (i, j + 1), (i + 1, j + 1))):
+            if k < n and m < n and height[k, m] != z:
+                quads.append([(*a, z), (*b, z), (*b, height[k, m]), (*a, height[k, m])])
+    corner = 4 * np.arange(len(quads))[:, None]
+    faces = np.concatenate([corner + np.array([0, 1, 2]), corner + np.array([0, 2, 3])])
+    return np.array(quads, dtype=float).reshape(-1, 3), faces
+
+
+def _level_rays(rng: np.random.Generator, n: int, z: float, count: int) -> list[tuple[Any, Any]]:
+    """Return horizontal rays at a height, along the rows of a grid, its diagonals and across."""
+    places = rng.integers(-2, 2 * n + 4, (count, 2)) / 2
+    ways = rng.choice([-1.0, -0.0, 0.0, 0.5, 1.0], (count, 2)) + rng.choice([0.0, 2.0**-30], (count, 1))
+    zeros = rng.choice([0.0, -0.0], count)
+    return [((x, y, z), (u or 1.0, v, w)) for (x, y), (u, v), w in zip(places, ways, zeros, strict=True)]
 
 
 def star(points: int, rng: np.random.Generator, slope: Sequence[int] = (2, -3), size: int = 1000) -> Floats:

@@ -103,6 +103,60 @@ def test_no_area_no_hit_but_counted():
     assert sliver.degenerate_count == 0
 
 
+QUARTER = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])  # z to x, x to y, y to z
+SHIFT = np.array([[1, 0, 0, 0.1], [0, 1, 0, 5e5], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])
+
+
+@pytest.mark.parametrize("matrix", [np.eye(4), QUARTER, SHIFT], ids=["as-given", "turned", "shifted"])
+def test_rays_in_the_planes_of_a_mesh_meet_what_stands_on_them(matrix, instruction_sets, monkeypatch):
+    # 12 × 12 squares and their walls fill several levels of a hierarchy, most of whose boxes are flat
+    vertices, faces = cases.terraces(12)
+    rng = np.random.default_rng(13)
+    origins = np.column_stack([rng.integers(-2, 28, (300, 2)) / 2, rng.integers(0, 3, 300)])
+    ways = rng.normal(size=(300, 2)) * rng.integers(0, 2, (300, 2))
+    directions = np.column_stack([ways, np.zeros(300)])[(ways != 0).any(axis=1)]
+    origins = origins[: len(directions)]
+    spec = cases.Spec("TriangleMesh", (vertices, faces), None if (matrix == np.eye(4)).all() else matrix)
+    o, d = origins @ matrix[:3, :3].T + matrix[:3, 3], directions @ matrix[:3, :3].T
+    for isa in instruction_sets:
+        monkeypatch.setenv("LIDARSIM_ISA", isa)
+        mesh = spec.build()
+        hits = mesh.cast(o, d)
+        verdict = judge_cast(spec, o, d, hits.t, primitives=hits.primitive_id)
+        assert verdict.wrong == 0, verdict.first
+        assert 60 <= hits.hit.sum() <= 240, "rays that hit walls, and rays that miss"
+        alone = np.concatenate([mesh.cast(o[i : i + 1], d[i : i + 1]).t for i in range(len(o))])
+        np.testing.assert_array_equal(alone, hits.t)
+
+
+def test_rays_in_the_planes_of_a_moving_mesh():
+    # the motion is exact: along the plane by whole numbers
+    vertices, faces = cases.terraces(12)
+    drive = ls.Trajectory.from_twist(np.eye(4), linear=(2.0, -1.0, 0.0))
+    moving, still = ls.Scene(), ls.Scene()
+    moving.add(ls.TriangleMesh(vertices, faces), motion=drive)
+    still.add(ls.TriangleMesh(vertices, faces))
+    rng = np.random.default_rng(14)
+    origins = np.column_stack([rng.integers(-2, 28, (200, 2)) / 2, rng.integers(0, 3, 200)])
+    directions = np.column_stack([rng.integers(1, 4, 200), rng.integers(-2, 3, 200), np.zeros(200)]).astype(float)
+    times = rng.integers(0, 4, 200).astype(float)
+    there = origins + times[:, None] * (2.0, -1.0, 0.0)
+    found = moving.cast(there, directions, time=times)
+    np.testing.assert_array_equal(found.t, still.cast(origins, directions).t)
+    assert 40 <= np.isfinite(found.t).sum() <= 190
+
+
+def test_faces_that_gain_an_area_are_found():
+    # without an area a face is in no hierarchy; a new shape of the mesh must have it
+    flat = ls.TriangleMesh([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0)], [(0, 1, 2), (0, 1, 3)])
+    assert flat.degenerate_count == 1
+    ray = np.array([(1.0, 0.25, 1.0)]), np.array([(0.0, 0.0, -1.0)])
+    assert not flat.cast(*ray).hit.any()
+    shaped = flat.deformed([(0, 0, 0), (1, 1, 0), (2, 0, 0), (0, 1, 0)])
+    assert shaped.cast(*ray).primitive_id.tolist() == [0]
+    assert shaped.deformed(flat.vertices).degenerate_count == 1
+
+
 @pytest.mark.parametrize("size", [1e307, 1.7e308])
 def test_coordinates_near_the_largest_float(size, instruction_sets, monkeypatch):
     # already the sum of two of them may be infinite

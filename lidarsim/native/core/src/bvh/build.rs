@@ -155,7 +155,44 @@ pub fn build<L: Send>(
         leaf(&ids[..range.len()])
     };
     let leaves = collect(parts.leaves.len(), shared, leaf);
-    Bvh::with(center, memory::copy(&parts.nodes), leaves)
+    let planes = collect(parts.leaves.len(), shared, |at| {
+        let items = &items[parts.leaves[at as usize].clone()];
+        items.iter().filter_map(|item| bounds(item.id)).reduce(union).map_or(NOT_FLAT, planes_of)
+    });
+    let mut nodes = memory::copy(&parts.nodes);
+    find_flat(&mut nodes, |leaf| planes[leaf]);
+    Bvh::with(center, nodes, leaves)
+}
+
+/// By axis, the coordinate of the plane that contains a part of a hierarchy, or NaN.
+type ContainingPlanes = [f64; 3];
+
+const NOT_FLAT: ContainingPlanes = [f64::NAN; 3];
+
+/// The planes perpendicular to the axes that contain a box.
+pub fn planes_of(bounds: [Interval; 3]) -> ContainingPlanes {
+    bounds.map(|side| if side.low == side.high { side.low } else { f64::NAN })
+}
+
+/// Sets which children are flat, from the planes that contain each leaf. Each node comes before those below it.
+pub fn find_flat(nodes: &mut [Node], leaf: impl Fn(usize) -> ContainingPlanes) {
+    let mut planes = memory::with_capacity(nodes.len());
+    planes.resize(nodes.len(), NOT_FLAT);
+    for (i, node) in nodes.iter_mut().enumerate().rev() {
+        node.flat = [0; 3];
+        for k in 0..node.children() {
+            let child = node.child[k];
+            let of_child = if child.is_leaf() { leaf(child.index()) } else { planes[child.index()] };
+            for axis in 0..3 {
+                node.flat[axis] |= u8::from(!of_child[axis].is_nan()) << k;
+                if k == 0 {
+                    planes[i][axis] = of_child[axis];
+                } else if planes[i][axis] != of_child[axis] {
+                    planes[i][axis] = f64::NAN;
+                }
+            }
+        }
+    }
 }
 
 pub fn union(a: [Interval; 3], b: [Interval; 3]) -> [Interval; 3] {
@@ -265,6 +302,7 @@ impl Parts {
             low: [[f32::INFINITY; WIDTH]; 3],
             high: [[f32::NEG_INFINITY; WIDTH]; 3],
             child: [Child::leaf(0); WIDTH],
+            flat: [0; 3],
         };
         memory::push(&mut self.nodes, node);
         for (i, child) in children.into_iter().enumerate() {

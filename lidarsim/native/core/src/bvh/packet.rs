@@ -32,6 +32,9 @@ pub struct Packet {
     /// As in `RayPacket`.
     offset: [f64; LANES],
     has_offsets: bool,
+    /// As in `RayPacket`, and whether there are any.
+    parallel: [Mask; 3],
+    are_parallel: bool,
     pub(super) octant: Octant,
 }
 
@@ -109,7 +112,37 @@ impl Packet {
     pub fn empty() -> Self {
         let octant = Octant { start: 0.0, backward: [false; 3] };
         let (subpackets, offset) = ([Subpacket::EMPTY; SUBPACKETS], [0.0; LANES]);
-        Packet { subpackets, count: 0, scale: 1.0, offset, has_offsets: false, octant }
+        let (parallel, are_parallel) = ([0; 3], false);
+        Packet {
+            subpackets,
+            count: 0,
+            scale: 1.0,
+            offset,
+            has_offsets: false,
+            parallel,
+            are_parallel,
+            octant,
+        }
+    }
+
+    /// The rays that miss child i of a node because it is flat and they are parallel to its plane.
+    #[inline(always)]
+    pub(super) fn missing(&self, node: &Node, i: usize) -> Mask {
+        if !self.are_parallel {
+            return 0;
+        }
+        let along = |axis: usize| if node.flat[axis] >> i & 1 != 0 { self.parallel[axis] } else { 0 };
+        along(0) | along(1) | along(2)
+    }
+
+    /// The axes along which the direction of a ray is exactly zero, a bit each.
+    #[inline(always)]
+    pub(super) fn parallel(&self, lane: usize) -> u8 {
+        if !self.are_parallel {
+            return 0;
+        }
+        let along = |axis: usize| ((self.parallel[axis] >> lane & 1) as u8) << axis;
+        along(0) | along(1) | along(2)
     }
 
     /// Sets up rays of one octant, relative to the centre of a hierarchy, from t_min ≥ 0 to one limit each.
@@ -118,6 +151,8 @@ impl Packet {
         let octant = rays.octant;
         self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
+        self.parallel = rays.parallel;
+        self.are_parallel = rays.parallel != [0; 3];
         // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents are far from the limits of float64
         // (see `RayPacket::gather`). Components of rays much shorter than the longest may underflow; see
         // `SHRINK`.

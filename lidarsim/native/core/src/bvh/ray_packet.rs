@@ -53,6 +53,8 @@ pub struct RayPacket {
     pub time: [f64; LANES],
     /// Their indices among all rays.
     pub at: [u32; LANES],
+    /// By axis, the rays whose direction is exactly zero along it.
+    pub parallel: [Mask; 3],
     /// The signs of all directions, one bit per axis.
     pub octant: u32,
     /// Whether all rays have the same origin, with the same error.
@@ -73,6 +75,7 @@ impl RayPacket {
             has_offsets: false,
             time: [0.0; LANES],
             at: [0; LANES],
+            parallel: [0; 3],
             octant: 0,
             one_origin: false,
             origins: Origins { groups: [0; LANES], count: 0 },
@@ -105,6 +108,7 @@ impl RayPacket {
         let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(LARGEST));
         let (mut fit, mut together): (Mask, Mask) = (0, 0);
         let mut signs: [Mask; 3] = [0; 3];
+        self.parallel = [0; 3];
         let given = order.len().min(LANES);
         for eight in 0..given.div_ceil(8) {
             let at = match order[8 * eight..].first_chunk() {
@@ -129,6 +133,7 @@ impl RayPacket {
                 at_one &= o.le(first) & first.le(o);
                 largest = Floats::max(d.abs(), largest);
                 signs[axis] |= Mask::from(d.lt(I::F64x8::splat(0.0))) << (8 * eight);
+                self.parallel[axis] |= Mask::from(d.abs().le(I::F64x8::splat(0.0))) << (8 * eight);
             }
             fit |= Mask::from(within & I::F64x8::splat(SMALLEST).lt(largest)) << (8 * eight);
             together |= Mask::from(at_one) << (8 * eight);
@@ -157,7 +162,7 @@ impl RayPacket {
         self.origin_error.clone_from(&others.origin_error);
         self.direction_error.clone_from(&others.direction_error);
         self.length.clone_from(&others.length);
-        self.one_origin = others.one_origin;
+        (self.one_origin, self.parallel) = (others.one_origin, others.parallel);
     }
 
     /// Keeps the rays of `mask`, which are of one octant. `one_origin` may be set for rays that share an

@@ -2,10 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::build::{Aabb, PARALLEL, center_of, union};
+use super::build::{Aabb, PARALLEL, center_of, find_flat, planes_of, union};
 use super::node::{Node, WIDTH};
 use super::{Bvh, MAX_LEAF_SIZE};
 use crate::arith::number::Interval;
+use crate::geometry::vector::Point;
 use crate::{memory, parallel, stop};
 
 impl<L: Clone> Bvh<L> {
@@ -15,8 +16,8 @@ impl<L: Clone> Bvh<L> {
         if self.leaves.len() != leaves {
             return None;
         }
-        let around = |leaf: usize| Some(Aabb::around(bounds(&self.leaves[leaf])?, self.center()));
-        Some(Bvh::with(self.center(), fitted(&self.nodes, around)?, self.leaves.clone()))
+        let bounds: Option<Vec<_>> = self.leaves.iter().map(bounds).collect();
+        Some(Bvh::with(self.center(), fitted(&self.nodes, &bounds?, self.center()), self.leaves.clone()))
     }
 }
 
@@ -44,13 +45,12 @@ impl<L: Send + Sync> Bvh<L> {
         let all = bounds.iter().copied().reduce(union);
         // Far from the old centre float32 boxes would be coarse.
         let center = all.map_or(self.center(), center_of);
-        let nodes = fitted(&self.nodes, |leaf| Some(Aabb::around(bounds[leaf], center)));
-        (Bvh::with(center, nodes.unwrap_or_default(), leaves), all)
+        (Bvh::with(center, fitted(&self.nodes, &bounds, center), leaves), all)
     }
 }
 
-/// The nodes, around leaves with these boxes. `None` if a leaf has none.
-fn fitted(nodes: &[Node], leaf: impl Fn(usize) -> Option<Aabb>) -> Option<Vec<Node>> {
+/// The nodes, around leaves with these bounds.
+fn fitted(nodes: &[Node], leaves: &[[Interval; 3]], center: Point) -> Vec<Node> {
     let mut nodes = memory::copy(nodes);
     let mut boxes = memory::with_capacity(nodes.len());
     boxes.resize(nodes.len(), Aabb::EMPTY);
@@ -58,14 +58,19 @@ fn fitted(nodes: &[Node], leaf: impl Fn(usize) -> Option<Aabb>) -> Option<Vec<No
     for (i, node) in nodes.iter_mut().enumerate().rev() {
         for k in 0..node.children() {
             let child = node.child[k];
-            let around = if child.is_leaf() { leaf(child.index())? } else { boxes[child.index()] };
+            let around = if child.is_leaf() {
+                Aabb::around(leaves[child.index()], center)
+            } else {
+                boxes[child.index()]
+            };
             for axis in 0..3 {
                 (node.low[axis][k], node.high[axis][k]) = (around.low(axis), around.high(axis));
             }
             boxes[i].include(&around);
         }
     }
-    Some(nodes)
+    find_flat(&mut nodes, |leaf| planes_of(leaves[leaf]));
+    nodes
 }
 
 impl<L> Bvh<L> {
@@ -89,7 +94,7 @@ impl<L> Bvh<L> {
 
 impl Node {
     /// The number of children, which come first.
-    fn children(&self) -> usize {
+    pub(super) fn children(&self) -> usize {
         (0..WIDTH).position(|k| !(self.low[0][k] < f32::INFINITY)).unwrap_or(WIDTH)
     }
 
@@ -103,6 +108,58 @@ mod tests {
     use super::*;
     use crate::bvh::node::Child;
     use crate::testing::numbers;
+
+    /// All points below a child.
+    fn points_below(bvh: &Bvh<Vec<[f64; 3]>>, child: Child) -> Vec<[f64; 3]> {
+        if child.is_leaf() {
+            return bvh.leaves[child.index()].clone();
+        }
+        let node = &bvh.nodes[child.index()];
+        node.child[..node.children()].iter().flat_map(|child| points_below(bvh, *child)).collect()
+    }
+
+    /// Checks which children are flat, and returns how many are and how many are not.
+    fn check_flat(bvh: &Bvh<Vec<[f64; 3]>>) -> [usize; 2] {
+        let mut found = [0; 2];
+        for node in &bvh.nodes {
+            for (k, child) in node.child[..node.children()].iter().enumerate() {
+                let points = points_below(bvh, *child);
+                for axis in 0..3 {
+                    let is_flat = points.iter().all(|point| point[axis] == points[0][axis]);
+                    assert_eq!(node.flat[axis] >> k & 1 != 0, is_flat);
+                    found[usize::from(!is_flat)] += 1;
+                }
+            }
+        }
+        found
+    }
+
+    /// Terraces whose heights float32 does not tell apart, before and after they move.
+    #[test]
+    fn children_are_flat_where_all_below_lies_in_one_plane() {
+        let mut next = numbers();
+        let heights = [0.1, 0.1_f64.next_up(), 3.0];
+        let mut points = || -> Vec<[f64; 3]> {
+            (0..600).map(|i| [next() + f64::from(i / 100), next(), heights[i as usize / 100 % 3]]).collect()
+        };
+        let (first, second) = (points(), points());
+        let box_of = |id: u32| Some(first[id as usize].map(Interval::point));
+        let built = Bvh::new(first.len(), box_of, MAX_LEAF_SIZE, |ids| ids.to_vec());
+        let with = |bvh: &Bvh<Vec<u32>>, points: &[[f64; 3]]| {
+            let leaves = bvh.leaves.iter().map(|ids| ids.iter().map(|&id| points[id as usize]).collect());
+            Bvh { frame: bvh.frame, nodes: memory::copy(&bvh.nodes), leaves: leaves.collect() }
+        };
+        let [flat, others] = check_flat(&with(&built, &first));
+        assert!(flat > 50 && others > 100, "{flat}, {others}");
+        let mut moved = second.clone();
+        moved[..300].iter_mut().for_each(|point| point[2] += point[0]);
+        let bounds = |ids: &Vec<u32>| {
+            let points = ids.iter().map(|&id| moved[id as usize].map(Interval::point));
+            (ids.clone(), points.reduce(union).unwrap_or([Interval::point(0.0); 3]))
+        };
+        let [still, bent] = check_flat(&with(&built.remade(bounds).0, &moved));
+        assert!(0 < still && still < flat && bent > others, "{still}, {bent}");
+    }
 
     /// Checks that each leaf, its points, lies in all boxes above it, which are as tight as float32 allows.
     fn check(bvh: &Bvh<Vec<[f64; 3]>>) {

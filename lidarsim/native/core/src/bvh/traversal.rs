@@ -6,7 +6,7 @@ use super::packet::{FewBoxHits, Frustum, Packet, Slabs};
 use super::ray_packet::{LANES, Mask, all, take};
 use super::stack::{Entry, RayStack, SINGLE_RAYS, Stack};
 use super::traversal_ray::TraversalRay;
-use crate::arith::simd::Isa;
+use crate::arith::simd::{Floats, Isa};
 
 /// Intersects single rays with leaves. A trait, as a closure would not be compiled for the instruction set.
 pub trait Visitor<L> {
@@ -43,8 +43,9 @@ impl<L> Bvh<L> {
             let node = &self.nodes[entry.child.index()];
             let (near, far) = ray.intersect(&node.low, &node.high);
             let first = stack.len;
+            let missed = node.missed(ray.parallel());
             for i in 0..WIDTH {
-                if near[i] <= far[i] {
+                if near[i] <= far[i] && missed >> i & 1 == 0 {
                     stack.push_sorted(first, Entry { near: near[i], child: node.child[i], mask: 0 });
                 }
             }
@@ -78,8 +79,8 @@ impl<L> Bvh<L> {
         if mask.count_ones() > FEW {
             let box_hits = frustum.intersect::<I>(&packet.octant, node);
             for (&near, &i) in box_hits.near.iter().zip(&box_hits.child).take(box_hits.count) {
-                let (child, mask) =
-                    (node.child[i as usize], packet.intersect::<I>(*mask, &box_hits, i as usize));
+                let mask = packet.intersect::<I>(*mask, &box_hits, i as usize);
+                let (child, mask) = (node.child[i as usize], mask & !packet.missing(node, i as usize));
                 self.prefetch::<I>(if mask != 0 { child } else { traversal.child });
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }
@@ -87,8 +88,9 @@ impl<L> Bvh<L> {
             let FewBoxHits { count, child, near, masks } = packet.intersect_few::<I>(*mask, frustum, node);
             for (&near, &i) in near.iter().zip(&child).take(count) {
                 let (child, mask) = (node.child[i as usize], masks[i as usize]);
+                let mask = mask & !packet.missing(node, i as usize);
                 self.prefetch::<I>(child);
-                stack.push_if(true, Entry { near, child, mask });
+                stack.push_if(mask != 0, Entry { near, child, mask });
             }
         }
         stack.len > before
@@ -124,7 +126,11 @@ impl<L> Bvh<L> {
             while let Some(k) = take(&mut at_nodes) {
                 let (traversal, ray_stack) = (&mut traversals[k], &mut stack.ray_stacks[k]);
                 let node = &self.nodes[traversal.child.index()];
-                let Slabs { near, far, .. } = traversal.frustum.slabs::<I>(&octant, node, traversal.limit);
+                let Slabs { near, mut far, .. } =
+                    traversal.frustum.slabs::<I>(&octant, node, traversal.limit);
+                if traversal.parallel != 0 && node.is_flat() {
+                    far = without::<I>(far, node.missed(traversal.parallel));
+                }
                 ray_stack.push::<I>(near, far, &node.child);
                 traversal.child = ray_stack.pop();
                 self.prefetch::<I>(traversal.child);
@@ -230,25 +236,46 @@ struct RayTraversal {
     lane: usize,
     frustum: Frustum,
     limit: f32,
+    /// The axes along which its direction is exactly zero, a bit each.
+    parallel: u8,
     child: Child,
     /// The base of its part of its stack.
     base: usize,
 }
 
 impl RayTraversal {
-    const EMPTY: RayTraversal =
-        RayTraversal { lane: 0, frustum: Frustum::EMPTY, limit: 0.0, child: Child::node(0), base: 0 };
+    const EMPTY: RayTraversal = RayTraversal {
+        lane: 0,
+        frustum: Frustum::EMPTY,
+        limit: 0.0,
+        parallel: 0,
+        child: Child::node(0),
+        base: 0,
+    };
 
     #[inline(always)]
     fn start(&mut self, lane: usize, packet: &Packet, ray_stack: &mut RayStack) {
         self.lane = lane;
         packet.put_frustum_of_one(lane, &mut self.frustum);
         self.limit = packet.limit(lane);
+        self.parallel = packet.parallel(lane);
         self.child = Child::node(0);
         ray_stack.child[ray_stack.len] = Child::END.0;
         ray_stack.len += 1;
         self.base = ray_stack.len;
     }
+}
+
+/// The ends of a ray in boxes, with those of `missed` before every start.
+#[inline(always)]
+fn without<I: Isa>(far: I::F32x8, missed: u8) -> I::F32x8 {
+    let mut far: [f32; WIDTH] = far.store();
+    for (i, far) in far.iter_mut().enumerate() {
+        if missed >> i & 1 != 0 {
+            *far = f32::NEG_INFINITY;
+        }
+    }
+    I::F32x8::load(&far)
 }
 
 /// The interleaved traversals that have ended and those at a leaf, one bit each; the others are at inner

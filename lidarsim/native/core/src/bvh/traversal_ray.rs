@@ -32,6 +32,8 @@ pub struct TraversalRay {
     axes: [Axis; 3],
     start: f32,
     limit: f32,
+    /// The axes along which the direction is exactly zero, a bit each.
+    parallel: u8,
     /// The t of the float64 ray times this is t here; a product of two powers of two.
     scale: (f64, f64),
 }
@@ -83,7 +85,9 @@ impl TraversalRay {
             }
         });
         let scale = (power(exponent / 2), power(exponent - exponent / 2));
-        let mut ray = TraversalRay { axes, start: 0.0, limit: f32::INFINITY, scale };
+        let is_zero = |axis: usize| direction[axis].low == 0.0 && direction[axis].high == 0.0;
+        let parallel = (0..3).fold(0, |bits, axis| bits | u8::from(is_zero(axis)) << axis);
+        let mut ray = TraversalRay { axes, start: 0.0, limit: f32::INFINITY, parallel, scale };
         ray.start = down(t_min * scale.0 * scale.1).max(0.0);
         ray.lower_limit(t_max);
         ray
@@ -95,6 +99,10 @@ impl TraversalRay {
 
     pub fn limit(&self) -> f32 {
         self.limit
+    }
+
+    pub(super) fn parallel(&self) -> u8 {
+        self.parallel
     }
 
     /// Bounds of t from below at the entries into eight boxes, and from above at the exits.

@@ -38,6 +38,7 @@ impl InstanceRays {
         mask: Mask,
     ) -> Mask {
         self.backward = [0; 3];
+        self.all.parallel = [0; 3];
         let mut held = match object.inverse().and_then(Inverse::rounded) {
             Some(inverse) if then.is_none() => self.gather_still::<I>(inverse, world, mask),
             _ => {
@@ -57,6 +58,7 @@ impl InstanceRays {
     #[inline(always)]
     fn gather_still<I: Isa>(&mut self, inverse: &RoundedInverse, world: &RayPacket, mask: Mask) -> Mask {
         let mut held = 0;
+        self.all.parallel = inverse.parallel(world.parallel);
         let mut origin = inverse.points(lanes::splat::<I::F64x8, 8>(world.origin(0)));
         for eight in 0..LANES / 8 {
             let active = part_of_mask::<8>(mask, eight);
@@ -82,6 +84,7 @@ impl InstanceRays {
         }
         self.all.set(lane, origin, direction);
         (self.all.origin_error[lane], self.all.direction_error[lane]) = (origin_error, direction_error);
+        self.all.parallel.iter_mut().for_each(|parallel| *parallel &= !(1 << lane));
         for axis in 0..3 {
             self.backward[axis] |= Mask::from(direction[axis] < 0.0) << lane;
         }
@@ -142,8 +145,12 @@ impl PlacementTask for Gather<'_> {
             let rays = Many::new(&active);
             let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, rays);
             let ray = Ray { origin, direction: of_rays(d, rays), weight: None };
-            if let Ok([o, d]) = placement.part(i).local_rays(ray, rays).enclose() {
+            let local = placement.part(i).local_rays(ray, rays);
+            if let Ok([o, d]) = local.enclose() {
                 held |= Mask::from(instance_rays.store(i, middle(o), middle(d)) & active.get()) << (i * N);
+                for (parallel, d) in instance_rays.all.parallel.iter_mut().zip(&local.direction) {
+                    *parallel |= Mask::from(d.zeros() & active.get()) << (i * N);
+                }
             }
         }
         for backward in &mut instance_rays.backward {
@@ -246,6 +253,48 @@ mod tests {
             let inside = [low.minus(&middle.minus(&error)), middle.plus(&error).minus(&high)];
             assert!(inside.iter().all(|x| x.sign() != Ok(Ordering::Less)), "{low:?} {high:?}");
         }
+    }
+
+    /// Quarter turns, stretches and shifts keep directions along the axes; most turns do not.
+    #[test]
+    fn directions_are_exactly_zero_where_it_says() {
+        let mut number = numbers();
+        let (mut zeros, mut others) = (0, 0);
+        let quarter = [[0.0, 0.0, 0.3], [1.7, 0.0, 0.0], [0.0, -0.1, 0.0]];
+        let about_z = [[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
+        let sheared = [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]];
+        let any = [0; 3].map(|_: u8| [0; 3].map(|_: u8| number() - 0.5));
+        for linear in [quarter, about_z, sheared, any] {
+            let Some(mesh) = TriangleMesh::new(Vec::new(), Vec::new()) else { continue };
+            let object = Object::new(Geometry::Mesh(Arc::new(mesh)), false)
+                .transformed(Affine::new(linear, [0.1, 5e6, -0.3]));
+            let Some(object) = object else { unreachable!("the map can be inverted") };
+            let mut world = RayPacket::empty();
+            world.count = 64;
+            for lane in 0..world.count {
+                let direction = [1, 2, 4].map(|bit| if lane & bit != 0 { number() + 0.1 } else { 0.0 });
+                world.set(lane, [0.3, 0.2, 0.1], if lane % 8 == 0 { [1.0, 0.0, 0.0] } else { direction });
+                for axis in 0..3 {
+                    world.parallel[axis] |= Mask::from(world.direction(lane)[axis] == 0.0) << lane;
+                }
+            }
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                let mut instance_rays = InstanceRays::new();
+                assert_eq!(dispatch(level, Enter(&object, &world, &mut instance_rays)), all(64));
+                for lane in 0..world.count {
+                    let ray = Ray::new(world.origin(lane), world.direction(lane));
+                    let truth: Ray<Dyadic> = object.inverse().local(ray);
+                    for axis in 0..3 {
+                        let is_zero = truth.direction[axis].is_zero() == Ok(true);
+                        let said = instance_rays.all.parallel[axis] >> lane & 1 != 0;
+                        assert!(is_zero || !said, "{level:?}, {linear:?}, {lane}");
+                        zeros += usize::from(said);
+                        others += usize::from(is_zero && !said);
+                    }
+                }
+            }
+        }
+        assert!(zeros > 200 && others < zeros / 8, "{zeros}, {others}");
     }
 
     #[test]

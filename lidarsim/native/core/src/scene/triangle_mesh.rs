@@ -6,8 +6,8 @@ use crate::bvh::Bvh;
 use crate::geometry::dop::Dop;
 use crate::geometry::vector::Point;
 use crate::once::Once;
+use crate::shapes::Triangle;
 use crate::shapes::triangle::{LEAF_SIZE, Leaf};
-use crate::shapes::{Surface, Triangle};
 use crate::{memory, stop};
 
 #[derive(Debug)]
@@ -18,8 +18,10 @@ pub struct TriangleMesh {
     bounds: Once<Option<[Interval; 3]>>,
     /// Likewise, if the mesh is transformed or moves.
     dop: Once<Option<Dop>>,
-    /// Built on the first cast.
+    /// Built on the first cast, without triangles that have no area.
     hierarchy: Once<Bvh<Leaf>>,
+    /// Whether the hierarchy has all triangles.
+    covered: Once<bool>,
 }
 
 impl TriangleMesh {
@@ -33,11 +35,12 @@ impl TriangleMesh {
             bounds: Once::new(),
             dop: Once::new(),
             hierarchy: Once::new(),
+            covered: Once::new(),
         })
     }
 
     /// The same faces over other vertices, with the hierarchy refitted to them: it has the same leaves, whose
-    /// triangles are taken anew. `None` if the number of vertices differs.
+    /// triangles are taken anew. If it lacks triangles, it is built again on first use. `None` if the number of vertices differs.
     pub fn deformed(&self, vertices: Vec<Point>) -> Option<Self> {
         if vertices.len() != self.vertices.len() {
             return None;
@@ -46,12 +49,16 @@ impl TriangleMesh {
             let [a, b, c] = self.faces[id as usize].map(|v| vertices[v as usize]);
             Triangle(a, b, c)
         };
+        if !self.is_covered() {
+            return TriangleMesh::new(vertices, memory::copy(&self.faces));
+        }
         let (refitted, around) = self.hierarchy().remade(|leaf| Leaf::with_bounds(leaf.ids(), triangle));
-        let (bounds, hierarchy) = (Once::new(), Once::new());
+        let (bounds, hierarchy, covered) = (Once::new(), Once::new(), Once::new());
         bounds.get_or_make(|| around);
         hierarchy.get_or_make(|| refitted);
+        covered.get_or_make(|| true);
         let faces = memory::copy(&self.faces);
-        Some(TriangleMesh { vertices, faces, bounds, dop: Once::new(), hierarchy })
+        Some(TriangleMesh { vertices, faces, bounds, dop: Once::new(), hierarchy, covered })
     }
 
     pub fn vertices(&self) -> &[Point] {
@@ -105,10 +112,16 @@ impl TriangleMesh {
             });
             Bvh::new(
                 self.len(),
-                |id| self.triangle(id).bounds(),
+                |id| self.triangle(id).bounds_of_area(),
                 LEAF_SIZE,
                 |ids| Leaf::new(ids, |id| self.triangle(id)),
             )
+        })
+    }
+
+    fn is_covered(&self) -> bool {
+        *self.covered.get_or_make(|| {
+            self.hierarchy().leaves().iter().map(|leaf| leaf.ids().len()).sum::<usize>() == self.len()
         })
     }
 

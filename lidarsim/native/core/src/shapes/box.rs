@@ -3,6 +3,7 @@
 use std::cmp::Ordering;
 
 use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, all_positive, parameters, roots};
+use crate::arith::error_free::two_sum;
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root};
 use crate::geometry::axis_plane::AxisPlane;
@@ -36,11 +37,26 @@ impl Box {
                 (entry, Root::linear(low.negated(), slope, face))
             }
             Ordering::Equal => {
+                // One subtraction from a face that is a float64 is certain also where it is zero.
+                let from = |feature: u8, rounded: N| match self.coordinate(feature) {
+                    Some(x) => ray.weighted(N::exact(x)).minus(&ray.origin[axis]),
+                    None => rounded,
+                };
+                let (low, high) = (from(face, low), from(opposite, high));
                 return Ok(low.sign()? != Ordering::Greater && high.sign()? != Ordering::Less);
             }
         };
         chord.cut(entry, exit)?;
         Ok(true)
+    }
+
+    /// The coordinate of a face along its axis, if it is a float64.
+    #[inline(always)]
+    fn coordinate(&self, feature: u8) -> Option<f64> {
+        let axis = usize::from(feature / 2);
+        let half = self.size[axis] / 2.0;
+        let (sum, rest) = two_sum(self.center[axis], if feature.is_multiple_of(2) { -half } else { half });
+        (2.0 * half == self.size[axis] && rest == 0.0).then_some(sum)
     }
 }
 

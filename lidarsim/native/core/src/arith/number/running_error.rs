@@ -70,6 +70,12 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
         RunningErrors { value, size, weight, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
     }
 
+    /// The lanes whose number is known to be exactly zero.
+    #[inline(always)]
+    pub fn zeros(self) -> u32 {
+        !self.nonzero
+    }
+
     /// The number and a bound of its error.
     #[inline(always)]
     pub fn parts(self) -> (L::Floats, L::Floats) {

@@ -104,7 +104,7 @@ impl Inverse {
 
     /// In float64; `None` if the bounds of its error are uncertain.
     pub fn rounded(&self) -> Option<&RoundedInverse> {
-        self.rounded.get_or_make(|| RoundedInverse::of(&self.double_double)).as_ref()
+        self.rounded.get_or_make(|| RoundedInverse::of(&self.double_double, &self.running_error)).as_ref()
     }
 
     /// As expansions; `None` if numbers are so large or small that products of several may overflow or

@@ -1,7 +1,7 @@
 //! The inverse of affine maps in float64.
 
 use super::Adjugate;
-use crate::arith::number::{DoubleDouble, UNIT};
+use crate::arith::number::{DoubleDouble, Number, RunningError, UNIT};
 use crate::arith::simd::{Floats, lanes};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Point;
@@ -15,6 +15,8 @@ pub struct RoundedInverse {
     /// The error of a product per unit of Σ|wᵢ| of the vector, and the error of the image.
     linear_error: f64,
     image_error: f64,
+    /// The entries of `linear` that are exactly zero, by row, one bit per column.
+    zeros: [u8; 3],
 }
 
 impl RoundedInverse {
@@ -24,7 +26,7 @@ impl RoundedInverse {
     /// Σ|wᵢ|, the errors of the entries add E to the error of a product, and three products and their sums
     /// add 3uB; a difference w adds uB, and the sum with the image T another uB, and u·T. The bounds have
     /// 8uB and 4u·T, which also covers their own roundings.
-    pub(super) fn of(inverse: &Adjugate<DoubleDouble>) -> Option<Self> {
+    pub(super) fn of(inverse: &Adjugate<DoubleDouble>, rows: &Adjugate<RunningError>) -> Option<Self> {
         let pivot = inverse.offset;
         let (mut linear, mut image) = ([[0.0; 3]; 3], [0.0; 3]);
         let (mut largest, mut linear_error, mut image_error): (f64, f64, f64) = (0.0, 0.0, 0.0);
@@ -40,7 +42,21 @@ impl RoundedInverse {
         }
         linear_error += 8.0 * UNIT * largest;
         let known = linear_error.is_finite() && image_error.is_finite();
-        known.then_some(RoundedInverse { linear, pivot, image, linear_error, image_error })
+        let zeros = rows
+            .linear
+            .rows
+            .each_ref()
+            .map(|row| (0..3).fold(0, |bits, j| bits | u8::from(row[j].is_zero() == Ok(true)) << j));
+        known.then_some(RoundedInverse { linear, pivot, image, linear_error, image_error, zeros })
+    }
+
+    /// By axis, the vectors whose image is exactly zero along it, from those that are exactly zero along each
+    /// axis, one bit each.
+    pub fn parallel(&self, zero: [u64; 3]) -> [u64; 3] {
+        self.zeros.map(|row| {
+            let along = |j: usize| if row >> j & 1 != 0 { u64::MAX } else { zero[j] };
+            along(0) & along(1) & along(2)
+        })
     }
 
     /// Images of points, and bounds of the error of any coordinate.

@@ -13,7 +13,7 @@ mod sides;
 use std::cmp::Ordering;
 
 use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, roots};
-use crate::arith::number::{Interval, Number, Uncertain};
+use crate::arith::number::{Interval, Number, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::root::Root;
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::point::{cross, dot, sub};
@@ -42,6 +42,21 @@ impl Triangle {
             }
         }
         crate::arith::number::decide(&Degenerate(self))
+    }
+
+    /// The bounds; `None` if the triangle has no area, exactly, so that no ray hits it.
+    #[inline]
+    pub fn bounds_of_area(&self) -> Option<[Interval; 3]> {
+        let Triangle(a, b, c) = *self;
+        let (p, q) = (sub(b, a), sub(c, a));
+        let (normal, size) = (cross(p, q), |i: usize| p[i].abs().max(q[i].abs()));
+        // A difference is rounded once, and so are two products and their difference: less than 8u of the
+        // largest products of coordinates. A number that underflows is left to exact arithmetic.
+        let is_surely_one = (0..3).any(|i| {
+            let largest = size((i + 1) % 3) * size((i + 2) % 3);
+            normal[i].abs() > 16.0 * UNIT * largest && largest > UNDERFLOW
+        });
+        if is_surely_one || !self.is_degenerate() { self.bounds() } else { None }
     }
 
     /// Whether both triangles have the same corners, in any order.
@@ -206,6 +221,23 @@ mod tests {
             let sized = corners.map(|point| point.map(|x| x * 2.0_f64.powi(exponent)));
             assert_eq!(barycentric(sized), expected, "2^{exponent}");
         }
+    }
+
+    /// Whole numbers, often on a line, of all sizes.
+    #[test]
+    fn triangles_without_an_area_have_no_bounds() {
+        let mut next = crate::testing::numbers();
+        let mut count = [0; 2];
+        for k in 0..20_000 {
+            let size = 2.0_f64.powi([0, 30, -300, -1060, 500, 1000][k % 6]);
+            let mut point = || [0; 3].map(|_: u8| (6.0 * next()).floor() * size);
+            let (a, b, c) = (point(), point(), point());
+            let c = if k % 3 == 0 { [0, 1, 2].map(|i| b[i] + (b[i] - a[i])) } else { c };
+            let triangle = Triangle(a, b, c);
+            assert_eq!(triangle.bounds_of_area().is_none(), triangle.is_degenerate(), "{triangle:?}");
+            count[usize::from(triangle.is_degenerate())] += 1;
+        }
+        assert!(count[0] > 5_000 && count[1] > 5_000, "{count:?}");
     }
 
     #[test]

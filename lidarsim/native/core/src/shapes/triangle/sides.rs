@@ -20,13 +20,14 @@ pub struct Sides {
 }
 
 impl Sides {
-    /// The lanes whose ray certainly hits its triangle, and those whose ray certainly misses it.
+    /// The lanes whose ray certainly hits its triangle, and those whose ray certainly misses it. If all three
+    /// are zero, the ray lies in the plane of the triangle, or the triangle has no area: a miss.
     #[inline(always)]
     pub fn hit_and_missed(&self) -> (u32, u32) {
         let [u, v, w] = &self.signs;
         let (below, above) = (u.below | v.below | w.below, u.above | v.above | w.above);
         let known = u.known() & v.known() & w.known();
-        (self.ordinary & known & (below ^ above), self.ordinary & below & above)
+        (self.ordinary & known & (below ^ above), self.ordinary & (below & above | known & !(below | above)))
     }
 
     /// The lanes that `decide` can settle.
