@@ -148,8 +148,14 @@ MUTANTS = [
     Mutant("boxes rounded up", "(x as f32).next_up()", "(x as f32)"),
     Mutant("grid of a leaf", "(errors.into_iter().fold(0.0, larger) as f32).next_up()", "0.0"),
     Mutant(
-        "boxes of a refitted mesh", "Aabb::around(bounds[leaf], center)", "Aabb::around(bounds[leaf], self.center())"
+        "boxes of a refitted mesh",
+        "fitted(&self.nodes, &bounds, center), leaves",
+        "fitted(&self.nodes, &bounds, self.center()), leaves",
     ),
+    Mutant("flat children", "planes[i][axis] = f64::NAN;", "()", CASTS),
+    Mutant("flat leaves", "side.low == side.high", "side.high - side.low < 1e-6", CASTS),
+    Mutant("axes that a flat child is parallel to", "along(0) & along(1) & along(2)", "along(0) | along(1) | along(2)"),
+    Mutant("triangles without an area", "> 16.0 * UNIT * largest && largest > UNDERFLOW", ">= 0.0 * largest"),
     Mutant("midpoint below", "Ordering::Less => below,", "Ordering::Less => near,", ROUNDING),
     Mutant("midpoint above", "Ordering::Greater => above,", "Ordering::Greater => near,", ROUNDING),
     Mutant(

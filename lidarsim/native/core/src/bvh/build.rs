@@ -174,7 +174,7 @@ pub fn planes_of(bounds: [Interval; 3]) -> ContainingPlanes {
     bounds.map(|side| if side.low == side.high { side.low } else { f64::NAN })
 }
 
-/// Sets which children are flat, from the planes that contain each leaf. Each node comes before those below it.
+/// Sets which children are flat, from the planes that contain each leaf. Each node comes before those below.
 pub fn find_flat(nodes: &mut [Node], leaf: impl Fn(usize) -> ContainingPlanes) {
     let mut planes = memory::with_capacity(nodes.len());
     planes.resize(nodes.len(), NOT_FLAT);

@@ -10,13 +10,13 @@ pub struct Node {
     pub low: [[f32; WIDTH]; 3],
     pub high: [[f32; WIDTH]; 3],
     pub child: [Child; WIDTH],
-    /// By axis, the children whose primitives lie in one plane perpendicular to it, exactly: a bit each. A ray
-    /// parallel to the plane hits none of them.
+    /// By axis, the children whose primitives lie in one plane perpendicular to it, exactly: a bit each. A
+    /// ray parallel to the plane hits none of them.
     pub flat: [u8; 3],
 }
 
 impl Node {
-    /// The flat children that a ray misses because its direction is exactly zero along these axes, a bit each.
+    /// The flat children that a ray misses because its direction is exactly zero along these axes.
     #[inline(always)]
     pub fn missed(&self, parallel: u8) -> u8 {
         let along = |axis: usize| if parallel >> axis & 1 != 0 { self.flat[axis] } else { 0 };

@@ -477,6 +477,7 @@ mod tests {
             low: [[f32::INFINITY; WIDTH]; 3],
             high: [[f32::NEG_INFINITY; WIDTH]; 3],
             child: [Child::END; WIDTH],
+            flat: [0; 3],
         };
         for axis in 0..3 {
             (root.low[axis][3], root.high[axis][3]) = (-reach, reach);

@@ -40,7 +40,8 @@ impl TriangleMesh {
     }
 
     /// The same faces over other vertices, with the hierarchy refitted to them: it has the same leaves, whose
-    /// triangles are taken anew. If it lacks triangles, it is built again on first use. `None` if the number of vertices differs.
+    /// triangles are taken anew. If it lacks triangles, it is built again on first use. `None` if the number
+    /// of vertices differs.
     pub fn deformed(&self, vertices: Vec<Point>) -> Option<Self> {
         if vertices.len() != self.vertices.len() {
             return None;
