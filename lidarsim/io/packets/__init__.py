@@ -17,14 +17,25 @@ from typing import TYPE_CHECKING, BinaryIO, Self
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_suffix
 from lidarsim.errors import ArgumentValueError
-from lidarsim.io.packets import _pcap
+from lidarsim.io.packets import _pcap, velodyne
 from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register
 
 if TYPE_CHECKING:
     from lidarsim.scan import Scan
     from lidarsim.sensor import Lidar
 
-__all__ = ["SUFFIXES", "Encoder", "Packet", "PacketFormat", "Writer", "encoders", "format_of", "names", "register"]
+__all__ = [
+    "SUFFIXES",
+    "Encoder",
+    "Packet",
+    "PacketFormat",
+    "Writer",
+    "encoders",
+    "format_of",
+    "names",
+    "register",
+    "velodyne",
+]
 
 SUFFIXES = (".pcap",)
 
