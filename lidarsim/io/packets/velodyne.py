@@ -5,9 +5,9 @@ flag, which names the bank of 32 lasers, and the azimuth of the head at its firs
 y axis of Velodyne, which is the x axis here. Decoders add the offsets of the lasers, and the turn until each firing.
 
 The points of a firing cycle are in the order of the lasers, which fire in this order. A block of the VLP-16 holds two
-cycles; a cycle of the VLS-128 takes four blocks. With dual returns, the block of the last returns is followed by that
-of the strongest, or of the second strongest where the last is the strongest; of one return, both hold the same. The
-VLS-128 then fills eight blocks of a packet, and the last four are empty.
+cycles; a cycle of the VLS-128 takes four blocks, one for each bank. With dual returns, each block is there twice: first
+with the last returns, then with the strongest or, where the last is the strongest, the second strongest; if there is
+one return, both blocks have it. The VLS-128 then fills eight blocks of a packet, and the last four are empty.
 
 The time stamp, µs since the start of the hour (UTC), is that of the first firing of the packet, for the VLS-128 that of
 the fourth group of eight. A position packet follows each 14 data packets. Its GPRMC sentence has the time of the last
@@ -16,8 +16,9 @@ full second but, as no receiver is simulated, no valid position.
 Elevations, azimuth offsets and beam origins are not in the packets: decoders have the calibration of the model, or read
 that of a unit.
 
-Sources: user manuals VLP-16 63-9243 Rev D, VLP-32C 63-9325 Rev C, HDL-32E 63-9277 Rev D, VLS-128 63-9483 Rev A;
-ros-drivers/velodyne, velodyne_pointcloud/src/lib/rawdata.cc; valgur/velodyne_decoder, src/packet_decoder.cpp.
+Sources: user manuals VLP-16 63-9243 Rev D (9.3), VLP-32C 63-9325 Rev C (9.3), VLS-128 63-9483 Rev A (9.3, 9.4), HDL-32E
+(appendix B); for the products and the empty blocks also ros-drivers/velodyne, velodyne_pointcloud/src/lib/rawdata.cc,
+and valgur/velodyne_decoder, src/packet_decoder.cpp and types.h.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import math
 import struct
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
-from functools import lru_cache, reduce
+from functools import cache, lru_cache, reduce
 from operator import xor
 from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
 
@@ -63,6 +64,7 @@ LOCKED = 2
 class Model(NamedTuple):
     """What the packets of a model differ in."""
 
+    name: str
     product: int
     step_m: float
     """Unit of distances."""
@@ -73,10 +75,10 @@ class Model(NamedTuple):
 
 
 MODELS = {
-    "velodyne-vlp16": Model(0x22, 0.002),
-    "velodyne-vlp32c": Model(0x28, 0.004),
-    "velodyne-hdl32e": Model(0x21, 0.002),
-    "velodyne-vls128": Model(0xA1, 0.004, banks=4, stamped=24),
+    "velodyne-vlp16": Model("VLP-16", 0x22, 0.002),
+    "velodyne-vlp32c": Model("VLP-32C", 0x28, 0.004),
+    "velodyne-hdl32e": Model("HDL-32E", 0x21, 0.002),
+    "velodyne-vls128": Model("VLS-128", 0xA1, 0.004, banks=4, stamped=24),
 }
 
 
@@ -180,9 +182,10 @@ class _Encoder:
         return columns
 
     def _refuse(self, metres: float) -> None:
-        step, model = self._model.step_m, self._lidar.model
-        expected = f"{step} to {0xFFFF * step:.3f} m for {model} packets"
-        raise FileFormatError(f"range: expected {expected}, got {metres} m; min_range and max_range are its limits")
+        nearest, farthest = self._model.step_m, 0xFFFF * self._model.step_m
+        hint = f"max_range of the sensor at most {farthest:.2f}" if metres > nearest else f"min_range at least {nearest}"
+        expected = f"{nearest} to {farthest:.2f} m for {self._lidar.model} packets"
+        raise FileFormatError(f"range: expected {expected}, got {metres} m; make {hint} m")
 
     def _packed(self, columns: npt.NDArray[np.void]) -> Iterator[Packet]:
         """Yield the data packets of columns that fill them, and the position packets between."""
@@ -223,6 +226,7 @@ def _sentence(second: int) -> bytes:
     return b"$%b*%02X\r\n" % (body, reduce(xor, body))
 
 
+@cache
 def _pattern(model: str) -> Spinning:
     """Return the design pattern of a model."""
     return cast("Spinning", Lidar.preset(model).pattern)
@@ -231,8 +235,8 @@ def _pattern(model: str) -> Spinning:
 def _laser_rings(lidar: Lidar) -> npt.NDArray[np.intp]:
     """Return the ring of each laser.
 
-    Lasers fire in the order of their numbers; those that fire together are in the order of their azimuths. A ring of
-    the sensor is the laser with the nearest direction by design: units differ in their calibration.
+    Lasers fire in the order of their numbers; those that fire together are in the order of their azimuths. The
+    calibration of a unit differs from the design: a ring is the laser whose direction by design is the nearest.
     """
     design, pattern = _pattern(lidar.model), cast("Spinning", lidar.pattern)
     lasers = np.lexsort((design.azimuth_offsets, design.firing_times))
@@ -257,14 +261,13 @@ def _fitting(lidar: Lidar, columns: int) -> Spinning:
     if not isinstance(pattern, Spinning):
         raise FileFormatError(f"pattern: expected Spinning {what}, got {type(pattern).__name__}")
     if len(pattern.elevations) != len(design.elevations):
-        raise FileFormatError(
-            f"elevations: expected {len(design.elevations)} rings {what}, got {len(pattern.elevations)}"
-        )
+        wanted = len(design.elevations)
+        raise FileFormatError(f"elevations: expected {wanted} rings {what}, got {len(pattern.elevations)}")
     if not pattern.clockwise:
         raise FileFormatError(f"clockwise: expected True {what}, got False")
-    # To half a unit of the time stamp, the sum of both errors in the last column of a packet.
+    # Up to the end of a packet, both errors together are at most half a unit of its time stamp.
     period, cycle = (1.0 / (each.columns_per_turn * each.rate) for each in (design, pattern))
-    late = abs(cycle - period) * (columns - 1)
+    late = abs(cycle - period) * columns
     if late > 0.5e-6:
         raise FileFormatError(f"column_period: expected {period * 1e6:g} µs {what}, got {cycle * 1e6:g} µs")
     rings = _laser_rings(lidar)
@@ -283,8 +286,8 @@ register(
     PacketFormat(
         "velodyne",
         {
-            model: f"data packets of {name}, single (strongest, last) or dual returns, and position packets"
-            for model, name in zip(MODELS, ("the VLP-16", "the VLP-32C", "the HDL-32E", "the VLS-128"), strict=True)
+            model: f"{facts.name}: data packets with the strongest, last or dual returns, and position packets"
+            for model, facts in MODELS.items()
         },
         ("legacy",),
         DATA_PORT,
