@@ -174,8 +174,9 @@ def decoded(payloads: list[bytes], manual: Manual) -> Points:
     assert (raw[:, 1204:] == (mode, manual.product)).all()
     stamps = np.array([struct.unpack_from("<I", payload, 1200)[0] for payload in payloads])
     blocks = raw[:, :1200].reshape(-1, 12, 100).astype(np.int64)
-    if lasers == 128 and dual:
+    if lasers == 128 and dual:  # the last four are empty but for the azimuth, by which drivers split turns
         assert not blocks[:, 8:, [0, 1, *range(4, 100)]].any()
+        assert (blocks[:, 8:, 2:4] == blocks[:, :1, 2:4]).all()
         blocks = blocks[:, :8]
     flags = [0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF] if lasers == 128 else [0xEEFF]
     flags = np.resize(np.repeat(flags, 2) if dual else flags, blocks.shape[1])
@@ -480,6 +481,7 @@ def test_position_packets_tell_the_time() -> None:
             abs((found.pps_time - moment).total_seconds() - packet.time % 10**9 / 1e9) < 1.5e-6
         )  # 0.5 and datetime's 1
         assert found.nmea_sentence.startswith(f"$GPRMC,{moment:%H%M%S},V,")
+        assert found.nmea_sentence[-8:-5] == ",N*"  # mode: not valid
         assert found.nmea_sentence.endswith("\r\n")
         assert not found.parse_nmea().fix_available
         assert not any(packet.payload[:0xC6])
