@@ -183,9 +183,9 @@ class _Encoder:
 
     def _refuse(self, metres: float) -> None:
         nearest, farthest = self._model.step_m, 0xFFFF * self._model.step_m
-        hint = f"max_range of the sensor at most {farthest:.2f}" if metres > nearest else f"min_range at least {nearest}"
+        limit = f"max_range of at most {farthest:.2f}" if metres > nearest else f"min_range of at least {nearest}"
         expected = f"{nearest} to {farthest:.2f} m for {self._lidar.model} packets"
-        raise FileFormatError(f"range: expected {expected}, got {metres} m; make {hint} m")
+        raise FileFormatError(f"range: expected {expected}, got {metres} m; give the sensor a {limit} m")
 
     def _packed(self, columns: npt.NDArray[np.void]) -> Iterator[Packet]:
         """Yield the data packets of columns that fill them, and the position packets between."""

@@ -321,7 +321,7 @@ def test_velodyne_decoder_finds_each_point(model: str, returns: str, tmp_path: P
     else:
         assert (points["return_type"] == {"strongest": 1, "last": 2}[returns]).all()
 
-    # As VeloView, it has the second half of the lasers of the VLS-128 a step later than the manual, and the stamp at 7 us.
+    # Of the VLS-128, it has lasers 64 to 127 a step later than the manual, as VeloView, and the stamp at 7 us.
     early, late = (8.67 - 7.0, 2.89) if manual.lasers == 128 else (0.0, 0.0)
     wrong = (early + late * (expected.laser >= 64)) * 1e-6
     # Half a microsecond of the stamp, two roundings to 1 ns, and that of a float32 of up to 0.3 s.
