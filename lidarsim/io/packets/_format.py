@@ -1,0 +1,106 @@
+"""Packets, and what a vendor's packet format provides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from lidarsim.errors import ArgumentValueError, FileFormatError
+
+if TYPE_CHECKING:
+    from lidarsim.scan import Scan
+    from lidarsim.sensor import Lidar
+
+__all__ = ["Encoder", "Packet", "PacketFormat", "format_of", "names", "register"]
+
+
+class Packet(NamedTuple):
+    """The payload of one UDP datagram.
+
+    Attributes
+    ----------
+    time : int
+        When the sensor sends it: the firing of its last pulse, ns since 1970.
+    port : int
+        UDP port that it is sent to.
+    payload : bytes
+        Its content.
+    """
+
+    time: int
+    port: int
+    payload: bytes
+
+
+class Encoder(Protocol):
+    """Makes the packets of one sensor from its scans, which are given in order."""
+
+    def packets(self, scan: Scan) -> Iterator[Packet]:
+        """Yield the packets that a scan completes; pulses that fill none are kept for the next scan."""
+        ...
+
+    def rest(self) -> Iterator[Packet]:
+        """Yield the last, incomplete packet, padded as the sensor pads it."""
+        ...
+
+    def companions(self) -> Mapping[str, bytes]:
+        """Return files that a decoder needs besides the packets, by suffix, such as ``.json``."""
+        ...
+
+
+class PacketFormat(NamedTuple):
+    """A packet format of one or more models of a vendor.
+
+    Attributes
+    ----------
+    name : str
+        Such as "velodyne".
+    models : mapping of str to str
+        Models, as in `Lidar.model`, with what a user reads about the packets of each.
+    variants : tuple of str
+        Names of the packet layouts; the first is the default. Which are possible may depend on the model and on
+        `Measurement.returns`.
+    ports : int
+        First of its UDP ports.
+    encoder : callable
+        ``encoder(lidar, start=start, port=port, variant=variant)`` returns the `Encoder` of a sensor: `start` is the
+        moment of time 0 of the scans, ns since 1970; `variant` is one of `variants`, or None for the default. It
+        raises FileFormatError if the sensor's pattern or returns do not fit in the packets.
+    """
+
+    name: str
+    models: Mapping[str, str]
+    variants: tuple[str, ...]
+    port: int
+    encoder: Callable[..., Encoder]
+
+
+_formats: dict[str, PacketFormat] = {}
+
+
+def register(packet_format: PacketFormat) -> None:
+    """Let `Writer` and `lidarsim stream` write the packets of the models of a format."""
+    _formats.update(dict.fromkeys(packet_format.models, packet_format))
+
+
+def names() -> list[str]:
+    """Return the models that have a packet format."""
+    return sorted(_formats)
+
+
+def format_of(lidar: Lidar, variant: str | None = None) -> PacketFormat:
+    """Return the packet format of a sensor, after checking that it has the variant.
+
+    Raises
+    ------
+    FileFormatError
+        If the sensor's model has no packet format.
+    ValueError
+        If the format has no such variant.
+    """
+    found = _formats.get(lidar.model)
+    if found is None:
+        raise FileFormatError(f"model: expected one with a packet format ({', '.join(names())}), got {lidar.model!r}")
+    if variant is not None and variant not in found.variants:
+        raise ArgumentValueError("variant", f"one of {', '.join(found.variants)} for {lidar.model}", repr(variant))
+    return found
