@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from lidarsim.errors import ArgumentValueError, FileFormatError
@@ -56,11 +57,12 @@ class PacketFormat(NamedTuple):
     name : str
         Such as "velodyne".
     models : mapping of str to str
-        Models, as in `Lidar.model`, with what a user reads about the packets of each.
+        Models, as in `Lidar.model`, or patterns of them such as "ouster-os*", with what a user reads about the packets
+        of each.
     variants : tuple of str
         Names of the packet layouts; the first is the default. Which are possible may depend on the model and on
         `Measurement.returns`.
-    ports : int
+    port : int
         First of its UDP ports.
     encoder : callable
         ``encoder(lidar, start=start, port=port, variant=variant)`` returns the `Encoder` of a sensor: `start` is the
@@ -84,7 +86,7 @@ def register(packet_format: PacketFormat) -> None:
 
 
 def names() -> list[str]:
-    """Return the models that have a packet format."""
+    """Return the models that have a packet format, or patterns of them such as "ouster-os*"."""
     return sorted(_formats)
 
 
@@ -98,7 +100,8 @@ def format_of(lidar: Lidar, variant: str | None = None) -> PacketFormat:
     ValueError
         If the format has no such variant.
     """
-    found = _formats.get(lidar.model)
+    model = lidar.model.lower()
+    found = next((item for pattern, item in _formats.items() if fnmatchcase(model, pattern)), None)
     if found is None:
         raise FileFormatError(f"model: expected one with a packet format ({', '.join(names())}), got {lidar.model!r}")
     if variant is not None and variant not in found.variants:
