@@ -19,14 +19,25 @@ from lidarsim.io.packets import (
     ouster,  # noqa: F401 - registers itself
 )
 from lidarsim.io.packets._encoders import START, companions, encoders
-from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register
+from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register, variants
 from lidarsim.io.packets._merged import Merged
 
 if TYPE_CHECKING:
     from lidarsim.scan import Scan
     from lidarsim.sensor import Lidar
 
-__all__ = ["SUFFIXES", "Encoder", "Packet", "PacketFormat", "Writer", "encoders", "format_of", "names", "register"]
+__all__ = [
+    "SUFFIXES",
+    "Encoder",
+    "Packet",
+    "PacketFormat",
+    "Writer",
+    "encoders",
+    "format_of",
+    "names",
+    "register",
+    "variants",
+]
 
 SUFFIXES = (".pcap",)
 

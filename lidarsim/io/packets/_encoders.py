@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidarsim import _validation
-from lidarsim.errors import ArgumentValueError
+from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.packets._format import Encoder, format_of
 
 if TYPE_CHECKING:
@@ -52,11 +52,14 @@ def encoders(
         port = _validation.integer("port", port, at_least=1)
     found: dict[str, Encoder] = {}
     for number, (name, lidar) in enumerate(sensors.items()):
-        layout = format_of(lidar, variant)
-        of_it = (layout.port if port is None else port) + 2 * number
-        if of_it > 0xFFFE:
-            raise ArgumentValueError("port", f"at most {0xFFFE - 2 * number} for {number + 1} sensors", str(port))
-        found[name] = layout.encoder(lidar, start=moment, port=of_it, variant=variant)
+        try:
+            layout = format_of(lidar, variant)
+            of_it = (layout.port if port is None else port) + 2 * number
+            if of_it > 0xFFFE:
+                raise ArgumentValueError("port", f"at most {0xFFFE - 2 * number} for {number + 1} sensors", str(port))
+            found[name] = layout.encoder(lidar, start=moment, port=of_it, variant=variant)
+        except FileFormatError as error:
+            raise FileFormatError(f"{name}: {error}" if name else str(error)) from None
     return found
 
 

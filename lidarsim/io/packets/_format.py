@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lidarsim.scan import Scan
     from lidarsim.sensor import Lidar
 
-__all__ = ["Encoder", "Packet", "PacketFormat", "format_of", "names", "register"]
+__all__ = ["Encoder", "Packet", "PacketFormat", "format_of", "names", "register", "variants"]
 
 
 class Packet(NamedTuple):
@@ -88,6 +88,11 @@ def register(packet_format: PacketFormat) -> None:
 def names() -> list[str]:
     """Return the models that have a packet format, or patterns of them such as "ouster-os*"."""
     return sorted(_formats)
+
+
+def variants() -> list[str]:
+    """Return the variants of all formats."""
+    return list(dict.fromkeys(variant for found in _formats.values() for variant in found.variants))
 
 
 def format_of(lidar: Lidar, variant: str | None = None) -> PacketFormat:

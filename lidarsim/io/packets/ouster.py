@@ -124,11 +124,12 @@ class _Encoder:
         if lidar.measurement.max_returns > self._profile.echoes:
             most = "up to two returns" if self._profile.echoes == 2 else "one return"
             raise FileFormatError(f"returns: expected {most} for {self._variant} packets, got {returns!r}")
-        self._lidar, self._start, self._port = lidar, start, port
+        self._start, self._port = start, port
         self._order = (
             "NEAREST_TO_FARTHEST" if isinstance(returns, int) else _ORDERS.get(returns, "STRONGEST_TO_WEAKEST")
         )
         self._geometry = _geometry(lidar)
+        self._product = _product(lidar.model, len(self._geometry.altitudes))
         self._offset = float(np.asarray(lidar.range_offset).flat[0])
         self._type = _packet(self._variant, len(self._geometry.altitudes))
         self._serial = sensor_id(lidar.name)
@@ -220,7 +221,6 @@ class _Encoder:
                 "columns_per_packet": COLUMNS,
                 "gyro_fsr": "NORMAL",
                 "lidar_mode": f"{shape.columns}x{shape.rate}",
-                "min_range_threshold_cm": 50,
                 "multipurpose_io_mode": "OFF",
                 "nmea_baud_rate": "BAUD_9600",
                 "nmea_ignore_valid_char": 0,
@@ -258,7 +258,7 @@ class _Encoder:
                 "build_rev": "v3.1.0",
                 "image_rev": "ousteros-image-prod-bootes-v3.1.0+lidarsim",
                 "initialization_id": INITIALISATION,
-                "prod_line": _product(self._lidar.model, channels),
+                "prod_line": self._product,
                 "prod_pn": "lidarsim",
                 "prod_sn": str(self._serial),
                 "status": "RUNNING",
@@ -286,8 +286,9 @@ def _geometry(lidar: Lidar) -> _Geometry:
     if not isinstance(pattern, Spinning):
         raise FileFormatError(f"pattern: expected Spinning for Ouster's packets, got {type(pattern).__name__}")
     columns, rate, (channels, count) = pattern.columns_per_turn, pattern.rate, pattern.shape
-    mode = f"{columns:g}x{rate:g}"
-    _expect(mode in MODES, "columns and rate of the pattern", f"those of one of the modes {', '.join(MODES)}", mode)
+    known = [tuple(map(float, mode.split("x"))) for mode in MODES]
+    what = f"those of one of the modes {', '.join(MODES)}"
+    _expect((columns, rate) in known, "columns and rate", what, f"{columns:.15g}x{rate:.15g}")
     _expect(channels in CHANNELS, "channels", f"one of {', '.join(map(str, CHANNELS))}", channels)
     _expect(pattern.clockwise, "clockwise", "True", pattern.clockwise)
     _expect(not pattern.firing_times.any(), "firing_times", "0: all channels of a column fire together", "others")
@@ -310,7 +311,7 @@ def _geometry(lidar: Lidar) -> _Geometry:
     height = round(float(z) * 1e3 - up, 9)
     return _Geometry(
         altitudes=np.degrees(pattern.elevations).round(10).tolist(),
-        azimuths=(-np.degrees(pattern.azimuth_offsets)).round(10).tolist(),
+        azimuths=(0.0 - np.degrees(pattern.azimuth_offsets)).round(10).tolist(),
         columns=round(columns),
         rate=round(rate),
         first=first,
