@@ -56,8 +56,12 @@ class Writer:
         The file, ``.pcap``.
     sensors : mapping of str to Lidar, or Lidar
         The sensors. The first sends from 192.168.1.201, each further one from the next address and to ports of its own.
-    start, variant, port
-        As in `encoders`.
+    start : float
+        Moment at time 0 of the scans, s since 1970, before 2106. Default: the start of 2020.
+    variant : str, optional
+        Variant of the packets, one of those of each sensor's format. Default: by the sensor.
+    port : int, optional
+        First UDP port; each further sensor takes the next two. Default: the vendor's.
 
     Raises
     ------
@@ -65,6 +69,20 @@ class Writer:
         If the suffix is another, a sensor has no packet format, or its pattern or returns do not fit in the packets.
     TypeError, ValueError
         If an argument is of the wrong type or out of its range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lidarsim as ls
+    >>> scene = ls.Scene()
+    >>> _ = scene.add(ls.Plane((0, 0, 1), -1.8))
+    >>> lidar = ls.Lidar.preset("ouster-os1-64")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with Writer(f"{folder}/drive.pcap", lidar) as packets:
+    ...         for scan in lidar.frames(scene, None, 3):
+    ...             packets.write(scan)
+    ...     [file.name for file in packets.files]
+    ['drive.pcap', 'drive.json']
     """
 
     def __init__(
@@ -123,19 +141,19 @@ class Writer:
         FileFormatError
             If a range, a ring or a time does not fit in the packets.
         ValueError
-            If no sensor has that name, or the file is not open.
+            If no sensor has that name, a scan is of another sensor, or the file is not open.
         """
         if self._capture is None:
             raise ValueError(f"{self._path}: expected to be written in a with block")
         by_name = self._merged.by_name(scans)
         for name, scan in by_name.items():
-            if name in self._sensors and scan.lidar != self._sensors[name]:
-                raise ArgumentValueError("scans", f"scans of the sensor {self._sensors[name].name!r}", "another's")
+            if name in self._sensors and getattr(scan, "lidar", None) != self._sensors[name]:
+                raise ArgumentValueError("scans", f"scans of the sensor {self._sensors[name].name!r}", "others")
         self._put(self._merged.add(by_name))
 
     @property
     def files(self) -> list[Path]:
-        """The file, and the files beside it that decoders need."""
+        """The file, and the files beside it that decoders need: list of Path."""
         return [self._path, *companions(self._path, self._encoders)]
 
     def _put(self, packets: list[tuple[str, Packet]]) -> None:

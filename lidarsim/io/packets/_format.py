@@ -18,7 +18,7 @@ __all__ = ["Encoder", "Packet", "PacketFormat", "format_of", "names", "register"
 class Packet(NamedTuple):
     """The payload of one UDP datagram.
 
-    Attributes
+    Parameters
     ----------
     time : int
         When the sensor sends it: the firing of its last pulse, ns since 1970.
@@ -37,22 +37,50 @@ class Encoder(Protocol):
     """Makes the packets of one sensor from its scans, which are given in order."""
 
     def packets(self, scan: Scan) -> Iterator[Packet]:
-        """Yield the packets that a scan completes; pulses that fill none are kept for the next scan."""
+        """Yield the packets that a scan completes; pulses that fill none are kept for the next scan.
+
+        Parameters
+        ----------
+        scan : Scan
+            The next scan.
+
+        Yields
+        ------
+        Packet
+            The packets, in order of their times.
+
+        Raises
+        ------
+        FileFormatError
+            If a range, a ring or a time does not fit in the packets.
+        """
         ...
 
     def rest(self) -> Iterator[Packet]:
-        """Yield the last, incomplete packet, padded as the sensor pads it."""
+        """Yield the last, incomplete packet, padded as the sensor pads it.
+
+        Yields
+        ------
+        Packet
+            The packets that remain.
+        """
         ...
 
     def companions(self) -> Mapping[str, bytes]:
-        """Return files that a decoder needs besides the packets, by suffix, such as ``.json``."""
+        """Return the files that a decoder needs besides the packets.
+
+        Returns
+        -------
+        mapping of str to bytes
+            The content of each file by its suffix, such as ``.json``.
+        """
         ...
 
 
 class PacketFormat(NamedTuple):
     """A packet format of one or more models of a vendor.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Such as "velodyne".
@@ -81,22 +109,52 @@ _formats: dict[str, PacketFormat] = {}
 
 
 def register(packet_format: PacketFormat) -> None:
-    """Let `Writer` and `lidarsim stream` write the packets of the models of a format."""
+    """Let `Writer` and `lidarsim stream` write the packets of the models of a format.
+
+    Parameters
+    ----------
+    packet_format : PacketFormat
+        The format.
+    """
     _formats.update(dict.fromkeys(packet_format.models, packet_format))
 
 
 def names() -> list[str]:
-    """Return the models that have a packet format, or patterns of them such as "ouster-os*"."""
+    """Return the models that have a packet format, or patterns of them.
+
+    Returns
+    -------
+    list of str
+        Models and patterns such as "ouster-os*", in alphabetical order.
+    """
     return sorted(_formats)
 
 
 def variants() -> list[str]:
-    """Return the variants of all formats."""
+    """Return the variants of all formats.
+
+    Returns
+    -------
+    list of str
+        The variants, those of one format after the other.
+    """
     return list(dict.fromkeys(variant for found in _formats.values() for variant in found.variants))
 
 
 def format_of(lidar: Lidar, variant: str | None = None) -> PacketFormat:
     """Return the packet format of a sensor, after checking that it has the variant.
+
+    Parameters
+    ----------
+    lidar : Lidar
+        The sensor.
+    variant : str, optional
+        A variant that the format must have.
+
+    Returns
+    -------
+    PacketFormat
+        The format of the sensor's model.
 
     Raises
     ------

@@ -184,7 +184,8 @@ class _Encoder:
 
     def _times(self, scan: Scan) -> npt.NDArray[np.int64]:
         """Return the time of each column, ns since 1970."""
-        since = np.rint((scan.time + scan.pulses.time.reshape(self._geometry.used, -1)[:, 0]) * 1e9)
+        with np.errstate(over="ignore"):
+            since = np.rint((scan.time + scan.pulses.time.reshape(self._geometry.used, -1)[:, 0]) * 1e9)
         # A start fits in 62 bits, and so does the sum in 63.
         return self._start + fitting("time in ns", since, np.int64, "packets", at_least=-self._start, at_most=1 << 62)
 
@@ -387,7 +388,7 @@ def _stepped(step: npt.NDArray[np.uint64], words: npt.NDArray[np.uint64]) -> npt
     values = np.ascontiguousarray(words, dtype="<u8").view(np.uint8).reshape(*words.shape, 8)
     result = np.zeros(words.shape, np.uint64)
     for table, value in zip(step, np.moveaxis(values, -1, 0), strict=True):
-        result ^= table[value]
+        result ^= table.take(value)
     return result
 
 
