@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from lidarsim.errors import ArgumentValueError, FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 
 if TYPE_CHECKING:
     from lidarsim.scan import Scan
@@ -160,9 +160,13 @@ def format_of(lidar: Lidar, variant: str | None = None) -> PacketFormat:
     ------
     FileFormatError
         If the sensor's model has no packet format.
+    TypeError
+        If `lidar` is no Lidar.
     ValueError
         If the format has no such variant.
     """
+    if not isinstance(getattr(lidar, "model", None), str):
+        raise ArgumentTypeError("sensors", "a Lidar, or Lidars by name", type(lidar).__name__)
     model = lidar.model.lower()
     found = next((item for pattern, item in _formats.items() if fnmatchcase(model, pattern)), None)
     if found is None:

@@ -93,7 +93,7 @@ def test_the_packets_of_a_rig_are_in_order(rig: ls.Rig, scene: ls.Scene, tmp_pat
 
 
 def test_packets_do_not_wait_forever_for_a_silent_sensor(
-    rig: ls.Rig, scene: ls.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    rig: ls.Rig, scene: ls.Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     size = 64 + 16 * (12 + 64 * 12)  # bytes of a packet, of which a frame has 32
     monkeypatch.setattr(_merged, "MOST", 3 * 32 * size)
@@ -113,13 +113,18 @@ class _StopError(Exception):
     pass
 
 
+def _write_and_stop(writer: packets.Writer, scan: ls.Scan) -> None:
+    writer.write(scan)
+    raise _StopError
+
+
 def test_a_failure_leaves_nothing(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
     path = tmp_path / "drive.pcap"
     fast = rig["fast"].lidar
     (tmp_path / "drive.json").write_text("old", encoding="ascii")
-    with pytest.raises(_StopError), packets.Writer(path, fast) as writer:
-        writer.write(fast.scan(scene))
-        raise _StopError
+    writer = packets.Writer(path, fast)
+    with pytest.raises(_StopError), writer:
+        _write_and_stop(writer, fast.scan(scene))
     assert [(file.name, file.read_bytes()) for file in tmp_path.iterdir()] == [("drive.json", b"old")]
     with pytest.raises(ValueError, match=r"drive\.pcap: expected to be written in a with block$"):
         writer.write(fast.scan(scene))
@@ -155,16 +160,18 @@ def test_bad_arguments(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
     path, fast, slow = tmp_path / "a.pcap", rig["fast"].lidar, rig["slow"].lidar
     with pytest.raises(FileFormatError, match=r"a\.pcd: unknown extension '\.pcd', expected \.pcap$"):
         packets.Writer(tmp_path / "a.pcd", fast)
-    toy = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0), model="toy")
+    other = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0), model="other")
     assert "ouster-os*" in packets.names()
     with pytest.raises(
-        FileFormatError, match=r"^model: expected one with a packet format \(.*ouster-os\*.*\), got 'toy'"
+        FileFormatError, match=r"^model: expected one with a packet format \(.*ouster-os\*.*\), got 'other'"
     ):
-        packets.Writer(path, toy)
-    with pytest.raises(FileFormatError, match=r"^other: model: expected one with a packet format "):
-        packets.Writer(path, {"fast": fast, "other": toy})
+        packets.Writer(path, other)
+    with pytest.raises(FileFormatError, match=r"^second: model: expected one with a packet format "):
+        packets.Writer(path, {"fast": fast, "second": other})
     with pytest.raises(ValueError, match=r"^variant: expected one of single, dual, low-data-rate, legacy for ouster-"):
         packets.Writer(path, fast, variant="quad")
+    with pytest.raises(TypeError, match=r"^sensors: expected a Lidar, or Lidars by name, got NoneType$"):
+        packets.Writer(path, {"fast": fast, "none": None})  # type: ignore[dict-item]
     for start in (-1.0, 2.0**32):
         with pytest.raises(ValueError, match=r"^start: expected "):
             packets.Writer(path, fast, start=start)
