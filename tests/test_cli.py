@@ -263,14 +263,14 @@ OUSTER = ("--set", "sensor={preset: ouster-os1-64, mode: 512x20}")
 
 def test_scan_writes_packets(capsys: pytest.CaptureFixture[str]) -> None:
     Path("run.yaml").write_text(MOVING, encoding="utf-8")
-    for folder, more in {"raw": (), "world": ("--set", "cloud.frame=world")}.items():
+    for folder, more in {"raw": (), "end": ("--set", "cloud.deskew=end")}.items():
         Path(folder).mkdir()
         assert lidarsim("scan", "run.yaml", "-o", f"{folder}/a.pcap", *OUSTER, *more) == 0
         assert capsys.readouterr().out.endswith(f" s: {Path(folder, 'a.pcap')}, {Path(folder, 'a.json')}\n")
     names = ["a.json", "a.pcap", "a_poses.tum", "a_times.txt"]
     assert sorted(path.name for path in Path("raw").iterdir()) == names
-    for name in names:  # packets hold what the sensor measures, whatever the coordinates of clouds
-        assert Path("raw", name).read_bytes() == Path("world", name).read_bytes()
+    for name in names:  # packets hold what the sensor measures, and the poses are those of its scans
+        assert Path("raw", name).read_bytes() == Path("end", name).read_bytes()
     run = ls.config.load("run.yaml", [OUSTER[1]])
     encoder = ls.io.packets.encoders(run.lidars)[""]
     expected = [packet.payload for scans in run.scans() for packet in encoder.packets(scans[""])]
@@ -339,7 +339,10 @@ def test_packets_that_cannot_be_are_refused_before_the_scan(
         error = capsys.readouterr().err
         assert error.startswith(f"lidarsim: {message}")
         assert error.count("\n") == 1
-    assert set(Path().iterdir()) == before
+    Path("b.json").write_text(CONFIG, encoding="utf-8")
+    assert lidarsim("scan", "b.json", "-o", "b.pcap", *OUSTER) == 2
+    assert capsys.readouterr().err == "lidarsim: b.json: expected a file of its own, got the place of b.json\n"
+    assert set(Path().iterdir()) == before | {Path("b.json")}
 
 
 def test_where_the_messages_of_a_bag_begin(capsys: pytest.CaptureFixture[str]) -> None:

@@ -118,18 +118,24 @@ def _write_and_stop(writer: packets.Writer, scan: ls.Scan) -> None:
     raise _StopError
 
 
-def test_a_failure_leaves_nothing(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
+def test_a_failure_leaves_nothing(
+    rig: ls.Rig, scene: ls.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "drive.pcap"
     fast = rig["fast"].lidar
+    finished = []
+    monkeypatch.setattr("lidarsim.io.packets.ouster._Encoder.rest", lambda self: iter(finished.append(self) or ()))
     (tmp_path / "drive.json").write_text("old", encoding="ascii")
     writer = packets.Writer(path, fast)
     with pytest.raises(_StopError), writer:
         _write_and_stop(writer, fast.scan(scene))
     assert [(file.name, file.read_bytes()) for file in tmp_path.iterdir()] == [("drive.json", b"old")]
+    assert finished == []
     with pytest.raises(ValueError, match=r"drive\.pcap: expected to be written in a with block$"):
         writer.write(fast.scan(scene))
     with packets.Writer(path, fast) as writer:
         writer.write(fast.scan(scene))
+    assert len(finished) == 1
     assert (tmp_path / "drive.json").read_bytes().startswith(b"{")
 
 
