@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from lidarsim._files import PathLike, atomic_writer, check_suffix
+from lidarsim._files import PathLike, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io.packets import (
     _pcap,
@@ -55,7 +55,8 @@ class Writer:
     path : path-like
         The file, ``.pcap``.
     sensors : mapping of str to Lidar, or Lidar
-        The sensors. The first sends from 192.168.1.201, each further one from the next address and to ports of its own.
+        The sensors, by names of letters, digits, _ and -. The first sends from 192.168.1.201, each further one from the
+        next address and to ports of its own.
     start : float
         Moment at time 0 of the scans, s since 1970, before 2106. Default: the start of 2020.
     variant : str, optional
@@ -96,6 +97,8 @@ class Writer:
     ) -> None:
         check_suffix(path, SUFFIXES)
         self._path = Path(path)
+        if isinstance(sensors, Mapping):
+            check_names("sensors", sensors)
         self._sensors = sensors if isinstance(sensors, Mapping) else {"": sensors}
         self._encoders = encoders(self._sensors, start=start, variant=variant, port=port)
         self._addresses = {name: _FIRST_ADDRESS + number for number, name in enumerate(self._sensors)}

@@ -31,7 +31,7 @@ def encoders(
     start : float
         Moment at time 0 of the scans, s since 1970, before 2106.
     variant : str, optional
-        Layout of the packets, one of those of the sensors' format. Default: the first.
+        Variant of the packets, one of those of each sensor's format. Default: by the sensor.
     port : int, optional
         First UDP port; each further sensor takes the next two. Default: the vendor's.
 
@@ -50,6 +50,8 @@ def encoders(
     moment = round(_validation.real("start", start, at_least=0.0, at_most=2.0**32 - 1.0) * 1e9)
     if port is not None:
         port = _validation.integer("port", port, at_least=1)
+    if not sensors:
+        raise ArgumentValueError("sensors", "one or more", "none")
     found: dict[str, Encoder] = {}
     for number, (name, lidar) in enumerate(sensors.items()):
         try:

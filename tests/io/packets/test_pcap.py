@@ -176,6 +176,11 @@ def test_bad_arguments(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
         packets.Writer(path, {"fast": fast, "second": other})
     with pytest.raises(ValueError, match=r"^variant: expected one of single, dual, low-data-rate, legacy for ouster-"):
         packets.Writer(path, fast, variant="quad")
+    for name in ("../up", "a b", ""):
+        with pytest.raises(ValueError, match=r"^sensors: expected a name of letters, digits, _ and -, got "):
+            packets.Writer(path, {name: fast})
+    with pytest.raises(ValueError, match=r"^sensors: expected one or more, got none$"):
+        packets.Writer(path, {})
     with pytest.raises(TypeError, match=r"^sensors: expected a Lidar, or Lidars by name, got NoneType$"):
         packets.Writer(path, {"fast": fast, "none": None})  # type: ignore[dict-item]
     for start in (-1.0, 2.0**32):
