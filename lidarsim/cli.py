@@ -34,7 +34,7 @@ from lidarsim._terminal import facts, paragraph, print_line, say, standard_strea
 from lidarsim._validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
-from lidarsim.io import raster, rosbag
+from lidarsim.io import packets, raster, rosbag
 from lidarsim.io._cuts import WORDS
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output, is_point_cloud
@@ -139,7 +139,10 @@ def scan(
     config: Configuration,
     *,
     output: Annotated[
-        Path, _file("--output -o", "OUT", "Point cloud file, or ROS 2 bag (.mcap, .db3) with all frames.")
+        Path,
+        _file(
+            "--output -o", "OUT", "Point cloud file, or all frames in a ROS 2 bag (.mcap, .db3) or as packets (.pcap)."
+        ),
     ],
     overrides: Overrides = None,
     seed: Seed = None,
@@ -157,6 +160,10 @@ def scan(
             "Begin messages of a bag as the pattern (default) or the driver begins frames, or at an azimuth.",
         ),
     ] = "pattern",
+    variant: Annotated[
+        str | None,
+        _option("--variant", "NAME", f"Variant of packets: {', '.join(packets.variants())}; default: by the returns."),
+    ] = None,
     fields: Annotated[
         str | None, _option("--fields", "NAME,…", "Fields of the points to write besides x, y, z; default: all.")
     ] = None,
@@ -177,9 +184,10 @@ def scan(
     With several frames, each frame gets its own numbered file, and the sensor poses (OUT_poses.tum) and the start times
     of the frames (OUT_times.txt) are written next to them. Each pose is that at the start of its frame, or at the time
     to which the points are deskewed. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all of
-    this in one file. Strips and stations are numbered; a strip is one LAS or LAZ file.
+    this in one file. Packets (.pcap), as the sensors send them, are in one file too; next to it are the poses, the
+    times and what decoders need. Strips and stations are numbered; a strip is one LAS or LAZ file.
     """
-    check_output(output)
+    check_output(output, packets.SUFFIXES)
     begins = _cut(cut)
     _check_screenshot(screenshot)
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
@@ -212,17 +220,20 @@ def scan(
             progress.advance(task)
 
         chosen = None if fields is None else list(filter(None, fields.split(",")))
-        run.write(output, layout=layout, cut=begins, fields=chosen, float32=float32, each=tell)
+        run.write(output, layout=layout, cut=begins, variant=variant, fields=chosen, float32=float32, each=tell)
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
     print_line(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     for note in filter(None, notes):
         print_line(note)
-    is_bag = output.suffix.lower() in rosbag.SUFFIXES
-    bags = output.with_stem(f"{output.stem}_*") if run.legs else output
-    paths = (bags if is_bag else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
-    files = ", ".join(str(path) for path in paths if path)
+    whole = output.with_stem(f"{output.stem}_*") if run.legs else output
+    paths = [run.path_of(output, "*", "*")]
+    if output.suffix.lower() in rosbag.SUFFIXES:
+        paths = [whole]
+    elif output.suffix.lower() in packets.SUFFIXES:
+        paths = run.pcap(whole).files
+    files = ", ".join(map(str, [*paths, *([run.path_of(screenshot, "*", "*")] if screenshot else [])]))
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
     print_line(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 

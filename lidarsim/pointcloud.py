@@ -6,7 +6,7 @@ import inspect
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -948,13 +948,15 @@ def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return array.astype(np.float64)
 
 
-def check_output(path: PathLike) -> None:
+def check_output(path: PathLike, others: Collection[str] = ()) -> None:
     """Check, before any work, that `PointCloud.save` can write a file: a known suffix and a writable folder.
 
     Parameters
     ----------
     path : path-like
         The file to write.
+    others : collection of str
+        Other suffixes, which the caller writes itself.
 
     Raises
     ------
@@ -963,7 +965,7 @@ def check_output(path: PathLike) -> None:
     OSError
         If the folder does not exist or is not writable.
     """
-    _format(path)
+    check_suffix(path, [*_FORMATS, *others])
     if Path(path).name.lower().endswith(".copc.laz"):
         raise FileFormatError(f"{path}: COPC, which is LAZ sorted into an octree, cannot be written; name it .laz")
     check_folder(path)

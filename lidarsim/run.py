@@ -17,7 +17,7 @@ import numpy as np
 from lidarsim._files import atomic_writer
 from lidarsim._validation import affine
 from lidarsim.errors import ConfigError, FileFormatError
-from lidarsim.io import las, rosbag
+from lidarsim.io import las, packets, rosbag
 from lidarsim.pointcloud import check_output
 from lidarsim.rig import Rig
 from lidarsim.scan import check_coverage, moment_and_pose
@@ -381,24 +381,50 @@ class Run:
         sensors: dict[str, Any] | None = {**self.sensor, **self.imus} if isinstance(self.sensor, Rig) else None
         return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, layout=layout, cut=cut)
 
+    def pcap(self, output: PathLike, *, variant: str | None = None) -> packets.Writer:
+        """Return a writer of the packets that the sensors of this run send.
+
+        Parameters
+        ----------
+        output : path-like
+            The file, ``.pcap``.
+        variant : str, optional
+            Variant of the packets, as in `lidarsim.io.packets.Writer`.
+
+        Returns
+        -------
+        packets.Writer
+            A context manager.
+
+        Raises
+        ------
+        FileFormatError, TypeError, ValueError
+            As in `lidarsim.io.packets.Writer`.
+        """
+        return packets.Writer(output, self.lidars if isinstance(self.sensor, Rig) else self.sensor, variant=variant)
+
     def write(
         self,
         output: PathLike,
         *,
         layout: str | None = None,
         cut: Cut = "pattern",
+        variant: str | None = None,
         fields: Sequence[str] | None = None,
         float32: bool | None = None,
         each: Callable[[RunFrame], object] | None = None,
     ) -> list[Path]:
-        """Scan all frames, and write point clouds or a ROS 2 bag.
+        """Scan all frames, and write point clouds, a ROS 2 bag or packets.
 
-        A bag holds all frames in one file. Otherwise each point cloud gets its own file, numbered if there are several
-        frames, and with the sensor's name if there is a rig. With several frames, the poses of each sensor at its
-        moments (OUTPUT_poses.tum) and the start times of its scans (OUTPUT_times.txt) are written next to them. The
-        samples of an IMU are messages of the bag, or a file of their own (OUTPUT_NAME.csv, as `ImuSamples.save`).
+        A bag holds all frames in one file, and so do packets (``.pcap``), next to which are the files that decoders
+        need. Both hold what the sensors measure, whatever `cloud` is. Otherwise each point cloud gets its own file,
+        numbered if there are several frames, and with the sensor's name if there is a rig. With several frames, the
+        poses of each sensor at its moments (OUTPUT_poses.tum) and the start times of its scans (OUTPUT_times.txt) are
+        written next to all but bags. The samples of an IMU are messages of the bag, or a file of their own
+        (OUTPUT_NAME.csv, as `ImuSamples.save`).
 
-        With `legs`, the number of the strip or station precedes these in the names, and each gets a bag of its own. A
+        With `legs`, the number of the strip or station precedes these in the names, and each gets a bag, or a file
+        of packets, of its own. A
         strip is one file in LAS and LAZ, in which its number is the point_source_id. LAS and LAZ files of points in
         world coordinates have the fields of `lidarsim.io.las.flight_fields` if the sensor moves.
 
@@ -410,6 +436,8 @@ class Run:
             Layout of the points in a bag, as in `bag`.
         cut : {"pattern", "driver"} or float
             Where the messages of a bag begin, as in `bag`.
+        variant : str, optional
+            Variant of packets, as in `pcap`.
         fields : sequence of str, optional
             Fields of the points to write besides `xyz`, as in `PointCloud.save`.
         float32 : bool, optional
@@ -425,33 +453,31 @@ class Run:
         Raises
         ------
         FileFormatError
-            If the suffix is unknown, or the format cannot hold a cloud.
+            If the suffix is unknown, the format cannot hold a cloud, a sensor has no packets, or an option is not one
+            of the format: `layout` and `cut` of bags, `variant` of packets, `fields` and `float32` of neither.
         OSError
             If a file cannot be written.
         ValueError
-            If the trajectory does not cover the frames, `layout` or `cut` is given without a bag, `fields` or `float32`
-            with one, or the points are in the sensor frame and the run has a coordinate reference system.
+            If the trajectory does not cover the frames, or the points are in the sensor frame and the run has a
+            coordinate reference system.
         """
         output = Path(output)
-        check_output(output)
-        is_bag = output.suffix.lower() in rosbag.SUFFIXES
-        _check_options(output, layout=layout, cut=cut, fields=fields, float32=float32)
+        check_output(output, packets.SUFFIXES)
+        is_bag = _is_bag(output)
+        _check_options(output, layout=layout, cut=cut, variant=variant, fields=fields, float32=float32)
+        if _is_packets(output) and self.cloud != _RAW:
+            return replace(self, cloud=_RAW).write(output, variant=variant, each=each)
         if self.legs:
             self.check_coverage()
-        options: dict[str, Any] = {"fields": fields, "float32": float32}
+        options: dict[str, Any] = {"layout": layout, "cut": cut, "variant": variant}
+        options |= {"fields": fields, "float32": float32}
         written: dict[Path, None] = {}
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
         parts = [(part, part.inertial()) for part in self.parts]
         for number, (part, inertial) in zip([leg.number for leg in self.legs] or [0], parts, strict=True):
             place = _named(output, str(number)) if number else output
             with ExitStack() as stack:
-                save: Callable[[RunFrame], Iterable[Path]]
-                if is_bag:
-                    save = part._into_bag(place, stack, inertial, layout, cut)
-                elif number and part._fits_strip(output):
-                    save = part._into_strips(place, stack, number, fields, float32)
-                else:
-                    save = partial(part._save, place, options)
+                save = part._saver(place, stack, number, inertial, **options)
                 if not is_bag:
                     written.update(dict.fromkeys(_save_inertial(inertial, place)))
                 for frame in part.measured():
@@ -482,9 +508,11 @@ class Run:
         """
         tracks = [path for name in self.lidars for path in _track_paths(output, name)]
         first, place = (self.parts[0], _named(output, "1")) if self.legs else (self, output)
-        if output.suffix.lower() in rosbag.SUFFIXES:
+        if _is_bag(output):
             return [place]
-        if self.legs and first._fits_strip(output):
+        if _is_packets(output):
+            files = self.pcap(place).files
+        elif self.legs and first._fits_strip(output):
             files = [first._strip_path(place, name) for name in self.lidars]
         else:
             files = [first.path_of(place, name, first.frames.start) for name in self.lidars]
@@ -513,6 +541,28 @@ class Run:
             output, name if isinstance(self.sensor, Rig) else "", numbered if len(self.frames) > 1 or self.legs else ""
         )
 
+    def _saver(
+        self,
+        output: Path,
+        stack: ExitStack,
+        number: int,
+        inertial: Mapping[str, ImuSamples],
+        *,
+        layout: str | None,
+        cut: Cut,
+        variant: str | None,
+        fields: Sequence[str] | None,
+        float32: bool | None,
+    ) -> Callable[[RunFrame], Iterable[Path]]:
+        """Return a function that writes a frame and returns the files; `number` is that of a leg, or 0."""
+        if _is_bag(output):
+            return self._into_bag(output, stack, inertial, layout, cut)
+        if _is_packets(output):
+            return self._into_packets(output, stack, variant)
+        if number and self._fits_strip(output):
+            return self._into_strips(output, stack, number, fields, float32)
+        return partial(self._save, output, {"fields": fields, "float32": float32})
+
     def _into_bag(
         self,
         output: Path,
@@ -532,6 +582,18 @@ class Run:
         def save(frame: RunFrame) -> Iterable[Path]:
             bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])
             return [output]
+
+        return save
+
+    def _into_packets(
+        self, output: Path, stack: ExitStack, variant: str | None
+    ) -> Callable[[RunFrame], Iterable[Path]]:
+        """Return a function that writes the packets of a frame."""
+        writer = stack.enter_context(self.pcap(output, variant=variant))
+
+        def save(frame: RunFrame) -> Iterable[Path]:
+            writer.write(frame.scans)
+            return writer.files
 
         return save
 
@@ -584,18 +646,41 @@ class Run:
             yield path
 
 
+_RAW: CloudArguments = {"frame": "sensor", "deskew": False}
+
+
+def _is_bag(output: Path) -> bool:
+    return output.suffix.lower() in rosbag.SUFFIXES
+
+
+def _is_packets(output: Path) -> bool:
+    return output.suffix.lower() in packets.SUFFIXES
+
+
 def _check_options(
-    output: Path, *, layout: str | None, cut: Cut, fields: Sequence[str] | None, float32: bool | None
+    output: Path,
+    *,
+    layout: str | None,
+    cut: Cut,
+    variant: str | None,
+    fields: Sequence[str] | None,
+    float32: bool | None,
 ) -> None:
     """Check that the format of `output` has the given options."""
-    is_bag = output.suffix.lower() in rosbag.SUFFIXES
-    for argument, given in {"layout": layout is not None, "cut": cut != "pattern"}.items():
-        if given and not is_bag:
-            suffixes = ", ".join(rosbag.SUFFIXES)
-            raise FileFormatError(f"{argument}: expected a bag ({suffixes}) as output, got {output}")
-    for argument, value in {"fields": fields, "float32": float32}.items():
-        if value is not None and is_bag:
-            raise FileFormatError(f"{argument}: expected a point cloud file as output, got the bag {output}")
+    bag = f"a bag ({', '.join(rosbag.SUFFIXES)})"
+    pcap = f"packets ({', '.join(packets.SUFFIXES)})"
+    is_bag, is_packets = _is_bag(output), _is_packets(output)
+    got = f"the bag {output}" if is_bag else f"the packets {output}" if is_packets else str(output)
+    cloud = "a point cloud file"
+    for argument, given, expected, fits in (
+        ("layout", layout is not None, bag, is_bag),
+        ("cut", cut != "pattern", bag, is_bag),
+        ("variant", variant is not None, pcap, is_packets),
+        ("fields", fields is not None, cloud, not (is_bag or is_packets)),
+        ("float32", float32 is not None, cloud, not (is_bag or is_packets)),
+    ):
+        if given and not fits:
+            raise FileFormatError(f"{argument}: expected {expected} as output, got {got}")
 
 
 def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]]) -> Iterator[Path]:

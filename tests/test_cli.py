@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -19,6 +20,7 @@ from rich.cells import cell_len
 import lidarsim as ls
 from lidarsim._shown import plain
 from lidarsim.cli import main
+from tests.io.packets.captures import datagrams
 
 ROOT = Path(__file__).parents[1]
 LONG = "x" * 300
@@ -26,7 +28,7 @@ FIELDS = (
     "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, instance, label, "
     "incidence, range_error"
 )
-FORMATS = ".bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, .npz, .pcd, .pcd.bin, .ply, .pts, .ptx or .xyz"
+FORMATS = ".bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, .npz, .pcap, .pcd, .pcd.bin, .ply, .pts, .ptx or .xyz"
 CONFIG = """\
 seed: 3
 sensor: {preset: velodyne-vlp16, noise: datasheet}
@@ -254,6 +256,93 @@ def test_the_layout_of_a_bag(capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--layout", "livox") == 2
     assert capsys.readouterr().err == "lidarsim: layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
+
+
+OUSTER = ("--set", "sensor={preset: ouster-os1-64, mode: 512x20}")
+
+
+def test_scan_writes_packets(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("run.yaml").write_text(MOVING, encoding="utf-8")
+    for folder, more in {"raw": (), "end": ("--set", "cloud.deskew=end")}.items():
+        Path(folder).mkdir()
+        assert lidarsim("scan", "run.yaml", "-o", f"{folder}/a.pcap", *OUSTER, *more) == 0
+        assert capsys.readouterr().out.endswith(f" s: {Path(folder, 'a.pcap')}, {Path(folder, 'a.json')}\n")
+    names = ["a.json", "a.pcap", "a_poses.tum", "a_times.txt"]
+    assert sorted(path.name for path in Path("raw").iterdir()) == names
+    for name in names:  # packets hold what the sensor measures, and the poses are those of its scans
+        assert Path("raw", name).read_bytes() == Path("end", name).read_bytes()
+    run = ls.config.load("run.yaml", [OUSTER[1]])
+    encoder = ls.io.packets.encoders(run.lidars)[""]
+    expected = [packet.payload for scans in run.scans() for packet in encoder.packets(scans[""])]
+    assert len(expected) == 2 * 32
+    assert [datagram.payload for datagram in datagrams("raw/a.pcap")] == expected
+    assert ls.Lidar.from_file("raw/a.json").pattern.shape == run.lidar.pattern.shape
+    assert lidarsim("scan", "run.yaml", "-o", "b.pcap", "--frames", "1", "--variant", "legacy", *OUSTER) == 0
+    assert sorted(path.name for path in Path().glob("b*")) == ["b.json", "b.pcap"]
+    assert {len(datagram.payload) for datagram in datagrams("b.pcap")} == {16 * (20 + 64 * 12)}
+
+
+def test_scan_writes_the_packets_of_a_rig(capsys: pytest.CaptureFixture[str]) -> None:
+    sensors = ("rig.top.sensor={preset: ouster-os1-64}", "rig.left.sensor={preset: ouster-os1-64, mode: 512x20}")
+    run = ls.config.load(rig(), sensors)
+    assert lidarsim("scan", "rig.yaml", "-o", "a.pcap", *(part for text in sensors for part in ("--set", text))) == 0
+    assert capsys.readouterr().out.endswith(" s: a.pcap, a_top.json, a_left.json\n")
+    found = list(datagrams("a.pcap"))
+    times = [datagram.microseconds for datagram in found]
+    assert times == sorted(times)
+    ports = {datagram.ports[1]: str(datagram.source) for datagram in found}
+    assert ports == {7502: "192.168.1.201", 7504: "192.168.1.202"}
+    for name, port in (("top", 7502), ("left", 7504)):
+        metadata = json.loads(Path(f"a_{name}.json").read_bytes())
+        assert metadata["config_params"]["udp_port_lidar"] == port
+        columns = run.sensor[name].lidar.pattern.shape[1]
+        frames = sum(name in scans for scans in run.scans())
+        assert sum(datagram.ports[1] == port for datagram in found) == frames * columns // 16 > 0
+
+
+def test_each_station_has_its_packets(capsys: pytest.CaptureFixture[str]) -> None:
+    stations = "pose={stations: [{position_m: [0, 0, 2]}, {position_m: [3, 0, 2]}]}"
+    assert lidarsim("scan", "run.yaml", "-o", "a.pcap", *OUSTER, "--set", stations) == 0
+    assert capsys.readouterr().out.endswith(" s: a_*.pcap, a_*.json\n")
+    names = ["a_1.json", "a_1.pcap", "a_2.json", "a_2.pcap", "a_poses.tum", "a_times.txt"]
+    assert sorted(path.name for path in Path().glob("a*")) == names
+    written = ls.config.load("run.yaml", [OUSTER[1], stations]).write("a.pcap")
+    assert sorted(path.name for path in written) == names
+
+
+def test_packets_that_cannot_be_are_refused_before_the_scan(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def scan(*_: object, **__: object) -> None:
+        pytest.fail("nothing is scanned")
+
+    monkeypatch.setattr(ls.Lidar, "scan", scan)
+    grid = ("--set", "sensor={pattern: {type: grid, azimuths_deg: [0], elevations_deg: [0], rate_hz: 10}}")
+    top, left = "rig.top.sensor={preset: ouster-os1-64}", "rig.left.sensor={preset: sick-lms111}"
+    rig()
+    Path("a.json").mkdir()
+    before = set(Path().iterdir())
+    for message, (config, output, *options) in {
+        "model: expected one with a packet format (": ("run", "b.pcap", *grid),
+        "left: model: expected one with a packet format (": ("rig", "b.pcap", "--set", top, "--set", left),
+        "variant: expected one of single, dual, low-data-rate, ": ("run", "b.pcap", "--variant", "quad", *OUSTER),
+        "layout: expected a bag (.mcap, .db3) as output, got the packets b": ("run", "b.pcap", "--layout", "ouster"),
+        "cut: expected a bag (.mcap, .db3) as output, got the packets b": ("run", "b.pcap", "--cut", "driver"),
+        "fields: expected a point cloud file as output, got the packets b": ("run", "b.pcap", "--fields", "ring"),
+        "float32: expected a point cloud file as output, got the packets b": ("run", "b.pcap", "--float32"),
+        "variant: expected packets (.pcap) as output, got the bag b.mcap": ("run", "b.mcap", "--variant", "dual"),
+        "variant: expected packets (.pcap) as output, got b.pcd": ("run", "b.pcd", "--variant", "dual"),
+        "a.json: expected a file to write, got a folder": ("run", "a.pcap", *OUSTER),
+    }.items():
+        both = options if config == "rig" or "sensor" in str(options) else [*options, *OUSTER]
+        assert lidarsim("scan", f"{config}.yaml", "-o", output, *both) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"lidarsim: {message}")
+        assert error.count("\n") == 1
+    Path("b.json").write_text(CONFIG, encoding="utf-8")
+    assert lidarsim("scan", "b.json", "-o", "b.pcap", *OUSTER) == 2
+    assert capsys.readouterr().err == "lidarsim: b.json: expected a file of its own, got the place of b.json\n"
+    assert set(Path().iterdir()) == before | {Path("b.json")}
 
 
 def test_where_the_messages_of_a_bag_begin(capsys: pytest.CaptureFixture[str]) -> None:

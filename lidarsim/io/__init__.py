@@ -7,6 +7,7 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     meshes,
     npz,
     nuscenes,
+    packets,
     pcd,
     ply,
     pts,
@@ -19,4 +20,4 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     trajectories,
 )
 
-__all__ = ["las", "rosbag", "semantickitti"]
+__all__ = ["las", "packets", "rosbag", "semantickitti"]

@@ -36,13 +36,21 @@ def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.
 
 
 def fitting(
-    name: str, values: npt.NDArray[Any], dtype: npt.DTypeLike, what: str, *, at_most: int | None = None, first: int = 0
+    name: str,
+    values: npt.NDArray[Any],
+    dtype: npt.DTypeLike,
+    what: str,
+    *,
+    at_least: int | None = None,
+    at_most: int | None = None,
+    first: int = 0,
 ) -> npt.NDArray[Any]:
     """Return integers as `dtype`, after checking that each fits.
 
     `what` names the place for the error message; `first` is the number of the block's first point.
     """
-    low, high = np.iinfo(dtype).min, np.iinfo(dtype).max if at_most is None else at_most
+    low = np.iinfo(dtype).min if at_least is None else at_least
+    high = np.iinfo(dtype).max if at_most is None else at_most
     wrong = ~((values >= low) & (values <= high) & (values == np.floor(values)))
     if wrong.any():
         i = int(np.argmax(wrong))

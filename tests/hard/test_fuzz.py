@@ -40,6 +40,7 @@ LEFT_OUT = {
     "materials.Material": "Material, by its other name",
     "materials.Texture": "Texture, by its other name",
     "io.rosbag.": "bags, of whole runs; tests/io",
+    "io.packets.": "packets, of whole runs; tests/io/packets",
     "io.las.Writer": "writes in a with block; tests/io",
     "Shape": "abstract",
     "patterns.Pattern": "a protocol",

@@ -5,20 +5,23 @@ One module per vendor, which registers its format.
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_right
 from collections.abc import Mapping
 from contextlib import ExitStack
 from ipaddress import IPv4Address
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, BinaryIO, Self
+from typing import TYPE_CHECKING, Self
 
-from lidarsim import _validation
-from lidarsim._files import PathLike, atomic_writer, check_suffix
+from lidarsim._files import PathLike, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
-from lidarsim.io.packets import _pcap, velodyne
-from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register
+from lidarsim.io.packets import (  # each vendor's module registers itself
+    _pcap,
+    ouster,  # noqa: F401
+    velodyne,  # noqa: F401
+)
+from lidarsim.io.packets._encoders import START, companions, encoders
+from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register, variants
+from lidarsim.io.packets._merged import Merged
 
 if TYPE_CHECKING:
     from lidarsim.scan import Scan
@@ -34,54 +37,12 @@ __all__ = [
     "format_of",
     "names",
     "register",
-    "velodyne",
+    "variants",
 ]
 
 SUFFIXES = (".pcap",)
 
-_START = 1_577_836_800.0  # 2020-01-01T00:00:00Z, as in `lidarsim.io.rosbag`
 _FIRST_ADDRESS = IPv4Address("192.168.1.201")
-
-
-def encoders(
-    sensors: Mapping[str, Lidar], *, start: float = _START, variant: str | None = None, port: int | None = None
-) -> dict[str, Encoder]:
-    """Return an encoder for each sensor, each with UDP ports of its own.
-
-    Parameters
-    ----------
-    sensors : mapping of str to Lidar
-        The sensors by name.
-    start : float
-        Moment at time 0 of the scans, s since 1970.
-    variant : str, optional
-        Layout of the packets, one of those of the sensors' format. Default: the first.
-    port : int, optional
-        First UDP port; each further sensor takes the next two. Default: the vendor's.
-
-    Returns
-    -------
-    dict of str to Encoder
-        The encoders by name of the sensor.
-
-    Raises
-    ------
-    FileFormatError
-        If a sensor has no packet format, or its pattern or returns do not fit in the packets.
-    TypeError, ValueError
-        If an argument is of the wrong type or out of its range.
-    """
-    moment = round(_validation.real("start", start, at_least=0.0) * 1e9)
-    if port is not None:
-        port = _validation.integer("port", port, at_least=1)
-    found: dict[str, Encoder] = {}
-    for number, (name, lidar) in enumerate(sensors.items()):
-        layout = format_of(lidar, variant)
-        of_it = (layout.port if port is None else port) + 2 * number
-        if of_it > 0xFFFE:
-            raise ArgumentValueError("port", f"at most {0xFFFE - 2 * number} for {number + 1} sensors", str(port))
-        found[name] = layout.encoder(lidar, start=moment, port=of_it, variant=variant)
-    return found
 
 
 class Writer:
@@ -95,9 +56,14 @@ class Writer:
     path : path-like
         The file, ``.pcap``.
     sensors : mapping of str to Lidar, or Lidar
-        The sensors. The first sends from 192.168.1.201, each further one from the next address and to ports of its own.
-    start, variant, port
-        As in `encoders`.
+        The sensors, by names of letters, digits, _ and -. The first sends from 192.168.1.201, each further one from the
+        next address and to ports of its own.
+    start : float
+        Moment at time 0 of the scans, s since 1970, before 2106. Default: the start of 2020.
+    variant : str, optional
+        Variant of the packets, one of those of each sensor's format. Default: by the sensor.
+    port : int, optional
+        First UDP port; each further sensor takes the next two. Default: the vendor's.
 
     Raises
     ------
@@ -105,6 +71,20 @@ class Writer:
         If the suffix is another, a sensor has no packet format, or its pattern or returns do not fit in the packets.
     TypeError, ValueError
         If an argument is of the wrong type or out of its range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lidarsim as ls
+    >>> scene = ls.Scene()
+    >>> _ = scene.add(ls.Plane((0, 0, 1), -1.8))
+    >>> lidar = ls.Lidar.preset("ouster-os1-64")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with Writer(f"{folder}/drive.pcap", lidar) as packets:
+    ...         for scan in lidar.frames(scene, None, 3):
+    ...             packets.write(scan)
+    ...     [file.name for file in packets.files]
+    ['drive.pcap', 'drive.json']
     """
 
     def __init__(
@@ -112,23 +92,29 @@ class Writer:
         path: PathLike,
         sensors: Mapping[str, Lidar] | Lidar,
         *,
-        start: float = _START,
+        start: float = START,
         variant: str | None = None,
         port: int | None = None,
     ) -> None:
         check_suffix(path, SUFFIXES)
         self._path = Path(path)
-        named = sensors if isinstance(sensors, Mapping) else {"": sensors}
-        self._encoders = encoders(named, start=start, variant=variant, port=port)
-        self._addresses = {name: _FIRST_ADDRESS + number for number, name in enumerate(named)}
-        self._waiting: dict[str, list[Packet]] = {name: [] for name in named}
+        if isinstance(sensors, Mapping):
+            check_names("sensors", sensors)
+        self._sensors = sensors if isinstance(sensors, Mapping) else {"": sensors}
+        self._encoders = encoders(self._sensors, start=start, variant=variant, port=port)
+        self._addresses = {name: _FIRST_ADDRESS + number for number, name in enumerate(self._sensors)}
+        self._merged = Merged(self._encoders)
         self._stack = ExitStack()
-        self._file: BinaryIO | None = None
+        self._capture: _pcap.Capture | None = None
 
     def __enter__(self) -> Self:
-        """Open a temporary file beside the final one."""
-        self._file = self._stack.enter_context(atomic_writer(self._path))
-        self._file.write(_pcap.header())
+        """Open temporary files beside the final ones."""
+        with ExitStack() as stack:
+            for path, content in companions(self._path, self._encoders).items():
+                stack.enter_context(atomic_writer(path)).write(content)
+            self._capture = _pcap.Capture(stack.enter_context(atomic_writer(self._path)))
+            stack.push(self._complete)
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
@@ -136,21 +122,15 @@ class Writer:
     ) -> None:
         """Write the last packets, and give the files their names, unless there was an error."""
         try:
-            if error is None and self._file is not None:
-                for name, encoder in self._encoders.items():
-                    self._waiting[name].extend(encoder.rest())
-                self._write_until(self._file, math.inf)
-        except BaseException as failure:
-            if not self._stack.__exit__(type(failure), failure, failure.__traceback__):
-                raise
-        else:
             self._stack.__exit__(kind, error, trace)
         finally:
-            self._file = None
+            self._capture = None
+
+    def _complete(
+        self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
         if error is None:
-            for path, content in self._companions().items():
-                with atomic_writer(path) as file:
-                    file.write(content)
+            self._put(self._merged.rest())
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:
         """Write the packets of a scan, or of the scans of several sensors, in order of their times.
@@ -165,42 +145,22 @@ class Writer:
         FileFormatError
             If a range, a ring or a time does not fit in the packets.
         ValueError
-            If no sensor has that name, or the file is not open.
+            If no sensor has that name, a scan is of another sensor, or the file is not open.
         """
-        if self._file is None:
+        if self._capture is None:
             raise ValueError(f"{self._path}: expected to be written in a with block")
-        for name, scan in (scans if isinstance(scans, Mapping) else {self._only(): scans}).items():
-            if name not in self._encoders:
-                raise ArgumentValueError("sensor", f"one of {', '.join(self._encoders)}", repr(name))
-            self._waiting[name].extend(self._encoders[name].packets(scan))
-        self._write_until(
-            self._file, min(packets[-1].time if packets else -math.inf for packets in self._waiting.values())
-        )
+        by_name = self._merged.by_name(scans)
+        for name, scan in by_name.items():
+            if name in self._sensors and getattr(scan, "lidar", None) != self._sensors[name]:
+                raise ArgumentValueError("scans", f"scans of the sensor {self._sensors[name].name!r}", "others")
+        self._put(self._merged.add(by_name))
 
     @property
     def files(self) -> list[Path]:
-        """The file, and the files beside it that decoders need."""
-        return [self._path, *self._companions()]
+        """The file, and the files beside it that decoders need: list of Path."""
+        return [self._path, *companions(self._path, self._encoders)]
 
-    def _only(self) -> str:
-        if len(self._encoders) > 1:
-            raise ArgumentValueError("scans", f"scans by name ({', '.join(self._encoders)})", "a Scan")
-        return next(iter(self._encoders))
-
-    def _write_until(self, file: BinaryIO, time: float) -> None:
-        """Write the packets up to a time, those of all sensors in order."""
-        ready: list[tuple[Packet, IPv4Address]] = []
-        for name, packets in self._waiting.items():
-            count = bisect_right(packets, time, key=lambda packet: packet.time)
-            ready += [(packet, self._addresses[name]) for packet in packets[:count]]
-            del packets[:count]
-        for packet, address in sorted(ready, key=lambda found: found[0].time):
-            _pcap.write(file, packet, address)
-
-    def _companions(self) -> dict[Path, bytes]:
-        """Return the content of the files beside the file, by path."""
-        return {
-            self._path.with_stem(f"{self._path.stem}_{name}" if name else self._path.stem).with_suffix(suffix): content
-            for name, encoder in self._encoders.items()
-            for suffix, content in encoder.companions().items()
-        }
+    def _put(self, packets: list[tuple[str, Packet]]) -> None:
+        for name, packet in packets:
+            if self._capture is not None:
+                self._capture.write(packet, self._addresses[name])

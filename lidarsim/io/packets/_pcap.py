@@ -9,42 +9,61 @@ import struct
 from ipaddress import IPv4Address
 from typing import BinaryIO
 
+from lidarsim.errors import FileFormatError
 from lidarsim.io.packets._format import Packet
 
 _MAGIC, _VERSION, _ETHERNET = 0xA1B2C3D4, (2, 4), 1  # microseconds
-_MOST = 1 << 18
+_MOST = 0xFFFF  # bytes of a frame
 _HEADER = struct.Struct("<IHHiIII")
 _RECORD = struct.Struct("<IIII")
 _ADDRESSES = struct.Struct("!6s6sH")
 _IP = struct.Struct("!BBHHHBBH4s4s")
 _UDP = struct.Struct("!HHHH")
 _BROADCAST = IPv4Address("255.255.255.255")
-_DONT_FRAGMENT, _LIFETIME, _OF_UDP = 0x4000, 64, 17
-
-LARGEST = 0xFFFF - _IP.size - _UDP.size
-"""Bytes of the largest payload: the length of an IPv4 packet is 16 bits."""
-
-
-def header() -> bytes:
-    """Return the header of a file with time stamps in microseconds."""
-    return _HEADER.pack(_MAGIC, *_VERSION, 0, 0, _MOST, _ETHERNET)
+_MORE_FRAGMENTS, _LIFETIME, _OF_UDP = 0x2000, 64, 17
+_PART = 1500 - _IP.size
+"""Bytes of a datagram in one frame: Ethernet's payload less the header. It is a multiple of 8, as fragments need."""
 
 
-def write(file: BinaryIO, packet: Packet, source: IPv4Address) -> None:
-    """Append a packet that the sensor at the address `source` broadcasts from the port that it is sent to.
+class Capture:
+    """Append packets to a file, with time stamps in microseconds.
 
-    A payload larger than the payload of an Ethernet frame is one frame, not fragments, as captures of the loopback
-    interface have it. The UDP checksum is 0, which means none.
+    A packet that is larger than the payload of an Ethernet frame is fragmented, as it is on its way from a sensor.
+
+    Parameters
+    ----------
+    file : binary file
+        An empty file.
     """
-    length = _UDP.size + len(packet.payload)
-    datagram = _UDP.pack(packet.port, packet.port, length, 0) + packet.payload
-    total = _IP.size + length
-    fields = (0x45, 0, total, 0, _DONT_FRAGMENT, _LIFETIME, _OF_UDP)
-    checksum = _checksum(_IP.pack(*fields, 0, source.packed, _BROADCAST.packed))
-    frame = _ADDRESSES.pack(b"\xff" * 6, b"\x02\x00" + source.packed, 0x0800)  # locally administered
-    frame += _IP.pack(*fields, checksum, source.packed, _BROADCAST.packed) + datagram
-    seconds, nanoseconds = divmod(packet.time, 10**9)
-    file.write(_RECORD.pack(seconds, nanoseconds // 1000, len(frame), len(frame)) + frame)
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._number = 0
+        file.write(_HEADER.pack(_MAGIC, *_VERSION, 0, 0, _MOST, _ETHERNET))
+
+    def write(self, packet: Packet, source: IPv4Address) -> None:
+        """Append a packet that the sensor at the address `source` broadcasts from the port that it is sent to.
+
+        Raises
+        ------
+        FileFormatError
+            If its time is not from 1970 to 2106.
+        """
+        seconds, nanoseconds = divmod(packet.time, 10**9)
+        if not 0 <= seconds < 1 << 32:
+            raise FileFormatError(f"time: expected 0 to {(1 << 32) - 1} s since 1970 in PCAP files, got {seconds}")
+        # The UDP checksum is 0, which means none.
+        datagram = _UDP.pack(packet.port, packet.port, _UDP.size + len(packet.payload), 0) + packet.payload
+        addresses = source.packed, _BROADCAST.packed
+        ethernet = _ADDRESSES.pack(b"\xff" * 6, b"\x02\x00" + source.packed, 0x0800)  # locally administered
+        for offset in range(0, len(datagram), _PART):
+            part = datagram[offset : offset + _PART]
+            place = offset // 8 | (_MORE_FRAGMENTS if offset + _PART < len(datagram) else 0)
+            fields = 0x45, 0, _IP.size + len(part), self._number & 0xFFFF, place, _LIFETIME, _OF_UDP
+            header = _IP.pack(*fields, _checksum(_IP.pack(*fields, 0, *addresses)), *addresses)
+            size = len(ethernet) + len(header) + len(part)
+            self._file.write(_RECORD.pack(seconds, nanoseconds // 1000, size, size) + ethernet + header + part)
+        self._number += 1
 
 
 def _checksum(words: bytes) -> int:
