@@ -1,0 +1,78 @@
+"""Groups of firing cycles, in each of which all channels of a sensor fire once, for packets that hold several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Cycles"]
+
+Records = npt.NDArray[Any]
+Times = npt.NDArray[np.int64]
+
+
+class Cycles:
+    """Cuts a stream of cycles into packets of `size` cycles; those that fill none wait for the next.
+
+    The cycles of a packet follow each other. Before a gap, such as the part of a turn outside the field of view, the
+    packet is filled with cycles without returns.
+
+    Parameters
+    ----------
+    size : int
+        Cycles of a packet.
+    period : float
+        Time from one cycle to the next, ns.
+    empty : callable
+        ``empty(last, count)`` returns `count` cycles without returns that follow the cycle `last`.
+    """
+
+    def __init__(self, size: int, period: float, empty: Callable[[Any, int], Records]) -> None:
+        self._size, self._period, self._empty = size, period, empty
+        self._cycles: Records | None = None
+        self._starts: Times = np.zeros(0, np.int64)
+
+    def add(self, cycles: Records, starts: Times) -> tuple[Records, Times]:
+        """Return the packets that further cycles complete.
+
+        Parameters
+        ----------
+        cycles : ndarray, shape (n, ...)
+            The cycles.
+        starts : ndarray of int64, shape (n,)
+            When they start, ns.
+
+        Returns
+        -------
+        cycles : ndarray, shape (packets, size, ...)
+        starts : ndarray of int64, shape (packets, size)
+        """
+        if self._cycles is not None:
+            cycles, starts = np.concatenate([self._cycles, cycles]), np.concatenate([self._starts, starts])
+        gaps = np.flatnonzero(np.abs(np.diff(starts) - self._period) > self._period / 2) + 1
+        *before, (cycles, starts) = zip(np.split(cycles, gaps), np.split(starts, gaps), strict=True)
+        whole = len(cycles) // self._size * self._size
+        self._cycles, self._starts = cycles[whole:].copy(), starts[whole:].copy()
+        parts = [self._filled(*part) for part in before]
+        return self._grouped([*parts, (cycles[:whole], starts[:whole])])
+
+    def rest(self) -> tuple[Records, Times] | None:
+        """Return the last packet, filled with cycles without returns, as `add` does; None if no cycles wait."""
+        if self._cycles is None or not len(self._cycles):
+            return None
+        filled = self._filled(self._cycles, self._starts)
+        self._cycles = None
+        return self._grouped([filled])
+
+    def _filled(self, cycles: Records, starts: Times) -> tuple[Records, Times]:
+        """Return consecutive cycles, followed by as many empty ones as fill the last packet."""
+        missing = -len(cycles) % self._size
+        later = starts[-1] + np.rint(self._period * np.arange(1, missing + 1)).astype(np.int64)
+        return np.concatenate([cycles, self._empty(cycles[-1], missing)]), np.concatenate([starts, later])
+
+    def _grouped(self, parts: list[tuple[Records, Times]]) -> tuple[Records, Times]:
+        cycles, starts = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return cycles.reshape(-1, self._size, *cycles.shape[1:]), starts.reshape(-1, self._size)
