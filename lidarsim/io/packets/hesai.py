@@ -262,11 +262,10 @@ class _Encoder:
 
     def _measured(self, scan: Scan) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint8]]:
         """Return distances in steps, 0 without a point, and reflectivities, in the order of the blocks: (n, returns)."""
-        found = ~np.isnan(scan.range)
         offset = np.asarray(self._lidar.range_offset)
         reported = scan.range + (offset[scan.pulses.ring][:, None] if offset.ndim else offset)
         steps = np.rint(reported / (self._layout.step / 1e3))
-        wrong = found & ~((steps >= 1) & (steps <= 0xFFFF))
+        wrong = (steps < 1) | (steps > 0xFFFF)
         if wrong.any():
             pulse, number = np.argwhere(wrong)[0]
             low, high = self._layout.step / 1e3, self._layout.step * 0xFFFF / 1e3
@@ -274,13 +273,14 @@ class _Encoder:
                 f"range: expected {low:g} to {high:g} m for packets of {self._lidar.model}, "
                 f"got range[{pulse}, {number}] = {reported[pulse, number]:g}"
             )
-        whole = np.where(found, steps, 0.0).astype(np.uint16)
-        brightness = np.where(found, reflectivity(scan.intensity), np.uint8(0))
-        if self._returns == 2:  # the last return is the farther one; a single return is in both blocks
-            order = np.where(found[:, 1:] & (whole[:, 1:] > whole[:, :1]), [1, 0], [0, 1])
-            order[~found[:, 1]] = 0
-            whole, brightness = (np.take_along_axis(values, order, axis=1) for values in (whole, brightness))
-        return whole, brightness
+        brightness = reflectivity(scan.intensity)
+        if self._returns == 2:
+            one, two = np.isnan(steps[:, 1]), steps[:, 1] > steps[:, 0]
+            order = np.stack([two, ~two & ~one], axis=1)  # the last return is the farther one; a single one is in both
+            steps, brightness = (np.where(order, values[:, 1:], values[:, :1]) for values in (steps, brightness))
+        missed = np.isnan(steps)
+        brightness[missed] = 0
+        return np.where(missed, 0.0, steps).astype(np.uint16), brightness
 
     def _encoded(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
         """Yield packets of columns of shape (packets, columns, returns) that start at `starts`, ns."""
