@@ -138,7 +138,15 @@ class _Layout(NamedTuple):
 
 _WITH_FIRST: Mapping[str | int, int] = {"strongest": STRONGEST, "last": LAST, "first": FIRST, 1: FIRST, "dual": DUAL}
 _XT32 = _Layout(
-    "ee ff 06 01 00 00 20 08 K 04 N 01", 32, 8, 50.0, 0.0, 6.0, _new_tail(("status", "u1", (10,))), confidence=0xFF, modes=_WITH_FIRST
+    "ee ff 06 01 00 00 20 08 K 04 N 01",
+    32,
+    8,
+    50.0,
+    0.0,
+    6.0,
+    _new_tail(("status", "u1", (10,))),
+    confidence=0xFF,
+    modes=_WITH_FIRST,
 )
 _OT128 = _Layout(
     f"ee ff 01 04 80 00 80 02 K 04 N {SEQUENCE | IMU | SAFETY:02x}",

@@ -203,10 +203,9 @@ class _Encoder:
 
     def _points(self, scan: Scan) -> npt.NDArray[np.void]:
         """Return the points of a scan, shape (n,)."""
-        ranges, brightness = scan.range, reflectivity(scan.intensity, DIFFUSE)
-        if self._returns > 1:  # nearest first, missing ones last
-            order = np.argsort(ranges, axis=1)
-            ranges, brightness = (np.take_along_axis(values, order, axis=1) for values in (ranges, brightness))
+        order = np.argsort(scan.range, axis=1)  # nearest first, missing ones last
+        ranges = np.take_along_axis(scan.range, order, axis=1)
+        brightness = np.take_along_axis(reflectivity(scan.intensity, DIFFUSE), order, axis=1)
         points = np.repeat(self._template["points"][0, :1], len(scan))
         names = points.dtype.names or ()
         for number in range(self._returns):
