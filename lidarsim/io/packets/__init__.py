@@ -17,7 +17,11 @@ from typing import TYPE_CHECKING, BinaryIO, Self
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_suffix
 from lidarsim.errors import ArgumentValueError
-from lidarsim.io.packets import _pcap
+from lidarsim.io.packets import (
+    _pcap,
+    hesai,  # noqa: F401 - registers itself
+    livox,  # noqa: F401 - registers itself
+)
 from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register
 
 if TYPE_CHECKING:
