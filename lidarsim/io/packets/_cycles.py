@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Cycles"]
+from lidarsim.errors import FileFormatError
+
+if TYPE_CHECKING:
+    from lidarsim.scan import Scan
+
+__all__ = ["Cycles", "moments"]
 
 Records = npt.NDArray[Any]
 Times = npt.NDArray[np.int64]
 Part = tuple[Records, Times]
+
+LAST = 1 << 32
+"""First second that a PCAP file cannot hold."""
 
 
 class Cycles:
@@ -85,3 +94,20 @@ def _joined(parts: list[Part]) -> Part:
     kind = parts[0][0].dtype
     plain = [cycles.view(f"V{kind.itemsize}") for cycles, _ in parts]  # NumPy joins bytes faster than fields
     return np.concatenate(plain).view(kind), np.concatenate([starts for _, starts in parts])
+
+
+def moments(scan: Scan, start: int, times: npt.NDArray[np.float64]) -> Times:
+    """Return times since the start of a scan as ns since 1970, where `start` is time 0 of the scans.
+
+    Raises
+    ------
+    FileFormatError
+        If the scan starts before 1970 or after the last second of PCAP files, in 2106.
+    """
+    began = start + round(scan.time * 1e9)
+    if not 0 <= began < LAST * 10**9:
+        last = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=LAST - 1)
+        raise FileFormatError(
+            f"time: expected a scan from 1970 to {last:%Y-%m-%d}, got one at {began / 1e9:g} s since 1970"
+        )
+    return began + np.rint(times * 1e9).astype(np.int64)

@@ -12,11 +12,10 @@ Mid-40  cartesian, spherical  0, 1         100      the same without the tag
 ======  ====================  ===========  =======  =================================================
 
 Angles are in steps of 0.01 degrees: the zenith angle, and the azimuth from x to y. A pulse without a return is a point
-of zeros. Of dual returns, the nearer is return 0 and the other return 1, as bits 4 and 5 of the tag of all models but
-the Mid-360 tell; the second may be zeros. Points are in the order in which the pulses are fired, so that the line of
-point i is i modulo the number of lines. The time stamp is that of the first point, ns since 1970 (PTP). Decoders space
-the points evenly: those of the Mid-360 over `time_interval`, those of the others by the rate of the sensor. There are no
-packets of the IMU.
+of zeros. Of dual returns, the nearer is return 0 and the other, which may be zeros, return 1, as bits 4 and 5 of the
+tag tell. Points are in the order in which the pulses are fired, so that the line of point i is i modulo the number of
+lines. The time stamp is that of the first point, ns since 1970 (PTP). Decoders space the points evenly: those of the
+Mid-360 over `time_interval`, those of the others by the rate of the sensor. There are no packets of the IMU.
 
 Format: Livox LiDAR Communication Protocol Mid-360, section 2; Livox SDK Communication Protocol, section 3;
 Livox-SDK/Livox-SDK, sdk_core/include/livox_def.h; Livox-SDK/livox_ros_driver, lds.h.
@@ -33,7 +32,7 @@ import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
-from lidarsim.io.packets._cycles import Cycles
+from lidarsim.io.packets._cycles import Cycles, moments
 from lidarsim.io.packets._format import Packet, PacketFormat, register
 from lidarsim.patterns._pulses import pulses_of
 
@@ -151,10 +150,10 @@ class _Encoder:
 
     def packets(self, scan: Scan) -> Iterator[Packet]:
         """Yield the packets that a scan completes."""
-        if scan.lidar.pattern != self._lidar.pattern:
-            raise FileFormatError("scan: expected one of the sensor that the packets are of, got another pattern")
+        if scan.lidar.pattern != self._lidar.pattern or scan.range.shape[1] != self._returns:
+            raise FileFormatError("scan: expected one of the sensor that the packets are of, got one of another")
         lines = self._model.lines
-        starts = self._start + round(scan.time * 1e9) + np.rint(scan.pulses.time[::lines] * 1e9).astype(np.int64)
+        starts = moments(scan, self._start, scan.pulses.time[::lines])
         self._count = 0
         yield from self._encoded(*self._cycles.add(self._points(scan).reshape(-1, lines), starts))
 
