@@ -301,7 +301,7 @@ class _Encoder:
         return np.repeat(block, number * self._returns).reshape(number, self._returns)
 
     def _measured(self, scan: Scan) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint8]]:
-        """Return distances in steps, 0 without a point, and reflectivities, in the order of the blocks: (n, returns)."""
+        """Return distances in steps, 0 for none, and reflectivities, shape (n, returns), in the order of the blocks."""
         offset = np.asarray(self._lidar.range_offset)
         reported = scan.range + (offset[scan.pulses.ring][:, None] if offset.ndim else offset)
         steps = np.rint(reported / (self._layout.step / 1e3))
