@@ -319,9 +319,7 @@ class _Encoder:
             # The last return is the farther one; a single return is in both blocks.
             order = np.stack([two, ~two & ~one], axis=1)
             steps, brightness = (np.where(order, values[:, 1:], values[:, :1]) for values in (steps, brightness))
-        missed = np.isnan(steps)
-        brightness[missed] = 0
-        return np.where(missed, 0.0, steps).astype(np.uint16), brightness
+        return np.nan_to_num(steps).astype(np.uint16), brightness
 
     def _encoded(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
         """Yield packets of columns of shape (packets, columns, returns) that start at `starts`, ns."""
