@@ -39,7 +39,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping
-from itertools import count
+from itertools import count, repeat
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -285,7 +285,6 @@ class _Encoder:
         packet["mode"], packet["factory"] = mode, FACTORY
         if "operation" in (self._type.names or ()):
             packet["operation"] = STANDARD
-            packet["safety"][:, 0] = layout.safety[0]
         return packet
 
     def _empty(self, last: Any, number: int) -> npt.NDArray[np.void]:
@@ -313,13 +312,18 @@ class _Encoder:
                 f"range: expected {low:g} to {high:g} m for packets of {self._lidar.model}, "
                 f"got range[{pulse}, {number}] = {reported[pulse, number]:g}"
             )
-        brightness = reflectivity(scan.intensity)
-        if self._returns == 2:
-            one, two = np.isnan(steps[:, 1]), steps[:, 1] > steps[:, 0]
-            # The last return is the farther one; a single return is in both blocks.
-            order = np.stack([two, ~two & ~one], axis=1)
-            steps, brightness = (np.where(order, values[:, 1:], values[:, :1]) for values in (steps, brightness))
-        return np.nan_to_num(steps).astype(np.uint16), brightness
+        steps[np.isnan(steps)] = 0.0
+        measured = steps.astype(np.uint16), reflectivity(scan.intensity)
+        if self._returns == 1:
+            return measured
+        # The last return is the farther one; a single return is in both blocks.
+        first, second = measured[0].T
+        swapped, both = second > first, (second > first) | (second == 0)
+        distances, brightness = (
+            np.stack([np.where(swapped, b, a), np.where(both, a, b)], axis=1)
+            for a, b in (values.T for values in measured)
+        )
+        return distances, brightness
 
     def _encoded(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
         """Yield packets of columns of shape (packets, columns, returns) that start at `starts`, ns."""
@@ -337,21 +341,20 @@ class _Encoder:
             self._check(packets, stamp)
         last = (starts[:, -1] + round(1e9 * self._pattern.firing_times.max())).tolist()
         content, size = packets.tobytes(), packets.itemsize
-        for i, time in enumerate(last):
-            yield Packet(time, self._port, content[i * size : (i + 1) * size])
+        payloads = [content[i : i + size] for i in range(0, len(content), size)]
+        yield from map(Packet, last, repeat(self._port), payloads)
 
     def _check(self, packets: npt.NDArray[np.void], stamp: npt.NDArray[np.int64]) -> None:
         """Fill in the state of the sensor and the checksums of the body, of the state and of the tail."""
-        packets["safety"][:, 1] = NORMAL | stamp // SAFETY_CYCLE % 8
+        version, covered = self._layout.safety
+        states = np.zeros((8, 13), np.uint8)
+        states[:, 0], states[:, 1] = version, NORMAL | np.arange(8)
+        counter = stamp // SAFETY_CYCLE % 8
+        packets["safety"], packets["safety_crc"] = states[counter], crc32_mpeg2(states[:, 1 : 1 + covered])[counter]
         rows = packets.view(np.uint8).reshape(len(packets), -1)
         places = {name: place[1] for name, place in (self._type.fields or {}).items()}
-        safety = places["safety"] + 1
-        for name, start, end in (
-            ("body_crc", places["blocks"], places["body_crc"]),
-            ("safety_crc", safety, safety + self._layout.safety[1]),
-            ("crc", places["status"], places["crc"]),
-        ):
-            packets[name] = crc32_mpeg2(rows[:, start:end])
+        for name, start in (("body_crc", "blocks"), ("crc", "status")):
+            packets[name] = crc32_mpeg2(rows[:, places[start] : places[name]])
 
 
 def crc32_mpeg2(rows: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint32]:

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -253,8 +254,8 @@ class _Encoder:
                 zlib.crc32(content[i + checked : i + size]) for i in range(0, len(content), size)
             ]  # of the time stamp and the points
         content, size = packets.tobytes(), packets.itemsize
-        for i, time in enumerate(starts[:, -1].tolist()):
-            yield Packet(time, self._port, content[i * size : (i + 1) * size])
+        payloads = [content[i : i + size] for i in range(0, len(content), size)]
+        yield from map(Packet, starts[:, -1].tolist(), repeat(self._port), payloads)
 
 
 for _name, _model in MODELS.items():
