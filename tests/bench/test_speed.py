@@ -209,7 +209,9 @@ def test_rays_in_planes_lie_in_them() -> None:
     }
     assert found["box; in the plane"] == in_plane.RAYS
     low, high = in_plane.rays(0.0), in_plane.rays(in_plane.TINY)
-    assert (low[1][:, 2] == 0.0).all() and (low[1] == high[1]).all() and (high[0][:, 2] > low[0][:, 2]).all()
+    assert not low[1][:, 2].any()
+    assert (low[1] == high[1]).all()
+    assert (high[0][:, 2] > low[0][:, 2]).all()
 
 
 def test_what_is_moved_is_not_built_anew() -> None:

@@ -16,6 +16,8 @@ from lidarsim._files import PathLike, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io.packets import (  # each vendor's module registers itself
     _pcap,
+    hesai,  # noqa: F401
+    livox,  # noqa: F401
     ouster,  # noqa: F401
     velodyne,  # noqa: F401
 )

@@ -289,7 +289,7 @@ register(
             model: f"{facts.name}: data packets with the strongest, last or dual returns, and position packets"
             for model, facts in MODELS.items()
         },
-        ("legacy",),
+        ("standard",),
         DATA_PORT,
         _Encoder,
     )

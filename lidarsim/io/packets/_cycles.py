@@ -1,0 +1,113 @@
+"""Groups of firing cycles, in each of which all channels of a sensor fire once, for packets that hold several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim.errors import FileFormatError
+
+if TYPE_CHECKING:
+    from lidarsim.scan import Scan
+
+__all__ = ["Cycles", "moments"]
+
+Records = npt.NDArray[Any]
+Times = npt.NDArray[np.int64]
+Part = tuple[Records, Times]
+
+LAST = 1 << 32
+"""First second that a PCAP file cannot hold."""
+
+
+class Cycles:
+    """Cuts a stream of cycles into packets of `size` cycles; those that fill none wait for the next.
+
+    The cycles of a packet follow each other. Before a gap, such as the part of a turn outside the field of view, the
+    packet is filled with cycles without returns.
+
+    Parameters
+    ----------
+    size : int
+        Cycles of a packet.
+    period : float
+        Time from one cycle to the next, ns.
+    empty : callable
+        ``empty(last, count)`` returns `count` cycles without returns that follow the cycle `last`.
+    """
+
+    def __init__(self, size: int, period: float, empty: Callable[[Any, int], Records]) -> None:
+        self._size, self._period, self._empty = size, period, empty
+        self._cycles: Records = np.zeros(0)
+        self._starts: Times = np.zeros(0, np.int64)
+
+    def add(self, cycles: Records, starts: Times) -> Part:
+        """Return the packets that further cycles complete.
+
+        Parameters
+        ----------
+        cycles : ndarray, shape (n, ...)
+            The cycles.
+        starts : ndarray of int64, shape (n,)
+            When they start, ns.
+
+        Returns
+        -------
+        cycles : ndarray, shape (packets, size, ...)
+        starts : ndarray of int64, shape (packets, size)
+        """
+        if len(self._starts):
+            cycles, starts = _joined([(self._cycles, self._starts), (cycles, starts)])
+        gaps = np.flatnonzero(np.abs(np.diff(starts) - self._period) > self._period / 2) + 1
+        *before, (cycles, starts) = zip(np.split(cycles, gaps), np.split(starts, gaps), strict=True)
+        whole = len(cycles) // self._size * self._size
+        self._cycles, self._starts = cycles[whole:].copy(), starts[whole:].copy()
+        return self._grouped([*(self._filled(*part) for part in before), (cycles[:whole], starts[:whole])])
+
+    def rest(self) -> Part | None:
+        """Return the last packet, filled with cycles without returns, as `add` does; None if no cycles wait."""
+        if not len(self._starts):
+            return None
+        filled = self._filled(self._cycles, self._starts)
+        self._starts = self._starts[:0]
+        return self._grouped([filled])
+
+    def _filled(self, cycles: Records, starts: Times) -> Part:
+        """Return consecutive cycles, followed by as many empty ones as fill the last packet."""
+        missing = -len(cycles) % self._size
+        later = starts[-1] + np.rint(self._period * np.arange(1, missing + 1)).astype(np.int64)
+        return _joined([(cycles, starts), (self._empty(cycles[-1], missing), later)])
+
+    def _grouped(self, parts: list[Part]) -> Part:
+        cycles, starts = _joined(parts)
+        return cycles.reshape(-1, self._size, *cycles.shape[1:]), starts.reshape(-1, self._size)
+
+
+def _joined(parts: list[Part]) -> Part:
+    """Return the cycles of all parts and when they start."""
+    if len(parts) == 1:
+        return parts[0]
+    kind = parts[0][0].dtype
+    plain = [cycles.view(f"V{kind.itemsize}") for cycles, _ in parts]  # NumPy joins bytes faster than fields
+    return np.concatenate(plain).view(kind), np.concatenate([starts for _, starts in parts])
+
+
+def moments(scan: Scan, start: int, times: npt.NDArray[np.float64]) -> Times:
+    """Return times since the start of a scan as ns since 1970, where `start` is time 0 of the scans.
+
+    Raises
+    ------
+    FileFormatError
+        If the scan starts before 1970 or after the last second of PCAP files, in 2106.
+    """
+    began = start + round(scan.time * 1e9)
+    if not 0 <= began < LAST * 10**9:
+        last = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=LAST - 1)
+        raise FileFormatError(
+            f"time: expected a scan from 1970 to {last:%Y-%m-%d}, got one at {began / 1e9:g} s since 1970"
+        )
+    return began + np.rint(times * 1e9).astype(np.int64)
