@@ -1,4 +1,4 @@
-"""The command line: ``lidarsim scan | generate | view | compare | sensors | check | bench``."""
+"""The command line: ``lidarsim scan | generate | stream | view | compare | sensors | check | bench``."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from lidarsim._terminal import facts, paragraph, print_line, say, standard_strea
 from lidarsim._validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
-from lidarsim.io import raster, rosbag
+from lidarsim.io import packets, raster, rosbag
 from lidarsim.io._cuts import WORDS
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output, is_point_cloud
@@ -281,6 +281,70 @@ def _part(text: str | None) -> tuple[int, int]:
     if found is None or not int(found[1]) < int(found[2]):
         raise LidarsimError(f"--shard: expected I/N with I from 0 to N - 1, got {shown(text)}")
     return int(found[1]), int(found[2])
+
+
+@app.command()
+def stream(
+    config: Configuration,
+    *,
+    to: Annotated[
+        str,
+        _option(
+            "--to",
+            "HOST[:PORT]",
+            "Where to send: a name, an IPv4 address or [IPV6]; default 127.0.0.1 and the vendor's port.",
+        ),
+    ] = "127.0.0.1",
+    fast: Annotated[bool, typer.Option("--fast", help="Send as fast as possible, not at the sensor's rate.")] = False,
+    variant: Annotated[
+        str | None, _option("--variant", "NAME", "Layout of the packets; default: the first of the vendor's.")
+    ] = None,
+    metadata: Annotated[
+        Path | None, _file("--metadata", "FILE", "Write what decoders need besides the packets, such as Ouster's JSON.")
+    ] = None,
+    repeat: Annotated[bool, typer.Option("--repeat", help="Begin again after the last frame, until Ctrl-C.")] = False,
+    overrides: Overrides = None,
+    seed: Seed = None,
+    frame: Frame = None,
+    frames: Frames = None,
+) -> None:
+    """Scan the scene in CONFIG and send the packets of its sensors by UDP, each at its time.
+
+    Frames are scanned while others are sent. Packets that are late are sent at once, and packets that the system
+    refuses are dropped, as by a sensor; the last line counts both. With a rig, each further sensor sends to the next
+    two ports. UDP does not tell whether packets are received: a receiver that is too slow loses some.
+    """
+    run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
+    run.check_coverage()
+    with packets.Sender(run.lidars, to, variant=variant, fast=fast) as sender:
+        if metadata:
+            for path in sender.save_metadata(metadata) or ["--metadata: the decoders of these packets need no file"]:
+                print_line(path)
+        start, end = run.span
+        try:
+            if repeat:
+                sender.send(run.scans, repeat=math.inf, period=end - start)
+            else:
+                sender.send(_progress(run.scans(), len(run.numbers)))
+        except KeyboardInterrupt:
+            _print_sent(to, sender.sent, None if fast else 1.0 / run.rate)
+            raise
+        _print_sent(to, sender.sent, None if fast else 1.0 / run.rate)
+
+
+def _print_sent(to: str, sent: packets.Sent, period: float | None) -> None:
+    """Print what was sent, and whether scanning was slower than a sensor with frames of that period, s."""
+    ports = ", ".join(map(str, sorted(sent.ports)))
+    late = "" if period is None else f", largest lag {1e3 * sent.lag:.3g} ms"
+    print_line(
+        f"{counted(sent.packets, 'packet')} ({sent.size / 1e6:,.3g} MB) to {to}, {counted(len(sent.ports), 'port')}"
+        f" {ports} in {sent.seconds:.2f} s: {sent.rate:,.0f} packets/s, {sent.dropped:,} dropped{late}"
+    )
+    if period is not None and sent.lag > period and sent.span:
+        print_line(
+            f"the sensor is faster than this machine scans: {sent.span:.2f} s of it took {sent.seconds:.2f} s;"
+            " packets were late, none was left out"
+        )
 
 
 @app.command()

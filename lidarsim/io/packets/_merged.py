@@ -1,0 +1,76 @@
+"""The packets of several sensors in order of their times."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.io.packets._format import Encoder, Packet
+
+if TYPE_CHECKING:
+    from lidarsim.scan import Scan
+
+__all__ = ["Merged"]
+
+
+class Merged:
+    """Encode the scans of several sensors, and put their packets in order.
+
+    A packet is held back until each sensor has one that is not earlier, since an earlier one may come before then.
+
+    Parameters
+    ----------
+    encoders : mapping of str to Encoder
+        The encoders by name of the sensor.
+    """
+
+    def __init__(self, encoders: Mapping[str, Encoder]) -> None:
+        self._encoders = encoders
+        self._waiting: dict[str, list[Packet]] = {name: [] for name in encoders}
+
+    def add(self, scans: Scan | Mapping[str, Scan]) -> list[tuple[str, Packet]]:
+        """Return the packets, by sensor, that follow from a scan of the only sensor, or from scans by sensor name.
+
+        Raises
+        ------
+        FileFormatError
+            If a range, a ring or a time does not fit in the packets.
+        TypeError, ValueError
+            If `scans` is neither, or no sensor has that name.
+        """
+        for name, scan in self.by_name(scans).items():
+            if name not in self._encoders:
+                raise ArgumentValueError("sensor", f"one of {', '.join(self._encoders)}", repr(name))
+            self._waiting[name].extend(self._encoders[name].packets(scan))
+        return self._until(min(packets[-1].time if packets else -math.inf for packets in self._waiting.values()))
+
+    def rest(self) -> list[tuple[str, Packet]]:
+        """Return all remaining packets, including the incomplete ones."""
+        for name, encoder in self._encoders.items():
+            self._waiting[name].extend(encoder.rest())
+        return self._until(math.inf)
+
+    def by_name(self, scans: Scan | Mapping[str, Scan]) -> Mapping[str, Scan]:
+        """Return scans by sensor name, after checking that a single scan is of the only sensor."""
+        if isinstance(scans, Mapping):
+            return scans
+        if not hasattr(scans, "pulses"):
+            raise ArgumentTypeError("scans", "scans, or mappings of names to scans", type(scans).__name__)
+        if len(self._encoders) > 1:
+            raise ArgumentValueError("scans", f"scans by name ({', '.join(self._encoders)})", "a Scan")
+        return {next(iter(self._encoders)): scans}
+
+    def _until(self, time: float) -> list[tuple[str, Packet]]:
+        ready: list[tuple[str, Packet]] = []
+        for name, packets in self._waiting.items():
+            count = bisect_right(packets, time, key=lambda packet: packet.time)
+            ready += [(name, packet) for packet in packets[:count]]
+            del packets[:count]
+        return sorted(ready, key=_time)
+
+
+def _time(of: tuple[str, Packet]) -> int:
+    return of[1].time
