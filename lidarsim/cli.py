@@ -318,8 +318,9 @@ def stream(
     run.check_coverage()
     with packets.Sender(run.lidars, to, variant=variant, fast=fast) as sender:
         if metadata:
-            for path in sender.save_metadata(metadata) or ["--metadata: the decoders of these packets need no file"]:
-                print_line(path)
+            written = sender.save_metadata(metadata)
+            for line in written or ["--metadata: the decoders of these packets need no file"]:
+                print_line(line)
         start, end = run.span
         try:
             if repeat:

@@ -336,7 +336,7 @@ def _picture(
         others = {"object_id": {item.id for item in scene}, "instance": {item.instance for item in scene}}
         names["object_id"] = {item.id: item.name for item in scene}
         labels |= scene.class_names
-        objects = _objects_by_label(scene)
+        objects = objects_by_label(scene)
     names["label"] = labels if class_names is None else class_names
     others["label"] = used
     if color_by is None and scene is not None and not any(map(len, points)):
@@ -365,7 +365,7 @@ def _picture(
     )
 
 
-def _objects_by_label(scene: Scene) -> dict[int, str]:
+def objects_by_label(scene: Scene) -> dict[int, str]:
     """Return the names of the objects with each label, the first two and the number of the others."""
     found: dict[int, dict[str, None]] = {}
     for item in scene:

@@ -9,7 +9,7 @@ import queue
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from lidarsim._files import PathLike, atomic_writer, check_folder
 from lidarsim._validation import shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.packets._encoders import START, companions, encoders
-from lidarsim.io.packets._format import Packet
+from lidarsim.io.packets._format import Encoder, Packet
 from lidarsim.io.packets._merged import Merged
 
 if TYPE_CHECKING:
@@ -122,8 +122,8 @@ class Sender:
     ) -> None:
         host, port = _parsed(to)
         self._named = sensors if isinstance(sensors, Mapping) else {"": sensors}
-        self._start, self._options = start, {"variant": variant, "port": port}
-        self._encoders = encoders(self._named, start=start, variant=variant, port=port)
+        self._start, self._variant, self._port = start, variant, port
+        self._encoders = self._encoders_from(start)
         self._fast = fast
         self._clock: Callable[[], float] = time.monotonic
         self._sleep: Callable[[float], object] = time.sleep
@@ -206,12 +206,16 @@ class Sender:
             self._transmit(batches)
         return self.sent
 
+    def _encoders_from(self, start: float) -> dict[str, Encoder]:
+        return encoders(self._named, start=start, variant=self._variant, port=self._port)
+
     def _batches(self, scans: Scans | Callable[[], Scans], repeat: float, period: float) -> Iterator[list[Packet]]:
         """Yield the packets of each frame; those of a repetition come from encoders that start later."""
-        number, shift = 0, {}
+        number = 0
+        shift: dict[str, int] = {}
         while number < repeat:
             begin = self._start + number * period
-            merged = Merged(self._encoders if not number else encoders(self._named, start=begin, **self._options))
+            merged = Merged(self._encoders if not number else self._encoders_from(begin))
             ends: dict[str, tuple[int, int]] = {}
             for given in scans() if callable(scans) else scans:
                 named = merged.by_name(given)
@@ -307,7 +311,7 @@ def _reachable(to: str, host: str) -> tuple[socket.AddressFamily, tuple[Any, ...
     raise OSError(f"to: expected an address that can be reached, got {shown(to)} ({reason})") from failure
 
 
-def _ahead(items: Iterator[Item], most: int) -> Iterator[Item]:
+def _ahead(items: Iterator[Item], most: int) -> Generator[Item]:
     """Yield items that a thread takes from an iterator, with at most so many of them waiting."""
     waiting: queue.Queue[tuple[list[Item], BaseException | None]] = queue.Queue(most)
     stopped = threading.Event()
