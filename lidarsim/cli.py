@@ -43,6 +43,7 @@ from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._show import check_save, checked_size
+from lidarsim.viewers.live import FOXGLOVE_PORT
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
@@ -77,6 +78,8 @@ class Viewer(StrEnum):
 
     PYVISTA = "pyvista"
     OPEN3D = "open3d"
+    RERUN = "rerun"
+    FOXGLOVE = "foxglove"
 
 
 class Camera(StrEnum):
@@ -318,9 +321,10 @@ def stream(
     run.check_coverage()
     with packets.Sender(run.lidars, to, variant=variant, fast=fast) as sender:
         if metadata:
-            written = sender.save_metadata(metadata)
-            for line in written or ["--metadata: the decoders of these packets need no file"]:
-                print_line(line)
+            for path in (written := sender.save_metadata(metadata)):
+                print_line(path)
+            if not written:
+                print_line("--metadata: the decoders of these packets need no file")
         start, end = run.span
         try:
             if repeat:
@@ -360,7 +364,14 @@ def view(
         ),
     ],
     *,
-    viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Viewer to open.")] = Viewer.PYVISTA,
+    viewer: Annotated[
+        Viewer | None,
+        _option("--with", "|".join(Viewer), "Viewer to open; default: pyvista, or rerun with --live."),
+    ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Show the frames of a configuration while they are scanned.")
+    ] = False,
+    rrd: Annotated[Path | None, _file("--rrd", "RRD", "Write the same to a file for Rerun.")] = None,
     screenshot: Screenshot = None,
     html: Annotated[Path | None, _file("--html", "HTML", "Write a self-contained web page.")] = None,
     gif: Annotated[
@@ -381,7 +392,17 @@ def view(
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
     the scene. Data sets are shown with their classes and boxes, and point clouds with the .label beside them. With
     several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0.
+
+    With --live, the frames of a configuration are shown while they are scanned, at the sensor's rate, with boxes: in
+    Rerun, in Open3D, or in the Foxglove app, which connects to ws://127.0.0.1:8765.
     """
+    if live or rrd or viewer in {Viewer.RERUN, Viewer.FOXGLOVE}:
+        used = {"--screenshot": screenshot, "--html": html, "--gif": gif, "--mp4": mp4}
+        _check_live(path, [name for name, value in used.items() if value], viewer, rrd)
+        run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
+        _stream(run, rrd or (viewer or Viewer.RERUN).value, names, color_by=color_by, surfaces=surfaces)
+        return
+    viewer = viewer or Viewer.PYVISTA
     saves = [save for save in (screenshot, html, gif, mp4) if save]
     for option, save in {"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}.items():
         if save:
@@ -421,6 +442,33 @@ def view(
         if count > 1 and save and save is screenshot:
             which = "the first" if frame is None else f"frame {frame}"
             print_line(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+
+
+def _check_live(path: Path, pictures: list[str], viewer: Viewer | None, rrd: Path | None) -> None:
+    """Raise an error unless the arguments of `view` are those of frames shown while they are scanned."""
+    what = "--rrd" if rrd else "--live"
+    if pictures:
+        raise LidarsimError(f"{what}: expected no picture, got {', '.join(pictures)}")
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        raise LidarsimError(f"{what}: expected a configuration or recipe, got {path}")
+    if rrd:
+        if viewer:
+            raise LidarsimError(f"--rrd: expected no --with, got {viewer}")
+        check_suffix(rrd, {".rrd"})
+    elif viewer is Viewer.PYVISTA:
+        raise LidarsimError("--live: expected rerun, foxglove or open3d, got pyvista")
+
+
+def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: Any) -> None:
+    """Show a run while it is scanned, and tell where and how much."""
+    if to == Viewer.FOXGLOVE:
+        print_line(f"open ws://127.0.0.1:{FOXGLOVE_PORT} in Foxglove; the first frame waits for it")
+    count = len(run.numbers)
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("scanning", total=count)
+        start = time.perf_counter()
+        shown = ls.stream(run, to, class_names=names, each=lambda done: progress.update(task, completed=done), **looks)
+    print_line(f"{counted(shown, 'frame')} in {time.perf_counter() - start:.2f} s: {to}")
 
 
 def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:

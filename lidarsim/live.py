@@ -28,6 +28,7 @@ def stream(
     *,
     scene: Scene | None = None,
     color_by: str | None = None,
+    class_names: Mapping[int, str] | None = None,
     boxes: bool = True,
     surfaces: bool = True,
     each: Callable[[int], object] | None = None,
@@ -49,6 +50,8 @@ def stream(
     color_by : str, optional
         Scalar field to colour the points by, or ``"height"``. Default: the label if the scene has labels, else the
         intensity. The colours of numbers span the values of the first frame with points.
+    class_names : mapping of int to str, optional
+        Class names by label. Default: those of the scene, then the names of the objects with the label.
     boxes : bool
         Show the boxes of things with points, as `Scan.boxes`.
     surfaces : bool
@@ -86,38 +89,28 @@ def stream(
     first = next(frames, None)
     if first is None:
         raise ArgumentValueError("what", "at least one frame with a scan", "none")
-    painter = Painter(scene, color_by=color_by, boxes=boxes, surfaces=surfaces)
+    painter = Painter(scene, color_by=color_by, class_names=class_names, boxes=boxes, surfaces=surfaces)
     painter.moment(0, first)  # tells what is wrong with the arguments before a viewer opens
     with shown:
-        return _show(shown, painter, chain([first], frames), each or (lambda _: None), _Pace())
-
-
-class _Pace:
-    """Wait for moments of a clock that starts with the first of them."""
-
-    def __init__(
-        self, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], object] = time.sleep
-    ) -> None:
-        self._clock, self._sleep = clock, sleep
-        self._begin: float | None = None
-
-    def wait(self, moment: float) -> None:
-        if self._begin is None:
-            self._begin = self._clock() - moment
-        self._sleep(max(0.0, self._begin + moment - self._clock()))
+        return _show(shown, painter, chain([first], frames), each or (lambda _: None))
 
 
 def _show(
-    viewer: Viewer, painter: Painter, frames: Iterator[Mapping[str, Scan]], each: Callable[[int], object], pace: _Pace
+    viewer: Viewer,
+    painter: Painter,
+    frames: Iterator[Mapping[str, Scan]],
+    each: Callable[[int], object],
+    clock: Callable[[], float] = time.monotonic,
 ) -> int:
-    count = 0
+    count, begin = 0, 0.0
     for scans in frames:
         moment = painter.moment(count, scans)
         if not count:
             viewer.begin(painter.world(moment))
             moment = painter.moment(count, scans)  # with the objects that move
+            begin = clock() - moment.time
         if viewer.paced:
-            pace.wait(moment.time)
+            viewer.wait(max(0.0, begin + moment.time - clock()))
         is_open = viewer.show(moment)
         count += 1
         each(count)

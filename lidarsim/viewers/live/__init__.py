@@ -7,12 +7,13 @@ from pathlib import Path
 from lidarsim._files import PathLike, check_folder
 from lidarsim._validation import shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.viewers.live._foxglove import PORT as FOXGLOVE_PORT
 from lidarsim.viewers.live._foxglove import Foxglove
 from lidarsim.viewers.live._moment import Moment, Painter, SensorView, Viewer
 from lidarsim.viewers.live._open3d import Open3D
 from lidarsim.viewers.live._rerun import Rerun
 
-__all__ = ["NAMES", "Moment", "Painter", "SensorView", "Viewer", "viewer"]
+__all__ = ["FOXGLOVE_PORT", "NAMES", "Moment", "Painter", "SensorView", "Viewer", "viewer"]
 
 NAMES = ("rerun", "foxglove", "open3d")
 """Names of the viewers; rerun also takes a file or the address of a viewer that runs."""

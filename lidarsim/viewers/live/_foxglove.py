@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -89,15 +90,19 @@ class Foxglove:
         while not self._wanted.wait(0.1):
             pass
 
+    def wait(self, seconds: float) -> None:
+        """Sleep."""
+        time.sleep(seconds)
+
     def show(self, moment: Moment) -> bool:
         """Send a frame."""
-        new, time = self._messages, moment.time
+        new, now = self._messages, moment.time
         if self._wanted.is_set():
             self._wanted.clear()
-            self._send("/surfaces", new.SceneUpdate(entities=self._static), time)
+            self._send("/surfaces", new.SceneUpdate(entities=self._static), now)
         transforms = [
             new.FrameTransform(
-                timestamp=self._stamp(time),
+                timestamp=self._stamp(now),
                 parent_frame_id=WORLD,
                 child_frame_id=name,
                 translation=new.Vector3(**_xyz(sensor.pose[:3, 3] - self._origin)),
@@ -105,7 +110,7 @@ class Foxglove:
             )
             for name, sensor in moment.sensors.items()
         ]
-        self._send("/tf", new.FrameTransforms(transforms=transforms), time)
+        self._send("/tf", new.FrameTransforms(transforms=transforms), now)
         for name, sensor in moment.sensors.items():
             records = np.zeros(len(sensor.cloud), _POINT)
             records["position"] = sensor.cloud.xyz
@@ -114,14 +119,14 @@ class Foxglove:
                 if field in sensor.cloud.fields:
                     records[field] = getattr(sensor.cloud, field)
             cloud = new.PointCloud(
-                timestamp=self._stamp(time),
+                timestamp=self._stamp(now),
                 frame_id=name,
                 pose=self._pose(np.eye(4)),
                 point_stride=_POINT.itemsize,
                 fields=_fields(new),
                 data=records.tobytes(),
             )
-            self._send(f"/{name}/points", cloud, time)
+            self._send(f"/{name}/points", cloud, now)
         boxes = moment.boxes
         if boxes is not None:
             wires = [
@@ -135,10 +140,10 @@ class Foxglove:
                 )
                 for ends, color in zip(lines(boxes) - self._origin, moment.box_colors, strict=True)
             ]
-            self._send("/boxes", new.SceneUpdate(entities=[self._scene_entity("boxes", time, lines=wires)]), time)
+            self._send("/boxes", new.SceneUpdate(entities=[self._scene_entity("boxes", now, lines=wires)]), now)
         if moment.movers:
-            entities = [self._entity(f"{mover.name} {k}", mover, time) for k, mover in enumerate(moment.movers)]
-            self._send("/moving", new.SceneUpdate(entities=entities), time)
+            entities = [self._entity(f"{mover.name} {k}", mover, now) for k, mover in enumerate(moment.movers)]
+            self._send("/moving", new.SceneUpdate(entities=entities), now)
         return True
 
     def _entity(self, name: str, part: Painted, time: float) -> Any:

@@ -149,6 +149,10 @@ class Viewer(Protocol):
         """Take in, before the first frame, what stays the same."""
         ...
 
+    def wait(self, seconds: float) -> object:
+        """Wait for the time of the next frame."""
+        ...
+
     def show(self, moment: Moment) -> bool:
         """Show a frame; return False if the user has closed the viewer."""
         ...
@@ -163,20 +167,29 @@ class Painter:
         The scene, for its surfaces and the names of its labels.
     color_by : str, optional
         Field to colour the points by. Default: the label if the scene has labels, else the intensity.
+    class_names : mapping of int to str, optional
+        Class names by label. Default: those of the scene.
     boxes, surfaces : bool
         Whether frames have boxes, and whether there are surfaces.
     """
 
     def __init__(
-        self, scene: Scene | None, *, color_by: str | None = None, boxes: bool = True, surfaces: bool = True
+        self,
+        scene: Scene | None,
+        *,
+        color_by: str | None = None,
+        class_names: Mapping[int, str] | None = None,
+        boxes: bool = True,
+        surfaces: bool = True,
     ) -> None:
         self._boxes = boxes
-        names: dict[str, Mapping[int, str]] = {}
+        names: dict[str, Mapping[int, str]] = {"label": class_names or {}}
         others: dict[str, set[int]] = {}
         objects: dict[int, str] = {}
         if scene is not None:
             objects = objects_by_label(scene)
-            names = {"label": dict(scene.class_names), "object_id": {item.id: item.name for item in scene}}
+            names["label"] = dict(scene.class_names) if class_names is None else class_names
+            names["object_id"] = {item.id: item.name for item in scene}
             others = {
                 "label": {label for item in scene for label in np.unique(item.label).tolist()},
                 "object_id": {item.id for item in scene},

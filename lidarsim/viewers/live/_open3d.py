@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["Open3D"]
 
 SIZE = 1600, 1000
+ZOOM = 0.25
+"""Share of the whole that is seen at first."""
 AXES = 1.0
 """Length of the sensors' axes, m."""
 
@@ -33,7 +36,6 @@ class Open3D:
         self.paced = True
         self.where = ""
         self._drawn: dict[str, Any] = {}
-        self._axes: dict[str, Floats] = {}
 
     def __enter__(self) -> Self:
         """Open the window."""
@@ -57,7 +59,14 @@ class Open3D:
 
     def begin(self, world: World) -> None:
         """Keep the surfaces, which are drawn with the first frame."""
-        self._origin, self._static = world.origin, world.static
+        self._origin, self._static, self._target = world.origin, world.static, world.target
+        self._towards = world.eye - world.target
+
+    def wait(self, seconds: float) -> None:
+        """Let the user turn the view."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and self._window.poll_events():
+            self._window.update_renderer()
 
     def show(self, moment: Moment) -> bool:
         """Draw a frame."""
@@ -78,6 +87,11 @@ class Open3D:
             self._lines(f"axes of {name}", ends.reshape(-1, 3), np.eye(3))
         if first:
             self._window.reset_view_point(True)
+            view = self._window.get_view_control()
+            view.set_lookat(self._target - self._origin)
+            view.set_front(self._towards)
+            view.set_up((0.0, 0.0, 1.0))
+            view.set_zoom(ZOOM)
         open_ = bool(self._window.poll_events())
         self._window.update_renderer()
         return open_

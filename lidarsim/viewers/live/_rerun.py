@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType, TracebackType
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Rerun"]
 
-OPACITY = 0x20
+OPACITY = 0x14
 """Opacity of surfaces, of 255."""
 
 
@@ -87,6 +88,10 @@ class Rerun:
             vertices, faces = joined([part.surface for part in parts], world.origin)
             log(["world", "surfaces", name], self._mesh(vertices, faces, color), static=True)
         self._log.send_blueprint(_blueprint(rr, world))
+
+    def wait(self, seconds: float) -> None:
+        """Sleep."""
+        time.sleep(seconds)
 
     def show(self, moment: Moment) -> bool:
         """Log a frame."""
