@@ -56,6 +56,7 @@ class Rerun:
         """Start the recording."""
         rr = self._rerun
         self._log: rerun.RecordingStream = rr.RecordingStream("lidarsim")
+        self._log.set_log_time_enabled(False)
         if isinstance(self._to, Path):
             self._log.save(self._stack.enter_context(replacing(self._to)))
         elif self._to is None:
@@ -123,18 +124,20 @@ class Rerun:
             )
             log("world/boxes", wires)
         for mover in moment.movers:
-            path, surface = ["world", "moving", mover.name, mover.color[1:]], mover.surface
-            if str(path) not in self._made:
-                self._made.add(str(path))
+            surface = mover.surface
+            path = rr.new_entity_path(["world", "moving", mover.name, mover.color[1:]])
+            if path not in self._made:
+                self._made.add(path)
                 log(path, self._mesh(surface.vertices, surface.outward(), mover.color), static=True)
             place = surface.matrix
             log(path, rr.Transform3D(translation=place[:3, 3] - self._origin, mat3x3=place[:3, :3]))
         return True
 
     def _mesh(self, vertices: Floats, faces: Any, color: str) -> rerun.Mesh3D:
-        return self._rerun.Mesh3D(
+        mesh: rerun.Mesh3D = self._rerun.Mesh3D(
             vertex_positions=vertices, triangle_indices=faces, albedo_factor=[*_rgb(color), OPACITY]
         )
+        return mesh
 
 
 def import_rerun() -> ModuleType:
