@@ -418,6 +418,7 @@ def view(
         require_display()
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
     wanted = 1 if saves == [screenshot] else None
+    clouds: tuple[ls.PointCloud | Mapping[str, ls.PointCloud], ...]
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
         clouds, places, count = _scanned(path, run, wanted)
@@ -839,7 +840,9 @@ def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCl
     return clouds, places, count
 
 
-def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
+def _read(
+    path: Path, first: int, most: int
+) -> tuple[tuple[ls.PointCloud | Mapping[str, ls.PointCloud], ...], dict[str, Any], int]:
     """Return clouds of a data set, a folder or a file, what else `show` takes for them, and the number of frames."""
     from lidarsim.datasets import reading
 
@@ -862,8 +865,10 @@ def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...],
         places["title"] = tuple(
             _title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
         )
-    if all("label" in frame.cloud.fields for frame in frames):
+    if all("label" in cloud.fields for frame in frames for cloud in frame.clouds):
         places["color_by"] = "label"
+    elif any(len(frame.clouds) > 1 for frame in frames):
+        places["color_by"] = "sensor"
     return tuple(frame.cloud for frame in frames), places, found.count or len(frames)
 
 
