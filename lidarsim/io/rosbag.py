@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
 
-__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "Writer", "read", "static_mounts"]
+__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "PointCloud2", "Writer", "point_cloud2", "read", "static_mounts"]
 
 SUFFIXES = (".mcap", ".db3")
 OLDEST = 0, 11
@@ -468,18 +468,15 @@ class Writer:
 
     def _cloud(self, header: Any, records: npt.NDArray[np.void]) -> memoryview:
         """Return a PointCloud2 as CDR."""
-        new, dtype = self._ros.types, records.dtype
-        fields = [
-            new["sensor_msgs/msg/PointField"](name, place[1], _CODES[place[0].str[1:]], 1)
-            for name, place in (dtype.fields or {}).items()
-        ]
+        new, packed = self._ros.types, _packed(records)
+        fields = [new["sensor_msgs/msg/PointField"](name, offset, code, 1) for name, offset, code in packed.fields]
         message = new[_CLOUD](
             header=header,
             height=1,
             width=len(records),
             fields=fields,
             is_bigendian=False,
-            point_step=dtype.itemsize,
+            point_step=packed.point_step,
             row_step=records.nbytes,
             data=records.view(np.uint8),
             is_dense=True,
@@ -527,6 +524,81 @@ class _Open(NamedTuple):
         Both stamps are rounded, from times in s that are also rounded: by 1 ns each, at most, up to 2**21 s (24 days).
         """
         return self.layout == layout and abs(frame - self.frame - 1e9 / lidar.pattern.rate) <= 2.0
+
+
+class PointCloud2(NamedTuple):
+    """The points of a ``sensor_msgs/msg/PointCloud2``: one row of points, dense and little-endian.
+
+    Parameters
+    ----------
+    width : int
+        Number of points.
+    fields : list of tuple of (str, int, int)
+        Name, offset in bytes, and ``datatype`` of each field, one value each.
+    point_step : int
+        Size of a point, bytes.
+    data : memoryview
+        The points, bytes.
+    """
+
+    width: int
+    fields: list[tuple[str, int, int]]
+    point_step: int
+    data: memoryview
+
+
+def point_cloud2(
+    cloud: PointCloud, *, layout: str | None = None, lidar: Sensor | None = None, stamp: int = 0
+) -> PointCloud2:
+    """Return points as the driver of the sensor publishes them, for a node of ROS.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points in the frame of the sensor, with times since the stamp of the message. Points that are not finite are
+        dropped, and the rest sorted by time.
+    layout : str, optional
+        One of `LAYOUTS`, but livox, which is no PointCloud2. Default: by the vendor in the model of the sensor, and
+        velodyne for all others.
+    lidar : Lidar, optional
+        The sensor, which determines the default layout, the vendor's zero of range and the types of returns.
+
+    stamp : int
+        Time in the header of the message, ns, from which the absolute times of the layout hesai count.
+
+    Returns
+    -------
+    PointCloud2
+        The content of the message but its header.
+
+    Raises
+    ------
+    FileFormatError
+        If a ring or a time does not fit in the layout.
+    ValueError
+        If there is no such layout of a PointCloud2.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> found = point_cloud2(ls.PointCloud(xyz=[[1, 2, 3]], ring=[7]))
+    >>> found.width, found.point_step, [name for name, _, _ in found.fields]
+    (1, 22, ['x', 'y', 'z', 'intensity', 'ring', 'time'])
+    """
+    chosen = layout_of(lidar) if layout is None else layout
+    if layout is None and chosen == "livox":
+        chosen = "velodyne"
+    if chosen not in LAYOUTS or chosen == "livox":
+        known = ", ".join(name for name in LAYOUTS if name != "livox")
+        raise ArgumentValueError("layout", f"one of {known}", _validation.shown(layout))
+    records, _ = to_layout(cloud, chosen, lidar, _validation.integer("stamp", stamp, at_least=0))
+    return _packed(records)
+
+
+def _packed(records: npt.NDArray[np.void]) -> PointCloud2:
+    places = (records.dtype.fields or {}).items()
+    fields = [(name, place[1], _CODES[place[0].str[1:]]) for name, place in places]
+    return PointCloud2(len(records), fields, records.dtype.itemsize, records.view(np.uint8).data)
 
 
 class Message(NamedTuple):
