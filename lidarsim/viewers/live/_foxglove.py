@@ -8,7 +8,6 @@ from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lidarsim._extras import import_extra
 from lidarsim.errors import LidarsimError
@@ -175,6 +174,8 @@ class Foxglove:
         return new.Pose(position=new.Vector3(**_xyz(pose[:3, 3])), orientation=self._turn(pose[:3, :3]))
 
     def _turn(self, rotation: Floats) -> Any:
+        from scipy.spatial.transform import Rotation
+
         x, y, z, w = Rotation.from_matrix(rotation).as_quat().tolist()
         return self._messages.Quaternion(x=x, y=y, z=z, w=w)
 

@@ -9,7 +9,6 @@ from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lidarsim._extras import import_extra
 from lidarsim._files import replacing
@@ -96,6 +95,8 @@ class Rerun:
 
     def show(self, moment: Moment) -> bool:
         """Log a frame."""
+        from scipy.spatial.transform import Rotation
+
         rr, log = self._rerun, self._log.log
         self._log.set_time("time", duration=moment.time)
         self._log.set_time("frame", sequence=moment.number)
