@@ -123,12 +123,12 @@ def test_colours_of_numbers_keep_their_limits(monkeypatch: pytest.MonkeyPatch) -
             yield lidar.scan(scene, time=k / 10, frame=k)
 
     _, second = watch(monkeypatch, scans(), color_by="range").moments
-    nearest = second.sensors["lidar"].cloud.range.argmin()
-    assert len({bytes(rgb) for rgb in second.sensors["lidar"].rgb}) > 1
-    assert (
-        second.sensors["lidar"].cloud.range[nearest] < 2.5
-    )  # below the limits of the first frame, whose ranges are 5 m
-    assert bytes(second.sensors["lidar"].rgb[nearest]).hex() == SEQUENTIAL[0][1:]
+    view = second.sensors["lidar"]
+    assert (view.cloud.range.min(), view.cloud.range.max()) == pytest.approx((2.0, 8.0), abs=0.1)
+    # All ranges of the first frame are 5 m, so its limits are 4.5 m and 5.5 m; what is beyond has the last colours.
+    for beyond, color in ((view.cloud.range < 4.5, SEQUENTIAL[0]), (view.cloud.range > 5.5, SEQUENTIAL[-1])):
+        assert beyond.sum() > 5
+        assert {bytes(rgb).hex() for rgb in view.rgb[beyond]} == {color[1:]}
 
 
 def test_boxes_are_of_each_thing_once(monkeypatch: pytest.MonkeyPatch) -> None:

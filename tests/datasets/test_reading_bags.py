@@ -114,13 +114,13 @@ def with_transforms(path: Path, *links: tuple[str, str, np.ndarray]) -> None:
 
 def test_mounts_on_mounts(tmp_path: Path) -> None:
     turned = np.array([1, 2, 3, 0, 0, 1, 0])  # by half a turn about z
-    moved = np.array([0, 0, 1, 0, 0, 0, 2])  # its quaternion is of length 2
+    moved = np.array([1, 0, 1, 0, 0, 0, 2])  # its quaternion is of length 2
     with_transforms(tmp_path / "a.mcap", ("kit", "left", moved), ("base_link", "kit", turned), ("kit", "right", turned))
     mounts = rosbag.static_mounts(tmp_path / "a.mcap")
     assert {name: root for name, (root, _) in mounts.items()} == dict.fromkeys(("left", "right", "kit"), "base_link")
     half = np.diag([-1.0, -1.0, 1.0])
     # Products of numbers that are whole, but for the rotation's sine and cosine of half a turn.
-    np.testing.assert_allclose(mounts["left"][1][:3], np.column_stack([half, (1, 2, 4)]), rtol=0, atol=2.0**-50)
+    np.testing.assert_allclose(mounts["left"][1][:3], np.column_stack([half, (0, 2, 4)]), rtol=0, atol=2.0**-50)
     np.testing.assert_allclose(mounts["right"][1][:3], np.column_stack([np.eye(3), (0, 0, 6)]), rtol=0, atol=2.0**-50)
 
 

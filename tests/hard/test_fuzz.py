@@ -41,6 +41,7 @@ LEFT_OUT = {
     "materials.Material": "Material, by its other name",
     "materials.Texture": "Texture, by its other name",
     "io.rosbag.": "bags, of whole runs; tests/io",
+    "io.packets.Sender": "opens sockets; tests/io/packets",
     "io.las.Writer": "writes in a with block; tests/io",
     "Shape": "abstract",
     "patterns.Pattern": "a protocol",
@@ -62,6 +63,7 @@ RESULTS = {
     "Scan",
     "ScanBatch",
     "SceneObject",
+    "io.packets.Sent",
     "patterns.Description",
 }
 """Classes that functions return: their methods are called, their constructors not."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import errno
-import itertools
 import math
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -197,29 +197,33 @@ def test_repetitions_go_on_in_time_and_number() -> None:
 
 
 def test_a_few_frames_are_scanned_ahead() -> None:
-    lidar, taken = toy.lidar(20), itertools.count()
-    seen: list[int] = []
+    lidar = toy.lidar(20)
+    taken = 0
+    ahead = threading.Event()
 
     def scans() -> Iterator[ls.Scan]:
+        nonlocal taken
         for scan in lidar.frames(room(), None, 50):
-            seen.append(next(taken))
+            taken += 1
+            if taken == 4:  # of the one being sent, two that wait, and one that is being scanned
+                ahead.set()
             yield scan
 
-    sent = []
-    most = 0
+    sent: list[int] = []
+
+    def send(_: Packet) -> None:
+        if not sent:
+            assert ahead.wait(60.0)
+            time.sleep(0.2)  # in which a thread that does not stop would go on
+        sent.append(taken)
+
     with Sender(lidar) as sender:
-        clock = Clock(sender)
-
-        def send(packet: Packet) -> None:
-            nonlocal most
-            sent.append(packet)
-            most = max(most, len(seen) - len(sent) // 2)
-
+        Clock(sender)
         sender._send = send  # type: ignore[method-assign]
         sender.send(scans())
-    assert clock.now > 100.0
     assert len(sent) == 100
-    assert most <= _udp.AHEAD + 2  # besides those that wait: the one being sent, and the one being scanned
+    assert sent[0] == 4
+    assert max(taken - k // 2 for k, taken in enumerate(sent)) <= 4
 
 
 def test_the_thread_ends_when_sending_fails(monkeypatch: pytest.MonkeyPatch) -> None:
