@@ -71,7 +71,7 @@ def stream(
     MissingExtraError
         If the viewer's package is not installed.
     OSError
-        If the file cannot be written.
+        If the file cannot be written, or no viewer runs at the address.
     TypeError, ValueError
         If there are no frames, `to` is no viewer, the scans have no scalar field `color_by`, or an argument is of the
         wrong type.

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
+from urllib.parse import urlsplit
 
 import numpy as np
 
 from lidarsim._extras import import_extra
 from lidarsim._files import replacing
+from lidarsim._validation import shown
+from lidarsim.errors import ArgumentValueError
 from lidarsim.viewers._colors import DARK, PATH
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._surfaces import joined
@@ -26,6 +30,8 @@ __all__ = ["Rerun"]
 
 OPACITY = 0x14
 """Opacity of surfaces, of 255."""
+TIMEOUT = 5.0
+"""Time in which a viewer must answer, s."""
 
 
 class Rerun:
@@ -43,6 +49,8 @@ class Rerun:
     def __init__(self, to: Path | str | None) -> None:
         if to is None:
             require_display()
+        elif isinstance(to, str):
+            _check_answers(to)
         self._rerun = import_rerun()
         self._to = to
         self.paced = not isinstance(to, Path)
@@ -139,6 +147,24 @@ class Rerun:
             vertex_positions=vertices, triangle_indices=faces, albedo_factor=[*_rgb(color), OPACITY]
         )
         return mesh
+
+
+def _check_answers(to: str) -> None:
+    """Raise an error unless something listens at the address of a viewer."""
+    try:
+        parts = urlsplit(to)
+        host, port = parts.hostname, parts.port
+    except ValueError:  # of the port or of an IPv6 address
+        host, port = None, None
+    if not host or not port or parts.path != "/proxy":
+        raise ArgumentValueError("to", "rerun+http://HOST:PORT/proxy", shown(to))
+    try:
+        socket.create_connection((host, port), timeout=TIMEOUT).close()
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise OSError(
+            f"to: expected a Rerun viewer that runs, got {shown(to)}, where nothing answers ({reason})"
+        ) from None
 
 
 def import_rerun() -> ModuleType:

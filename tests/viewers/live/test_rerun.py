@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rerun import RecordingStream
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
@@ -106,3 +108,35 @@ def test_a_run_that_fails_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="broken"):
         ls.stream(scans(), tmp_path / "drive.rrd")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_address_where_nothing_answers() -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))  # and does not listen
+        to = f"rerun+http://127.0.0.1:{free.getsockname()[1]}/proxy"
+        with pytest.raises(OSError, match=r"to: expected a Rerun viewer that runs, got .*: no answer \("):
+            ls.stream(rig().frames(street(), None, 1), to)
+
+
+@pytest.mark.parametrize(
+    "to", ["rerun+http://host", "rerun://:9876/proxy", "rerun+http://a:b/proxy", "rerun+http://[/"]
+)
+def test_bad_addresses(to: str) -> None:
+    with pytest.raises(ValueError, match=r"to: expected rerun\+http://HOST:PORT/proxy, got "):
+        ls.stream(rig().frames(street(), None, 1), to)
+
+
+def test_an_address_where_a_viewer_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    connected: list[str] = []
+
+    def connect(log: RecordingStream, to: str) -> None:
+        connected.append(to)
+        log.memory_recording()
+
+    monkeypatch.setattr(RecordingStream, "connect_grpc", connect)
+    with socket.socket() as viewer:
+        viewer.bind(("127.0.0.1", 0))
+        viewer.listen()
+        to = f"rerun+http://127.0.0.1:{viewer.getsockname()[1]}/proxy"
+        assert ls.stream(rig().frames(street(), None, 1), to) == 1
+    assert connected == [to]
