@@ -14,7 +14,7 @@ import numpy as np
 
 from lidarsim._extras import import_extra
 from lidarsim._files import replacing
-from lidarsim._validation import shown
+from lidarsim._validation import short, shown
 from lidarsim.errors import ArgumentValueError
 from lidarsim.viewers._colors import DARK, PATH
 from lidarsim.viewers._display import require_display
@@ -162,9 +162,7 @@ def _check_answers(to: str) -> None:
         socket.create_connection((host, port), timeout=TIMEOUT).close()
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise OSError(
-            f"to: expected a Rerun viewer that runs, got {shown(to)}, where nothing answers ({reason})"
-        ) from None
+        raise OSError(f"to: expected a Rerun viewer that runs, got {short(to)!r}: no answer ({reason})") from None
 
 
 def import_rerun() -> ModuleType:
