@@ -14,6 +14,7 @@ from lidarsim.datasets import generate
 from lidarsim.imu import Imu, ImuErrors, ImuSamples
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
 from lidarsim.laser_scan import LaserScan
+from lidarsim.live import stream
 from lidarsim.materials import Material, Texture
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.occupancy_grid import OccupancyGrid, occupancy
@@ -100,6 +101,7 @@ __all__ = [
     "register_trajectory_format",
     "scan_many",
     "show",
+    "stream",
 ]
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""The command line: ``lidarsim scan | generate | view | compare | sensors | check | bench``."""
+"""The command line: ``lidarsim scan | generate | stream | view | compare | sensors | check | bench``."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._show import check_save, checked_size
+from lidarsim.viewers.live import FOXGLOVE_PORT
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
@@ -77,6 +78,8 @@ class Viewer(StrEnum):
 
     PYVISTA = "pyvista"
     OPEN3D = "open3d"
+    RERUN = "rerun"
+    FOXGLOVE = "foxglove"
 
 
 class Camera(StrEnum):
@@ -295,6 +298,72 @@ def _part(text: str | None) -> tuple[int, int]:
 
 
 @app.command()
+def stream(
+    config: Configuration,
+    *,
+    to: Annotated[
+        str,
+        _option(
+            "--to",
+            "HOST[:PORT]",
+            "Where to send: a name, an IPv4 address or [IPV6]; default 127.0.0.1 and the vendor's port.",
+        ),
+    ] = "127.0.0.1",
+    fast: Annotated[bool, typer.Option("--fast", help="Send as fast as possible, not at the sensor's rate.")] = False,
+    variant: Annotated[
+        str | None, _option("--variant", "NAME", "Layout of the packets; default: the first of the vendor's.")
+    ] = None,
+    metadata: Annotated[
+        Path | None, _file("--metadata", "FILE", "Write what decoders need besides the packets, such as Ouster's JSON.")
+    ] = None,
+    repeat: Annotated[bool, typer.Option("--repeat", help="Begin again after the last frame, until Ctrl-C.")] = False,
+    overrides: Overrides = None,
+    seed: Seed = None,
+    frame: Frame = None,
+    frames: Frames = None,
+) -> None:
+    """Scan the scene in CONFIG and send the packets of its sensors by UDP, each at its time.
+
+    Frames are scanned while others are sent. Packets that are late are sent at once, and packets that the system
+    refuses are dropped, as by a sensor; the last line counts both. With a rig, each further sensor sends to the next
+    two ports. UDP does not tell whether packets are received: a receiver that is too slow loses some.
+    """
+    run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
+    run.check_coverage()
+    with packets.Sender(run.lidars, to, variant=variant, fast=fast) as sender:
+        if metadata:
+            for path in (written := sender.save_metadata(metadata)):
+                print_line(path)
+            if not written:
+                print_line("--metadata: the decoders of these packets need no file")
+        start, end = run.span
+        try:
+            if repeat:
+                sender.send(run.scans, repeat=math.inf, period=end - start)
+            else:
+                sender.send(_progress(run.scans(), len(run.numbers)))
+        except KeyboardInterrupt:
+            _print_sent(to, sender.sent, None if fast else 1.0 / run.rate)
+            raise
+        _print_sent(to, sender.sent, None if fast else 1.0 / run.rate)
+
+
+def _print_sent(to: str, sent: packets.Sent, period: float | None) -> None:
+    """Print what was sent, and whether scanning was slower than a sensor with frames of that period, s."""
+    ports = ", ".join(map(str, sorted(sent.ports)))
+    late = "" if period is None else f", largest lag {1e3 * sent.lag:.3g} ms"
+    print_line(
+        f"{counted(sent.packets, 'packet')} ({sent.size / 1e6:,.3g} MB) to {to}, {counted(len(sent.ports), 'port')}"
+        f" {ports} in {sent.seconds:.2f} s: {sent.rate:,.0f} packets/s, {sent.dropped:,} dropped{late}"
+    )
+    if period is not None and sent.lag > period and sent.span:
+        print_line(
+            f"the sensor is faster than this machine scans: {sent.span:.2f} s of it took {sent.seconds:.2f} s;"
+            " packets were late, none was left out"
+        )
+
+
+@app.command()
 def view(
     path: Annotated[
         Path,
@@ -306,7 +375,14 @@ def view(
         ),
     ],
     *,
-    viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Viewer to open.")] = Viewer.PYVISTA,
+    viewer: Annotated[
+        Viewer | None,
+        _option("--with", "|".join(Viewer), "Viewer to open; default: pyvista, or rerun with --live."),
+    ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Show the frames of a configuration while they are scanned.")
+    ] = False,
+    rrd: Annotated[Path | None, _file("--rrd", "RRD", "Write the same to a file for Rerun.")] = None,
     screenshot: Screenshot = None,
     html: Annotated[Path | None, _file("--html", "HTML", "Write a self-contained web page.")] = None,
     gif: Annotated[
@@ -327,7 +403,17 @@ def view(
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
     the scene. Data sets are shown with their classes and boxes, and point clouds with the .label beside them. With
     several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0.
+
+    With --live, the frames of a configuration are shown while they are scanned, at the sensor's rate, with boxes: in
+    Rerun, in Open3D, or in the Foxglove app, which connects to ws://127.0.0.1:8765.
     """
+    if live or rrd or viewer in {Viewer.RERUN, Viewer.FOXGLOVE}:
+        used = {"--screenshot": screenshot, "--html": html, "--gif": gif, "--mp4": mp4}
+        _check_live(path, [name for name, value in used.items() if value], viewer, rrd)
+        run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
+        _stream(run, rrd or (viewer or Viewer.RERUN).value, names, color_by=color_by, surfaces=surfaces)
+        return
+    viewer = viewer or Viewer.PYVISTA
     saves = [save for save in (screenshot, html, gif, mp4) if save]
     for option, save in {"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}.items():
         if save:
@@ -343,6 +429,7 @@ def view(
         require_display()
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
     wanted = 1 if saves == [screenshot] else None
+    clouds: tuple[ls.PointCloud | Mapping[str, ls.PointCloud], ...]
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
         clouds, places, count = _scanned(path, run, wanted)
@@ -367,6 +454,33 @@ def view(
         if count > 1 and save and save is screenshot:
             which = "the first" if frame is None else f"frame {frame}"
             print_line(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+
+
+def _check_live(path: Path, pictures: list[str], viewer: Viewer | None, rrd: Path | None) -> None:
+    """Raise an error unless the arguments of `view` are those of frames shown while they are scanned."""
+    what = "--rrd" if rrd else "--live"
+    if pictures:
+        raise LidarsimError(f"{what}: expected no picture, got {', '.join(pictures)}")
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        raise LidarsimError(f"{what}: expected a configuration or recipe, got {path}")
+    if rrd:
+        if viewer:
+            raise LidarsimError(f"--rrd: expected no --with, got {viewer}")
+        check_suffix(rrd, {".rrd"})
+    elif viewer is Viewer.PYVISTA:
+        raise LidarsimError("--live: expected rerun, foxglove or open3d, got pyvista")
+
+
+def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: Any) -> None:
+    """Show a run while it is scanned, and tell where and how much."""
+    if to == Viewer.FOXGLOVE:
+        print_line(f"open ws://127.0.0.1:{FOXGLOVE_PORT} in Foxglove; the first frame waits for it")
+    count = len(run.numbers)
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("scanning", total=count)
+        start = time.perf_counter()
+        shown = ls.stream(run, to, class_names=names, each=lambda done: progress.update(task, completed=done), **looks)
+    print_line(f"{counted(shown, 'frame')} in {time.perf_counter() - start:.2f} s: {to}")
 
 
 def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:
@@ -737,7 +851,9 @@ def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCl
     return clouds, places, count
 
 
-def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
+def _read(
+    path: Path, first: int, most: int
+) -> tuple[tuple[ls.PointCloud | Mapping[str, ls.PointCloud], ...], dict[str, Any], int]:
     """Return clouds of a data set, a folder or a file, what else `show` takes for them, and the number of frames."""
     from lidarsim.datasets import reading
 
@@ -760,8 +876,10 @@ def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...],
         places["title"] = tuple(
             _title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
         )
-    if all("label" in frame.cloud.fields for frame in frames):
+    if all("label" in cloud.fields for frame in frames for cloud in frame.clouds):
         places["color_by"] = "label"
+    elif any(len(frame.clouds) > 1 for frame in frames):
+        places["color_by"] = "sensor"
     return tuple(frame.cloud for frame in frames), places, found.count or len(frames)
 
 

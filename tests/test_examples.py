@@ -43,5 +43,5 @@ def test_the_gallery_shows_every_example() -> None:
     gallery = (IMAGES.parent / "README.md").read_text(encoding="utf-8")
     for path in EXAMPLES:
         assert f"[`{path.name}`]({path.name})" in gallery
-    assert gallery.count("](images/") == len(EXAMPLES) - 1  # a loader of training data has nothing to show
+    assert gallery.count("](images/") == len(EXAMPLES) - 2  # a loader of training data and a node have nothing to show
     assert [name for name in re.findall(r"\]\(([^)]+)\)", gallery) if not (IMAGES.parent / name).exists()] == []

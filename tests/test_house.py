@@ -109,8 +109,8 @@ def test_public_docstrings_are_complete() -> None:
 
 
 def test_import_is_light() -> None:
-    heavy = "laspy matplotlib mujoco open3d plyfile pydantic pyproj pyvista rasterio rich rosbags scipy trimesh typer"
-    heavy += " vtk yaml"
+    heavy = "foxglove laspy matplotlib mujoco open3d plyfile pydantic pyproj pyvista rasterio rerun rich rosbags scipy"
+    heavy += " trimesh typer vtk yaml"
     code = f"import sys, lidarsim; print(*sorted(set({heavy!r}.split()) & set(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.split() == []

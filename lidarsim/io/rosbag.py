@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
 
-__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "Writer", "read"]
+__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "PointCloud2", "Writer", "point_cloud2", "read", "static_mounts"]
 
 SUFFIXES = (".mcap", ".db3")
 OLDEST = 0, 11
@@ -87,6 +87,7 @@ _START = 1_577_836_800.0  # 2020-01-01T00:00:00Z; ROS treats a stamp of 0 as uns
 _CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # in sensor_msgs/msg/PointField
 _CLOUD, _CUSTOM = "sensor_msgs/msg/PointCloud2", "livox_ros_driver2/msg/CustomMsg"
 _LASER, _IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _LASER_LAYOUT = "laserscan"
 NAMES = *LAYOUTS, _LASER_LAYOUT
 """Names of all layouts; `LAYOUTS` are those of point clouds."""
@@ -467,18 +468,15 @@ class Writer:
 
     def _cloud(self, header: Any, records: npt.NDArray[np.void]) -> memoryview:
         """Return a PointCloud2 as CDR."""
-        new, dtype = self._ros.types, records.dtype
-        fields = [
-            new["sensor_msgs/msg/PointField"](name, place[1], _CODES[place[0].str[1:]], 1)
-            for name, place in (dtype.fields or {}).items()
-        ]
+        new, packed = self._ros.types, _packed(records)
+        fields = [new["sensor_msgs/msg/PointField"](name, offset, code, 1) for name, offset, code in packed.fields]
         message = new[_CLOUD](
             header=header,
             height=1,
             width=len(records),
             fields=fields,
             is_bigendian=False,
-            point_step=dtype.itemsize,
+            point_step=packed.point_step,
             row_step=records.nbytes,
             data=records.view(np.uint8),
             is_dense=True,
@@ -526,6 +524,81 @@ class _Open(NamedTuple):
         Both stamps are rounded, from times in s that are also rounded: by 1 ns each, at most, up to 2**21 s (24 days).
         """
         return self.layout == layout and abs(frame - self.frame - 1e9 / lidar.pattern.rate) <= 2.0
+
+
+class PointCloud2(NamedTuple):
+    """The points of a ``sensor_msgs/msg/PointCloud2``: one row of points, dense and little-endian.
+
+    Parameters
+    ----------
+    width : int
+        Number of points.
+    fields : list of tuple of (str, int, int)
+        Name, offset in bytes, and ``datatype`` of each field, one value each.
+    point_step : int
+        Size of a point, bytes.
+    data : memoryview
+        The points, bytes.
+    """
+
+    width: int
+    fields: list[tuple[str, int, int]]
+    point_step: int
+    data: memoryview
+
+
+def point_cloud2(
+    cloud: PointCloud, *, layout: str | None = None, lidar: Sensor | None = None, stamp: int = 0
+) -> PointCloud2:
+    """Return points as the driver of the sensor publishes them, for a node of ROS.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points in the frame of the sensor, with times since the stamp of the message. Points that are not finite are
+        dropped, and the rest sorted by time.
+    layout : str, optional
+        One of `LAYOUTS`, but livox, which is no PointCloud2. Default: by the vendor in the model of the sensor, and
+        velodyne for all others.
+    lidar : Lidar, optional
+        The sensor, which determines the default layout, the vendor's zero of range and the types of returns.
+
+    stamp : int
+        Time in the header of the message, ns, from which the absolute times of the layout hesai count.
+
+    Returns
+    -------
+    PointCloud2
+        The content of the message but its header.
+
+    Raises
+    ------
+    FileFormatError
+        If a ring or a time does not fit in the layout.
+    ValueError
+        If there is no such layout of a PointCloud2.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> found = point_cloud2(ls.PointCloud(xyz=[[1, 2, 3]], ring=[7]))
+    >>> found.width, found.point_step, [name for name, _, _ in found.fields]
+    (1, 22, ['x', 'y', 'z', 'intensity', 'ring', 'time'])
+    """
+    chosen = layout_of(lidar) if layout is None else layout
+    if layout is None and chosen == "livox":
+        chosen = "velodyne"
+    if chosen not in LAYOUTS or chosen == "livox":
+        known = ", ".join(name for name in LAYOUTS if name != "livox")
+        raise ArgumentValueError("layout", f"one of {known}", _validation.shown(layout))
+    records, _ = to_layout(cloud, chosen, lidar, _validation.integer("stamp", stamp, at_least=0))
+    return _packed(records)
+
+
+def _packed(records: npt.NDArray[np.void]) -> PointCloud2:
+    places = (records.dtype.fields or {}).items()
+    fields = [(name, place[1], _CODES[place[0].str[1:]]) for name, place in places]
+    return PointCloud2(len(records), fields, records.dtype.itemsize, records.view(np.uint8).data)
 
 
 class Message(NamedTuple):
@@ -583,6 +656,74 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
         del message  # free it before the next is read
 
 
+def static_mounts(path: PathLike) -> dict[str, tuple[str, npt.NDArray[np.float64]]]:
+    """Read where frames are mounted, from ``/tf_static``.
+
+    Parameters
+    ----------
+    path : path-like
+        A ``.mcap`` or ``.db3`` file.
+
+    Returns
+    -------
+    dict of str to (str, ndarray of float64, shape (4, 4))
+        For each frame with a parent, the topmost frame above it, such as ``base_link``, and its pose there. The bag is
+        read until a topic of point clouds repeats after the first transforms.
+
+    Raises
+    ------
+    FileFormatError
+        If the bag is damaged, a transform is not rigid and finite, or the parents of a frame are a circle.
+    MissingExtraError
+        If rosbags is not installed.
+    OSError
+        If it cannot be read.
+    """
+    check_regular(path)
+    with parsing(path, "ROS 2 bag"):
+        return _mounts(_static_transforms(Path(path)))
+
+
+def _static_transforms(path: Path) -> dict[str, tuple[str, npt.NDArray[np.float64]]]:
+    """Return parent, and pose in it, of each frame in ``/tf_static``."""
+    from scipy.spatial.transform import Rotation
+
+    ros, found, seen = _typestore(), {}, set()
+    for name, kind, _, data in _messages(path):
+        if kind == _TRANSFORMS and name == "/tf_static":
+            message: Any = ros.deserialize_cdr(data, kind)
+            for stamped in message.transforms:
+                place, turn = stamped.transform.translation, stamped.transform.rotation
+                numbers = np.array([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w])
+                if not np.isfinite(numbers).all() or not numbers[3:].any():
+                    raise FileFormatError(f"its transform of {stamped.child_frame_id!r} is not rigid and finite")
+                pose = np.eye(4)
+                pose[:3, :3], pose[:3, 3] = Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3]
+                found[stamped.child_frame_id] = stamped.header.frame_id, pose
+        elif kind in _PARSERS:
+            if found and name in seen:
+                break
+            seen.add(name)
+    return found
+
+
+def _mounts(
+    parents: Mapping[str, tuple[str, npt.NDArray[np.float64]]],
+) -> dict[str, tuple[str, npt.NDArray[np.float64]]]:
+    """Return the topmost frame above each frame, and the pose there."""
+    found = {}
+    for name in parents:
+        above, pose, passed = name, np.eye(4), set[str]()
+        while above in parents:
+            if above in passed:
+                raise FileFormatError(f"the parents of its frame {name!r} are a circle")
+            passed.add(above)
+            above, step = parents[above]
+            pose = step @ pose
+        found[name] = above, pose
+    return found
+
+
 def save(fields: Fields, file: BinaryIO, *, suffix: str) -> None:
     """Write a bag with one cloud."""
     with TemporaryDirectory() as folder:
@@ -604,15 +745,19 @@ def load(file: BinaryIO) -> Fields:
 
 def _read(path: Path, topic: str | None) -> Iterator[Message]:
     ros = _typestore()
-    parsers = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom, _LASER: _parsed_laser}
     topics: dict[str, str] = {}
-    for name, kind, recorded, data in _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path):
+    for name, kind, recorded, data in _messages(path):
         topics[name] = kind
-        if kind in parsers and topic in {None, name}:
-            yield Message(name, *parsers[kind](ros, data, recorded))
-    if not any(kind in parsers and topic in {None, name} for name, kind in topics.items()):
+        if kind in _PARSERS and topic in {None, name}:
+            yield Message(name, *_PARSERS[kind](ros, data, recorded))
+    if not any(kind in _PARSERS and topic in {None, name} for name, kind in topics.items()):
         there = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
         raise FileFormatError(f"it has no point clouds{f' under {topic}' if topic else ''}; its topics are {there}")
+
+
+def _messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
+    """Yield topic, type, recording time (ns) and data of each message of a bag."""
+    return _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path)
 
 
 def _rows(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
@@ -713,6 +858,10 @@ def _parsed_laser(ros: Typestore, data: memoryview, _: int) -> tuple[str, int, P
     if not np.isfinite(fields["xyz"]).all() or not np.isfinite(fields["time"]).all():
         raise FileFormatError("it has an angle or a time that is not finite")
     return message.header.frame_id, stamp, PointCloud(fields)
+
+
+_PARSERS = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom, _LASER: _parsed_laser}
+"""Parsers of messages with point clouds, by type."""
 
 
 @contextmanager

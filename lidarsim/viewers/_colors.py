@@ -124,7 +124,7 @@ UNITS = {
 }
 FEW = 12
 """Greatest number of values of an integer field that are listed instead of shown as a scale."""
-CATEGORIES = {"label", "object_id", "instance", "return_number", "return_count"}
+CATEGORIES = {"label", "object_id", "instance", "sensor", "return_number", "return_count"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -28,8 +28,8 @@ from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
 
-Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan]
-"""A frame: a cloud, a scan, or the scans of a rig by sensor name."""
+Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan] | Mapping[str, PointCloud]
+"""A frame: a cloud, a scan, or the scans or clouds of a rig by sensor name."""
 
 SUFFIXES = (".png", ".jpg", ".gif", ".mp4", ".html")
 
@@ -57,9 +57,10 @@ def show(
 
     Parameters
     ----------
-    what : PointCloud, Scan, Scene, mapping of str to Scan, or an iterable of these except scenes
-        What to show. Scans are shown in world coordinates; a mapping, as from `Rig.frames`, is one frame. With several
-        frames, a window has a slider to choose one, and GIF, MP4 and HTML play all of them.
+    what : PointCloud, Scan, Scene, mapping of str to Scan or PointCloud, or an iterable of these except scenes
+        What to show. Scans are shown in world coordinates; a mapping by sensor name, as from `Rig.frames`, is one
+        frame, whose clouds are in the same coordinates. With several frames, a window has a slider to choose one, and
+        GIF, MP4 and HTML play all of them.
     scene : Scene, optional
         Surfaces to show with the points, which must be in world coordinates. They are translucent, and coloured by
         object, instance or height if the points are, else by label; labels without a name are grey then. Moving objects
@@ -69,8 +70,8 @@ def show(
         coordinates with scans (``scan.boxes(frame="world")``), and in those of the points with clouds. They are
         coloured by label, have the names of their classes, and an arrow head on the roof points where they head.
     color_by : str, optional
-        Scalar field to colour the points by, or ``"height"``. Default: the intensity if there is one; the label for a
-        scene alone. Points whose value is not finite are grey, with a note in the legend.
+        Scalar field to colour the points by, ``"height"``, or ``"sensor"`` of mappings. Default: the intensity if there
+        is one; the label for a scene alone. Points whose value is not finite are grey, with a note in the legend.
     class_names : mapping of int to str, optional
         Class names by label, for the legend. Default: those of the scene, the boxes and the clouds; then the names of
         the objects with the label. Classes with the names of SemanticKITTI, nuScenes and LAS have the colours of these
@@ -130,6 +131,7 @@ def show(
         check_save(save)
     width, height = checked_size(size)
     style = _style(limits, color_map, background)
+    sensors: dict[str, int] = {}
     if isinstance(what, Scene):
         (shown_boxes,) = _boxes(boxes, 1)
         starts = _starts(time, [_nothing()])
@@ -142,10 +144,13 @@ def show(
         poses = _poses(pose, len(given))
         _check_places(given, poses, scene)
         several = _boxes(boxes, len(given))
-        frames = [_shown(*frame) for frame in zip(given, poses, several, strict=True)]
+        sensors = {name: k for k, name in enumerate(dict.fromkeys(_names(given)))}
+        frames = [_shown(*frame, sensors) for frame in zip(given, poses, several, strict=True)]
         starts, rate = _starts(time, given), _rate(given[0])
         frames = _titles(title, frames, starts)
-    picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts, style=style)
+    picture = _picture(
+        frames, scene, color_by, class_names, sensors, camera=camera, rate=rate, starts=starts, style=style
+    )
     if save is not None and Path(save).suffix.lower() == ".html":
         html.write(picture, save, size=(width, height), point_size=point_size)
     elif save is None and in_notebook():
@@ -251,7 +256,12 @@ def _boxes(boxes: Boxes | Sequence[Boxes | None] | None, count: int) -> Sequence
     return several
 
 
-def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None) -> Frame:
+def _names(given: Sequence[Shown]) -> Iterator[str]:
+    """Yield the names of the sensors of all frames."""
+    return (name for what in given if isinstance(what, Mapping) for name in what)
+
+
+def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: Mapping[str, int]) -> Frame:
     in_sensor_frame = isinstance(what, PointCloud) and what._in_sensor_frame
     if boxes is not None and boxes.in_sensor_frame != in_sensor_frame:
         places = "boxes in the sensor frame, as the points", "boxes in world coordinates"
@@ -262,16 +272,32 @@ def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None) -> Frame:
         if pose is not None and what._in_sensor_frame:
             what, boxes = what.transformed(pose), boxes and moved(boxes, pose)
         return replace(_frame(what, np.eye(4) if pose is None else pose), boxes=boxes)
-    scans = list(what.values()) if isinstance(what, Mapping) else [what]
-    for scan in scans:
-        if not isinstance(scan, Scan):
+    several = what if isinstance(what, Mapping) else {"": what}
+    for scan in several.values():
+        if not isinstance(scan, Scan | PointCloud):
             raise ArgumentTypeError("what", "point clouds, scans or a scene", type(scan).__name__)
-    if not scans:
+    if not several:
         return replace(_frame(_nothing(), np.eye(4)), boxes=boxes)
-    cloud = PointCloud.concatenate([scan.point_cloud("world") for scan in scans])
-    first = scans[0].pose
-    here = first.at(scans[0].time).as_matrix() if isinstance(first, Trajectory) else first
+    clouds = [scan if isinstance(scan, PointCloud) else scan.point_cloud("world") for scan in several.values()]
+    cloud = _together(clouds, [sensors[name] for name in several]) if isinstance(what, Mapping) else clouds[0]
+    here = np.eye(4) if pose is None else pose
+    first = next(iter(several.values()))
+    if isinstance(first, Scan):
+        here = first.pose.at(first.time).as_matrix() if isinstance(first.pose, Trajectory) else first.pose
     return replace(_frame(cloud, here), boxes=boxes)
+
+
+def _together(clouds: Sequence[PointCloud], sensors: Sequence[int]) -> PointCloud:
+    """Return the points of several sensors, with the fields that all have and the number of the sensor."""
+    shared = [name for name in clouds[0].fields if all(name in cloud.fields for cloud in clouds)]
+    kept = [
+        PointCloud(
+            {name: getattr(cloud, name) for name in shared} | {"sensor": np.full(len(cloud), number, np.uint16)},
+            class_names=cloud.class_names,
+        )
+        for cloud, number in zip(clouds, sensors, strict=True)
+    ]
+    return PointCloud.concatenate(kept)
 
 
 def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence[Floats | None]:
@@ -311,6 +337,7 @@ def _picture(
     scene: Scene | None,
     color_by: str | None,
     class_names: Mapping[int, str] | None,
+    sensors: Mapping[str, int],
     *,
     camera: object,
     rate: float,
@@ -328,7 +355,7 @@ def _picture(
         if frame.boxes is not None:
             labels |= frame.boxes.class_names
             used |= set(frame.boxes.label.tolist())
-    names: dict[str, Mapping[int, str]] = {}
+    names: dict[str, Mapping[int, str]] = {"sensor": {number: name for name, number in sensors.items()}}
     others: dict[str, Iterable[int]] = {}
     objects: dict[int, str] = {}
     if scene is not None:
@@ -336,7 +363,7 @@ def _picture(
         others = {"object_id": {item.id for item in scene}, "instance": {item.instance for item in scene}}
         names["object_id"] = {item.id: item.name for item in scene}
         labels |= scene.class_names
-        objects = _objects_by_label(scene)
+        objects = objects_by_label(scene)
     names["label"] = labels if class_names is None else class_names
     others["label"] = used
     if color_by is None and scene is not None and not any(map(len, points)):
@@ -365,7 +392,7 @@ def _picture(
     )
 
 
-def _objects_by_label(scene: Scene) -> dict[int, str]:
+def objects_by_label(scene: Scene) -> dict[int, str]:
     """Return the names of the objects with each label, the first two and the number of the others."""
     found: dict[int, dict[str, None]] = {}
     for item in scene:

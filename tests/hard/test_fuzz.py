@@ -36,6 +36,7 @@ LEFT_OUT = {
     "register_": "change what later calls do",
     "show": "opens windows; tests/viewers",
     "generate": "makes folders; tests/datasets",
+    "stream": "opens viewers; tests/test_live.py",
     "datasets.": "the same",
     "materials.Material": "Material, by its other name",
     "materials.Texture": "Texture, by its other name",
@@ -62,6 +63,7 @@ RESULTS = {
     "Scan",
     "ScanBatch",
     "SceneObject",
+    "io.packets.Sent",
     "patterns.Description",
 }
 """Classes that functions return: their methods are called, their constructors not."""

@@ -34,8 +34,8 @@ class Frame:
 
     Attributes
     ----------
-    cloud : PointCloud
-        The points.
+    cloud : PointCloud or mapping of str to PointCloud
+        The points, or those of each sensor.
     pose : ndarray of float64, shape (4, 4)
         Pose of the sensor in the coordinates of the points.
     time : float or None
@@ -44,10 +44,15 @@ class Frame:
         Boxes, in the coordinates of the points.
     """
 
-    cloud: PointCloud
+    cloud: PointCloud | Mapping[str, PointCloud]
     pose: Floats = field(default_factory=lambda: np.eye(4))
     time: float | None = None
     boxes: Boxes | None = None
+
+    @property
+    def clouds(self) -> list[PointCloud]:
+        """The clouds of all sensors."""
+        return [self.cloud] if isinstance(self.cloud, PointCloud) else list(self.cloud.values())
 
 
 @dataclass(frozen=True)
@@ -182,7 +187,8 @@ def labelled(path: Path, labels: Path) -> PointCloud:
 def named(frames: Iterator[Frame], names: Mapping[int, str]) -> Iterator[Frame]:
     """Yield frames whose clouds have class names."""
     for frame in frames:
-        frame.cloud.class_names = names
+        for cloud in frame.clouds:
+            cloud.class_names = names
         yield frame
 
 

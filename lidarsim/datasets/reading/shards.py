@@ -137,8 +137,9 @@ def _frame(parts: list[tuple[tuple[Path, tarfile.TarInfo], About]], names: dict[
             frames.append(Frame(cloud, pose, about.seconds, boxes))
         else:
             frames.append(in_world(cloud, pose, boxes, about.seconds))
-    shared = set.intersection(*(set(frame.cloud.fields) for frame in frames))
-    clouds = [PointCloud({name: getattr(frame.cloud, name) for name in shared}) for frame in frames]
+    own = [cloud for frame in frames for cloud in frame.clouds]
+    shared = set.intersection(*(set(cloud.fields) for cloud in own))
+    clouds = [PointCloud({name: getattr(cloud, name) for name in shared}) for cloud in own]
     # Sensors of a rig each have boxes of the same things: those of the first are shown.
     boxes = next((frame.boxes for frame in frames if frame.boxes is not None), None)
     return Frame(PointCloud.concatenate(clouds), frames[0].pose, frames[0].time, boxes)

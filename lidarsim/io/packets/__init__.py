@@ -24,6 +24,7 @@ from lidarsim.io.packets import (  # each vendor's module registers itself
 from lidarsim.io.packets._encoders import START, companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register, variants
 from lidarsim.io.packets._merged import Merged
+from lidarsim.io.packets._udp import Sender, Sent
 
 if TYPE_CHECKING:
     from lidarsim.scan import Scan
@@ -34,6 +35,8 @@ __all__ = [
     "Encoder",
     "Packet",
     "PacketFormat",
+    "Sender",
+    "Sent",
     "Writer",
     "encoders",
     "format_of",

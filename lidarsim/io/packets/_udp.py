@@ -1,0 +1,350 @@
+"""Packets sent by UDP at the times at which the sensor sends them."""
+
+from __future__ import annotations
+
+import errno
+import ipaddress
+import math
+import queue
+import socket
+import threading
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
+
+from lidarsim import _validation
+from lidarsim._files import PathLike, atomic_writer, check_folder
+from lidarsim._validation import shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.io.packets._encoders import START, companions, encoders
+from lidarsim.io.packets._format import Encoder, Packet
+from lidarsim.io.packets._merged import Merged
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from lidarsim.scan import Scan
+    from lidarsim.sensor import Lidar
+
+    Scans: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
+
+__all__ = ["Sender", "Sent"]
+
+Item = TypeVar("Item")
+
+AHEAD = 2
+"""Frames whose packets wait to be sent; a further one is being scanned."""
+_REFUSED = {errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS}
+
+
+@dataclass
+class Sent:
+    """What a `Sender` has sent.
+
+    Attributes
+    ----------
+    packets : int
+        Packets that the system took.
+    size : int
+        Their payload, bytes.
+    dropped : int
+        Packets that the system refused, since its buffer was full.
+    lag : float
+        Longest time by which a packet was late, s.
+    seconds : float
+        From the first packet to the last, s.
+    span : float
+        The same by the times of the packets, s.
+    ports : set of int
+        Ports that they were sent to.
+    """
+
+    packets: int = 0
+    size: int = 0
+    dropped: int = 0
+    lag: float = 0.0
+    seconds: float = 0.0
+    span: float = 0.0
+    ports: set[int] = field(default_factory=set)
+
+    @property
+    def rate(self) -> float:
+        """Packets per second; 0 if there is no time between the first and the last."""
+        return self.packets / self.seconds if self.seconds else 0.0
+
+
+class Sender:
+    """Send scans as packets by UDP, as the sensors would.
+
+    A context manager, which closes the socket. A thread scans and encodes a few frames ahead, while each packet waits
+    for its time; a packet that is ready too late is sent at once. A packet that the system refuses is dropped, as by a
+    sensor. Nothing tells whether a packet is received.
+
+    Parameters
+    ----------
+    sensors : mapping of str to Lidar, or Lidar
+        The sensors.
+    to : str
+        Host, and optionally the port of the first sensor: a name, an IPv4 address, or an IPv6 address, such as
+        ``"127.0.0.1"``, ``"localhost:7502"`` or ``"[::1]:7502"``. Each further sensor sends to the next two ports.
+        Default: this machine, and the vendor's port.
+    start, variant
+        As in `encoders`.
+    fast : bool
+        Send the packets as fast as possible, and wait where the system would refuse one.
+
+    Attributes
+    ----------
+    sent : Sent
+        What has been sent so far.
+
+    Raises
+    ------
+    FileFormatError
+        If a sensor has no packet format, or its pattern or returns do not fit in the packets.
+    OSError
+        If the host is unknown or cannot be reached, or is a broadcast address.
+    TypeError, ValueError
+        If an argument is of the wrong type or out of its range.
+    """
+
+    def __init__(
+        self,
+        sensors: Mapping[str, Lidar] | Lidar,
+        to: str = "127.0.0.1",
+        *,
+        start: float = START,
+        variant: str | None = None,
+        fast: bool = False,
+    ) -> None:
+        host, port = _parsed(to)
+        self._named = sensors if isinstance(sensors, Mapping) else {"": sensors}
+        self._start, self._variant, self._port = start, variant, port
+        self._encoders = self._encoders_from(start)
+        self._fast = fast
+        self._clock: Callable[[], float] = time.monotonic
+        self._sleep: Callable[[float], object] = time.sleep
+        self.sent = Sent()
+        family, self._address = _reachable(to, host)
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(fast)
+        self._to = to
+
+    def __enter__(self) -> Self:
+        """Return the sender itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def save_metadata(self, path: PathLike) -> list[Path]:
+        """Write the files that decoders need besides the packets.
+
+        Parameters
+        ----------
+        path : path-like
+            Path of the file; its suffix becomes that of its kind, such as ``.json``. With several sensors, the name of
+            each is part of the name of its file.
+
+        Returns
+        -------
+        list of Path
+            The files; none if the decoders need none.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written.
+        """
+        check_folder(path)
+        files = companions(Path(path), self._encoders)
+        for place, content in files.items():
+            with atomic_writer(place) as file:
+                file.write(content)
+        return list(files)
+
+    def send(self, scans: Scans | Callable[[], Scans], *, repeat: float = 1, period: float = 0.0) -> Sent:
+        """Send the packets of scans, each at its time after the first one.
+
+        Parameters
+        ----------
+        scans : iterable of Scan or of mappings of str to Scan, or a callable that returns one
+            Scans of the only sensor, or by sensor name, in order; they are taken as they are needed. A callable if they
+            are repeated.
+        repeat : int or inf
+            How often to send them. The numbers of the frames and the times go on.
+        period : float
+            Time from one repetition to the next, s.
+
+        Returns
+        -------
+        Sent
+            What has been sent so far, which `sent` also is.
+
+        Raises
+        ------
+        FileFormatError
+            If a range, a ring or a time does not fit in the packets.
+        OSError
+            If the system cannot send a packet.
+        TypeError, ValueError
+            If an argument is of the wrong type or out of its range.
+        """
+        if repeat != math.inf:
+            repeat = _validation.integer("repeat", repeat, at_least=1)
+        if repeat > 1:
+            period = _validation.real("period", period, above=0.0)
+            if not callable(scans):
+                raise ArgumentTypeError("scans", "a callable that returns scans to repeat", type(scans).__name__)
+        with closing(_ahead(self._batches(scans, repeat, period), AHEAD)) as batches:
+            self._transmit(batches)
+        return self.sent
+
+    def _encoders_from(self, start: float) -> dict[str, Encoder]:
+        return encoders(self._named, start=start, variant=self._variant, port=self._port)
+
+    def _batches(self, scans: Scans | Callable[[], Scans], repeat: float, period: float) -> Iterator[list[Packet]]:
+        """Yield the packets of each frame; those of a repetition come from encoders that start later."""
+        number = 0
+        shift: dict[str, int] = {}
+        while number < repeat:
+            begin = self._start + number * period
+            merged = Merged(self._encoders if not number else self._encoders_from(begin))
+            ends: dict[str, tuple[int, int]] = {}
+            for given in scans() if callable(scans) else scans:
+                named = merged.by_name(given)
+                for name, scan in named.items():
+                    ends[name] = ends.get(name, (scan.frame, 0))[0], scan.frame + 1
+                numbered = {name: replace(scan, frame=scan.frame + shift.get(name, 0)) for name, scan in named.items()}
+                yield [packet for _, packet in merged.add(numbered if number else named)]
+            yield [packet for _, packet in merged.rest()]
+            for name, (first, end) in ends.items():
+                shift[name] = shift.get(name, 0) + end - first
+            number += 1
+
+    def _transmit(self, batches: Iterator[list[Packet]]) -> None:
+        """Send the packets of each batch, each at its time after the first one."""
+        sent = self.sent
+        clock, sleep = self._clock, self._sleep
+        begin = first = None
+        for batch in batches:
+            for packet in batch:
+                now = clock()
+                if begin is None or first is None:
+                    begin, first = now, packet.time
+                sent.span = (packet.time - first) / 1e9
+                if not self._fast:
+                    due = begin + sent.span
+                    if now < due:
+                        sleep(due - now)
+                        now = clock()
+                    sent.lag = max(sent.lag, now - due)
+                self._send(packet)
+                sent.seconds = now - begin
+
+    def _send(self, packet: Packet) -> None:
+        try:
+            self._socket.sendto(packet.payload, (self._address[0], packet.port, *self._address[2:]))
+        except OSError as error:
+            if error.errno not in _REFUSED:
+                raise OSError(f"to: {self._to}: cannot be sent to: {error.strerror}") from error
+            self.sent.dropped += 1
+        else:
+            self.sent.packets += 1
+            self.sent.ports.add(packet.port)
+            self.sent.size += len(packet.payload)
+
+
+def _parsed(to: str) -> tuple[str, int | None]:
+    """Return host and port."""
+    if not isinstance(to, str):
+        raise ArgumentTypeError("to", "an address such as 127.0.0.1:7502", type(to).__name__)
+    host, port = to, ""
+    if to.startswith("["):
+        host, bracket, port = to[1:].partition("]")
+        valid = bool(bracket) and (not port or port.startswith(":")) and port != ":"
+        port = port[1:]
+    elif to.count(":") == 1:
+        host, _, port = to.partition(":")
+        valid = bool(port)
+    else:
+        valid = ":" not in to or _is_ipv6(to)
+    if port and not (port.isascii() and port.isdecimal() and len(port) <= 5 and 1 <= int(port) <= 0xFFFF):
+        raise ArgumentValueError("to", "a port from 1 to 65535", shown(to))
+    if not valid or not host.strip():
+        raise ArgumentValueError("to", "HOST, HOST:PORT or [IPV6]:PORT, such as 127.0.0.1:7502", shown(to))
+    return host, int(port) if port else None
+
+
+def _is_ipv6(text: str) -> bool:
+    try:
+        return ipaddress.ip_address(text.partition("%")[0]).version == 6
+    except ValueError:
+        return False
+
+
+def _reachable(to: str, host: str) -> tuple[socket.AddressFamily, tuple[Any, ...]]:
+    """Return the family and the first address of a host to which there is a way; nothing is sent."""
+    try:
+        found = socket.getaddrinfo(host, 9, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise OSError(f"to: expected a host that is known, got {shown(to)} ({reason})") from error
+    failure: OSError | None = None
+    for family, _, _, _, address in found:
+        try:
+            with socket.socket(family, socket.SOCK_DGRAM) as probe:
+                probe.connect(address)
+        except OSError as error:
+            failure = error
+        else:
+            return family, address
+    reason = failure.strerror if failure else "no address"
+    if failure and failure.errno == errno.EACCES:
+        reason = "no permission; is it a broadcast address?"
+    raise OSError(f"to: expected an address that can be reached, got {shown(to)} ({reason})") from failure
+
+
+def _ahead(items: Iterator[Item], most: int) -> Generator[Item]:
+    """Yield items that a thread takes from an iterator, with at most so many of them waiting."""
+    waiting: queue.Queue[tuple[list[Item], BaseException | None]] = queue.Queue(most)
+    stopped = threading.Event()
+
+    def put(found: list[Item], error: BaseException | None = None) -> bool:
+        while not stopped.is_set():
+            try:
+                waiting.put((found, error), timeout=0.1)
+            except queue.Full:
+                continue
+            return True
+        return False
+
+    def work() -> None:
+        end = None
+        try:
+            for item in items:
+                if not put([item]):
+                    return
+        except BaseException as error:  # noqa: BLE001 - it is raised where the items are used
+            end = error
+        put([], end)
+
+    thread = threading.Thread(target=work, name="lidarsim-scan-ahead", daemon=True)
+    thread.start()
+    try:
+        while True:
+            found, error = waiting.get()
+            if error is not None:
+                raise error
+            if not found:
+                return
+            yield found[0]
+    finally:
+        stopped.set()
+        thread.join()
