@@ -146,6 +146,7 @@ def show(
         starts, rate = _starts(time, given), _rate(given[0])
         frames = _titles(title, frames, starts)
     picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts, style=style)
+    picture = replace(picture, of_points=what is not scene)
     if save is not None and Path(save).suffix.lower() == ".html":
         html.write(picture, save, size=(width, height), point_size=point_size)
     elif save is None and in_notebook():
