@@ -42,7 +42,7 @@ from lidarsim.scene import is_scene_file
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._show import check_save, checked_size
+from lidarsim.viewers._show import check_save, checked_size, frame_title, together_title
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
@@ -64,10 +64,10 @@ NAME = 60
 MOST_FRAMES = 100
 """Maximum frames of a data set that `view` shows unless it is told otherwise."""
 _DRAWN = {
-    ".png": ("pyvista", "pyvista"),
-    ".html": ("plotly", "html"),
-    ".gif": ("pyvista", "pyvista"),
-    ".mp4": ("imageio_ffmpeg", "video"),
+    "screenshot": ("pyvista", "pyvista"),
+    "html": ("plotly", "html"),
+    "gif": ("pyvista", "pyvista"),
+    "mp4": ("imageio_ffmpeg", "video"),
 }
 """Package that each kind of picture needs, and the extra that installs it."""
 
@@ -87,6 +87,22 @@ class Camera(StrEnum):
     FIRST_PERSON = "first-person"
     ORBIT = "orbit"
     TOP = "top"
+
+
+class ColorMap(StrEnum):
+    """Colours of numbers."""
+
+    MAGMA = "magma"
+    VIRIDIS = "viridis"
+    CIVIDIS = "cividis"
+    GREY = "grey"
+
+
+class Background(StrEnum):
+    """Colour of the background of a picture."""
+
+    DARK = "dark"
+    WHITE = "white"
 
 
 def _path(text: str) -> Path:
@@ -110,7 +126,7 @@ Overrides = Annotated[
 Seed = Annotated[int | None, _option("--seed", "N", "Noise seed; overrides CONFIG.")]
 Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame; overrides CONFIG.")]
 Frames = Annotated[int | None, _option("--frames", "N", "Number of frames; overrides CONFIG.")]
-Screenshot = Annotated[Path | None, _file("--screenshot", "PNG", "Write a picture; needs no display.")]
+Screenshot = Annotated[Path | None, _file("--screenshot", "PNG|JPG", "Write a picture; needs no display.")]
 ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Colour the points by this field, or by height.")]
 Surfaces = Annotated[
     bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene with the points.")
@@ -306,6 +322,13 @@ def view(
     surfaces: Surfaces = True,
     camera: View = Camera.BEHIND,
     size: Size = "1600x1000",
+    limits: Annotated[
+        str | None, _option("--limits", "LOW,HIGH", "Values at the ends of the colours; default: those of the points.")
+    ] = None,
+    color_map: Annotated[ColorMap | None, _option("--color-map", "|".join(ColorMap), "Colours of numbers.")] = None,
+    background: Annotated[Background, _option("--background", "|".join(Background), "Colour.")] = Background.DARK,
+    title: Annotated[str | None, _option("--title", "TEXT", "Title; default: number and time of the frame.")] = None,
+    accumulate: Annotated[bool, typer.Option("--accumulate", help="Show all frames in one picture, as a map.")] = False,
     overrides: Overrides = None,
     seed: Seed = None,
     frame: Frame = None,
@@ -315,23 +338,27 @@ def view(
 
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
     the scene. Data sets are shown with their classes and boxes, and point clouds with the .label beside them. With
-    several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0.
+    several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0;
+    with --accumulate, all of them.
     """
     saves = [save for save in (screenshot, html, gif, mp4) if save]
     for option, save in {"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}.items():
         if save:
-            suffix = ".png" if option == "screenshot" else f".{option}"
-            check_suffix(save, {suffix})
+            check_suffix(save, pyvista.STILLS if option == "screenshot" else {f".{option}"})
             check_save(save)
-            import_extra(*_DRAWN[suffix], f"--{option}")
+            import_extra(*_DRAWN[option], f"--{option}")
     if saves and viewer is Viewer.OPEN3D:
         raise LidarsimError(
             "--with open3d: Open3D only opens windows; leave it out with --screenshot, --html, --gif or --mp4"
         )
     if not saves:
         require_display()
-    looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
-    wanted = 1 if saves == [screenshot] else None
+    looks: dict[str, Any] = {
+        "color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value,
+        "limits": _limits(limits), "color_map": color_map and color_map.value, "background": background.value,
+        "title": title,
+    }  # fmt: skip
+    wanted = 1 if saves == [screenshot] and not accumulate else None
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
         clouds, places, count = _scanned(path, run, wanted)
@@ -349,11 +376,17 @@ def view(
         clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
     usual = places.pop("color_by", None)
     looks["color_by"] = color_by or usual
+    looks["title"], titles = title, places.pop("title", None)
+    if accumulate:
+        looks |= {"accumulate": True, "title": title or together_title(len(clouds), places.get("time", ()))}
+    elif title is None and titles is not None:
+        places["title"] = titles
+        looks.pop("title")
     targets: list[Path | None] = [*saves] or [None]
     for save in targets:
-        seen = slice(1 if save and save is screenshot else None)
+        seen = slice(1 if save and save is screenshot and not accumulate else None)
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
-        if count > 1 and save and save is screenshot:
+        if count > 1 and save and save is screenshot and not accumulate:
             which = "the first" if frame is None else f"frame {frame}"
             print_line(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
 
@@ -516,7 +549,7 @@ def _listed(names: list[str]) -> str:
 def sensors(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="Preset; default: list all.")] = None,
     yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, a template for your own.")] = False,
-    screenshot: Screenshot = None,
+    screenshot: Annotated[Path | None, _file("--screenshot", "PNG|SVG", "Draw the scan pattern.")] = None,
 ) -> None:
     """List the sensor presets, or describe one."""
     if name is None:
@@ -704,12 +737,13 @@ def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None
             raise LidarsimError(f"{path}: expected a file of its own, got the place of {other}")
 
 
-def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
-    """Yield the points of each frame in world coordinates, the sensor's pose and the start time."""
+def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float, int]]:
+    """Yield the points of each frame in world coordinates, the sensor's pose, the start time and the frame number."""
     for frame in run.measured():
         if frame.scans:  # a frame of a rig may have no scans
             cloud = ls.PointCloud.concatenate(list(frame.in_world().values()))
-            yield cloud, next(iter(frame.poses.values())), min(scan.time for scan in frame.scans.values())
+            start = min(scan.time for scan in frame.scans.values())
+            yield cloud, next(iter(frame.poses.values())), start, frame.number
 
 
 def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
@@ -718,11 +752,13 @@ def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCl
     found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
     if not found:
         raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
-    clouds, poses, times = zip(*found, strict=True)
+    clouds, poses, times, numbers = zip(*found, strict=True)
     places: dict[str, Any] = {"pose": poses, "time": times}
-    if len(found) == min(count, wanted or count) and count > 1:  # else, frames of a rig have no scans
-        numbers = enumerate(zip(run.numbers, times, strict=False), 1)
-        places["title"] = tuple(_title(number, place, count, time) for place, (number, time) in numbers)
+    if count > 1:
+        places["title"] = tuple(
+            frame_title(number, run.numbers.index(number) + 1, count, time)
+            for number, time in zip(numbers, times, strict=True)
+        )
     return clouds, places, count
 
 
@@ -747,16 +783,11 @@ def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...],
     }  # fmt: skip
     if found.count != 1:
         places["title"] = tuple(
-            _title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
+            frame_title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
         )
     if all("label" in frame.cloud.fields for frame in frames):
         places["color_by"] = "label"
     return tuple(frame.cloud for frame in frames), places, found.count or len(frames)
-
-
-def _title(number: int, place: int, count: int | None, time: float | None) -> str:
-    """Return the title of a frame: its number, which one of them it is, counting from 1, and its time."""
-    return f"frame {number}" + (f" ({place} of {count})" if count else "") + ("" if time is None else f", {time:.2f} s")
 
 
 def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
@@ -777,6 +808,17 @@ def _cut(text: str) -> Cut:
     if not -360.0 <= degrees <= 360.0:
         raise LidarsimError(f"--cut: expected pattern, driver or -360 to 360 degrees, got {shown(text)}")
     return math.radians(degrees)
+
+
+def _limits(text: str | None) -> tuple[float, float] | None:
+    """Parse limits such as 0,50; `lidarsim.show` checks their order."""
+    if text is None:
+        return None
+    try:
+        low, high = map(float, text.split(","))
+    except ValueError:
+        raise LidarsimError(f"--limits: expected LOW,HIGH, such as 0,50, got {shown(text)}") from None
+    return low, high
 
 
 def _size(text: str) -> tuple[int, int]:

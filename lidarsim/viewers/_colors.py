@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._shown import plain
-from lidarsim._validation import Floats, shown
+from lidarsim._validation import Floats, array, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.viewers._classes import class_color
@@ -321,6 +321,22 @@ def coloring(
     if adapts:
         table = [legible(color, style.theme.background) for color in table]
     return Coloring(color_by, limits, extent, table, {}, len(finite) > 0, len(finite) < len(values))
+
+
+def checked_limits(limits: Sequence[float] | None) -> tuple[float, float] | None:
+    """Return limits after checking that they are two numbers, the second greater.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are not.
+    """
+    if limits is None:
+        return None
+    low, high = array("limits", limits, (2,)).tolist()
+    if not low < high:
+        raise ArgumentValueError("limits", "two numbers, the second greater", f"{low:g} and {high:g}")
+    return low, high
 
 
 def class_coloring(labels: Iterable[int], known: Known, theme: Theme) -> Coloring:

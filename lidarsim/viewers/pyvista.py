@@ -126,7 +126,7 @@ def _triangles(surface: Surface, shared: dict[tuple[int, bool], pyvista.CellArra
 
 
 def check_screenshot(path: PathLike) -> None:
-    """Check, before any work, that a picture can be written: a PNG in an existing folder.
+    """Check, before any work, that a picture can be written: a PNG or JPG in an existing folder.
 
     Parameters
     ----------
@@ -136,11 +136,11 @@ def check_screenshot(path: PathLike) -> None:
     Raises
     ------
     FileFormatError
-        If the suffix is not ``.png``.
+        If the suffix is neither ``.png`` nor ``.jpg``.
     OSError
         If the folder does not exist or is not writable.
     """
-    check_suffix(path, {".png"})
+    check_suffix(path, STILLS)
     check_folder(path)
 
 
