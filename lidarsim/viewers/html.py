@@ -33,8 +33,8 @@ MOST = 400_000
 ANGLE = np.radians(45.0)
 """Plotly's vertical angle of view, rad."""
 STAGE = 0.82
-"""Width of the picture relative to the page; the rest is for the legend."""
-RIGHT = {"x": STAGE + 0.01, "xanchor": "left"}
+"""Width relative to the page for which the view is made; the legend is over the rest of it."""
+RIGHT = {"x": 0.99, "xanchor": "right"}
 LONGEST = 24
 """Greatest length of a name in the legend, characters."""
 TOLD = ("range", "intensity", "range_error", "ring", "object_id")
@@ -152,10 +152,15 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         paper_bgcolor=picture.theme.background,
         font={"color": picture.theme.text},
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
-        legend={"title": picture.colors.title, "itemsizing": "constant", **RIGHT},
+        legend={
+            "title": picture.colors.title,
+            "itemsizing": "constant",
+            "bgcolor": picture.theme.background,
+            **RIGHT,
+        },
+        annotations=_annotations(picture),
         scene={
             **axes,
-            "domain": {"x": [0.0, STAGE]},
             "aspectmode": "manual",
             "aspectratio": {name: float(half[i] / whole) for i, name in enumerate("xyz")},
             "camera": camera(picture.camera),
@@ -204,6 +209,18 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
             ]
         )
     return figure
+
+
+def _annotations(picture: Picture) -> list[dict[str, Any]]:
+    """Return the title of a single frame, and what a picture of points says if there are none."""
+    place = {"xref": "paper", "yref": "paper", "showarrow": False, "bgcolor": picture.theme.background}
+    found = []
+    if len(picture.frames) == 1 and picture.frames[0].title:
+        title = html.escape(picture.frames[0].title, quote=False)
+        found.append({"text": title, "x": 0.01, "y": 0.99, "xanchor": "left", "yanchor": "top", **place})
+    if picture.of_points and not picture.has_points:
+        found.append({"text": "no points", "x": STAGE / 2, "y": 0.5, **place})
+    return found
 
 
 def _xyz(points: Floats) -> dict[str, npt.NDArray[np.float32]]:
