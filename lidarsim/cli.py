@@ -137,7 +137,7 @@ Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Size of windows and pic
 
 def _version(asked: bool) -> None:
     if asked:
-        print_line(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
+        paragraph(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
         raise typer.Exit
 
 
@@ -232,15 +232,15 @@ def scan(
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
-    print_line(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
+    paragraph(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     for note in filter(None, notes):
-        print_line(note)
+        paragraph(note)
     is_bag = output.suffix.lower() in rosbag.SUFFIXES
     bags = output.with_stem(f"{output.stem}_*") if run.legs else output
     paths = (bags if is_bag else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
-    print_line(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
+    paragraph(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 
 
 @app.command()
@@ -273,7 +273,7 @@ def generate(
         problems = ls.datasets.verify(output)
         if problems:
             raise LidarsimError(f"{output}: {counted(len(problems), 'file')} not as in the manifest: {problems[0]}")
-        print_line(f"{output}: all files match the manifest")
+        paragraph(f"{output}: all files match the manifest")
         return
     if recipe is None:
         raise LidarsimError("RECIPE: expected a recipe, or --verify, got neither")
@@ -281,13 +281,13 @@ def generate(
 
     with cluster(workers, scheduler) as client:
         if client is not None and client.dashboard_link:
-            print_line(f"dashboard: {client.dashboard_link}")
+            paragraph(f"dashboard: {client.dashboard_link}")
         made = ls.generate(
             recipe, output, client=client, part=_part(shard), overrides=overrides or (), pictures=pictures
         )
-    print_line(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    paragraph(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
     if made.shards_left:
-        print_line(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
+        paragraph(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
 
 
 def _part(text: str | None) -> tuple[int, int]:
@@ -388,7 +388,7 @@ def view(
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
         if count > 1 and save and save is screenshot and not accumulate:
             which = "the first" if frame is None else f"frame {frame}"
-            print_line(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+            paragraph(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
 
 
 def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:
@@ -433,15 +433,15 @@ def compare(
         )
         comparison = compare_sources(one, other, sensor)
     measured = [measure for measure in comparison if measure.verdict != "not measured"]
-    print_line(f"real {comparison.real}")
-    print_line(f"simulated {comparison.simulated}")
+    paragraph(f"real {comparison.real}")
+    paragraph(f"simulated {comparison.simulated}")
     columns = ("measure", "real", "simulated", "unit", "where", "verdict")
     table(columns, [(m.name, *values(m), m.unit, m.where, m.verdict) for m in measured], left=columns)
     for why, names in reasons(comparison).items():
         paragraph(f"not measured, since {why}: {', '.join(names)}")
     for note in comparison.notes:
-        print_line(f"note: {note}")
-    print_line(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ")
+        paragraph(f"note: {note}")
+    paragraph(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ")
     for path in filter(None, (output, json)):
         comparison.save(path)
         print_line(path)
@@ -487,7 +487,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     table(columns, rows, left=("shape", "name"), whole=("shape", "reflectivity"))
     for item in run.scene:
         if isinstance(item.shape, ls.TriangleMesh) and item.shape.grid:
-            print_line(_terrain(item.id, item.shape))
+            paragraph(_terrain(item.id, item.shape))
     for file in run.imports:
         _print_import(file)
     for lidar in run.lidars.values():
@@ -500,10 +500,10 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
     if defined:
         defined["frames"] = run.span
-        print_line("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
+        paragraph("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
     legs = [counted(len(run.legs), "strip" if moving else "station")] if run.legs else []
     counts = [counted(len(run.scene), "object"), *legs, counted(len(run.numbers), "frame")]
-    print_line(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
+    paragraph(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
 
 
 LARGEST, SMALLEST = 20e3, 0.01
@@ -520,23 +520,23 @@ def _print_import(file: Imported) -> None:
     triangles = counted(sum(map(len, meshes)), "triangle")
     extent = " × ".join(f"{round(length, 6):,.6g}" for length in size.tolist())
     instances = counted(len({instance for _, instance in file.instances(0)}), "instance")
-    print_line(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
+    paragraph(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
     for what, names in (
         ("materials", Counter(item.material_name for item in file.objects if item.material_name)),
         ("labels", Counter(str(item.label) for item in file.objects if item.label is not None)),
     ):
         if names:
-            print_line(f"  {what}: {_listed([f'{plain(name, most=NAME)} ({count})' for name, count in names.items()])}")
+            paragraph(f"  {what}: {_listed([f'{plain(name, most=NAME)} ({count})' for name, count in names.items()])}")
     if file.left_out:
-        print_line(f"  left out: {', '.join(file.left_out)}")
+        paragraph(f"  left out: {', '.join(file.left_out)}")
     if file.skipped:
-        print_line(f"  skipped by rules: {counted(file.skipped, 'part')}")
+        paragraph(f"  skipped by rules: {counted(file.skipped, 'part')}")
     if file.without_rule:
         paths = [plain(path, most=NAME) for path in file.without_rule]
-        print_line(f"  no rule matches {counted(len(paths), 'node')}: {_listed(paths)}")
+        paragraph(f"  no rule matches {counted(len(paths), 'node')}: {_listed(paths)}")
     if size.max() > LARGEST or size.max() < SMALLEST:
         wrong = f"larger than {LARGEST / 1e3:g} km" if size.max() > LARGEST else f"smaller than {SMALLEST * 100:g} cm"
-        print_line(f"  warning: {wrong}; is unit_m right?")
+        paragraph(f"  warning: {wrong}; is unit_m right?")
 
 
 def _listed(names: list[str]) -> str:
@@ -774,10 +774,10 @@ def _read(path: Path, first: int, most: int) -> tuple[tuple[ls.PointCloud, ...],
         there = "" if found.count is None else f" of {counted(found.count, 'frame')}"
         raise LidarsimError(f"{path}: --frame: expected the number of a frame{there}, got {first}")
     if found.note:
-        print_line(f"{path}: {found.note}")
+        paragraph(f"{path}: {found.note}")
     if found.count is not None and 1 < len(frames) < found.count:
         last = first + len(frames) - 1
-        print_line(f"{path}: frames {first} to {last} of {counted(found.count, 'frame')}; --frame and --frames choose")
+        paragraph(f"{path}: frames {first} to {last} of {counted(found.count, 'frame')}; --frame and --frames choose")
     places: dict[str, Any] = {
         "pose": tuple(frame.pose for frame in frames), "boxes": tuple(frame.boxes for frame in frames)
     }  # fmt: skip
@@ -886,7 +886,7 @@ def _print_depth(name: str, lidar: ls.Lidar, scene: ls.Scene) -> None:
             f"{counted(count, 'material')} {does}{'s' if count == 1 else ''}" for does, count in found.items() if count
         )
         whose = f"{name}: " if name else ""
-        print_line(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
+        paragraph(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
 
 
 def _print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_an_svg_is_the_same_each_time_and_has_its_size(tmp_path: Path) -> None:
         cells.plot(tmp_path / name, hillshade=True, title="<none>", size=(720, 360))
     text = (tmp_path / "a.svg").read_bytes()
     assert text == (tmp_path / "b.svg").read_bytes()
-    root = ElementTree.fromstring(text)  # noqa: S314 - our own
+    root = ET.fromstring(text)  # noqa: S314 - our own
     assert (root.get("width"), root.get("height")) == ("518.4pt", "259.2pt")  # 72 points an inch, 100 pixels an inch
 
 

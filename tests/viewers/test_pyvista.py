@@ -356,7 +356,8 @@ def test_a_legend_keeps_off_the_surfaces_on_an_orbit(tmp_path: Path) -> None:
     scene = ls.Scene(class_names={4: WIDE})
     scene.add(ls.Box((200, 200, 1)), label=4)
     image = picture(tmp_path / "a.png", scene, camera="orbit")
-    seen = (np.abs(hue(image) - hue(np.array(channels(QUALITATIVE[4])))).max(axis=-1) < 0.04) & (image.max(axis=-1) > 60)
+    seen = np.abs(hue(image) - hue(np.array(channels(QUALITATIVE[4])))).max(axis=-1) < 0.04
+    seen &= image.max(axis=-1) > 60
     across = np.flatnonzero(seen[60:].any(axis=0))  # below the swatch
     assert across.max() < STAGE
     assert np.ptp(across) > 150
@@ -369,11 +370,8 @@ def test_relief_is_seen_from_above(tmp_path: Path) -> None:
         high = [(x - 4, -4, 8 * slope), (x + 4, -4, 16 * slope), (x + 4, 4, 8 * slope), (x - 4, 4, 0)]
         scene.add(ls.Polygon(high), label=3)
     image = picture(tmp_path / "a.png", scene, camera=[(0, 0, 60), (0, 0, 0), (0, 1, 0)])
-    level, towards, away = (
-        image[SIZE[1] // 2, column].max()
-        for column in (SIZE[0] // 2, *(np.round(SIZE[0] / 2 + s * 10 * SIZE[1] / 2 / 60 / np.tan(np.pi / 12)).astype(int)
-                                       for s in (-1, 1)))
-    )  # fmt: skip
+    ten = 10 * SIZE[1] / 2 / 60 / np.tan(np.radians(15))  # pixels of 10 m, seen from 60 m with an angle of 30°
+    level, towards, away = (image[SIZE[1] // 2, round(SIZE[0] / 2 + side * ten)].max() for side in (0, -1, 1))
     assert away < 0.9 * level < 0.95 * towards
     assert min(towards, level, away) > 60
 
