@@ -23,12 +23,13 @@ Row = dict[str, Any]
 
 COLORS = {
     "lidarsim": "#c2410c",
-    "Open3D": "#1d4ed8",
-    "embreex": "#0e7490",
-    "MuJoCo-LiDAR": "#7e22ce",
-    "MuJoCo": "#4d7c0f",
-    "textbook": "#4b5563",
+    "Open3D": "#331177",
+    "embreex": "#335577",
+    "MuJoCo-LiDAR": "#aa33ff",
+    "MuJoCo": "#008866",
+    "textbook": "#552222",
 }
+"""Colours of the methods, distinct with any kind of colour vision."""
 NEAREST = 10.0
 """Position of a distance of 0 on a logarithmic axis, m."""
 INK, FAINT = "#1f2937", "#e5e7eb"
