@@ -74,28 +74,11 @@ MEANINGS = {
 """Words that mean a class, by colour on a dark background. The colours are distinct with any kind of colour vision;
 those of the sets are not."""
 
-ON_LIGHT = dict(
-    zip(
-        MEANINGS,
-        [
-            "#554466",
-            "#7777aa",
-            "#777711",
-            "#338855",
-            "#556622",
-            "#773300",
-            "#cc4488",
-            "#8844bb",
-            "#004499",
-            "#7711ff",
-            "#889988",
-            "#dd7700",
-            "#ee4455",
-            "#4499cc",
-        ],
-        strict=True,
-    )
-)
+_LIGHT = (
+    "#554466", "#7777aa", "#777711", "#338855", "#556622", "#773300", "#cc4488",
+    "#8844bb", "#004499", "#7711ff", "#889988", "#dd7700", "#ee4455", "#4499cc",
+)  # fmt: skip
+ON_LIGHT = dict(zip(MEANINGS, _LIGHT, strict=True))
 """Colours of `MEANINGS` on a light background, where pale ones would look the same: of a similar hue, and as far apart
 as possible for each kind of colour vision."""
 
