@@ -156,7 +156,8 @@ class Picture:
         if self.colors.field != "height" or "normal" not in cloud.fields:
             return rgb
         light = (cloud.normal @ TO_SUN / TO_SUN[2]).clip(0.0, 1.0)  # level ground has its whole colour
-        return np.rint(rgb * (SHADE + (1.0 - SHADE) * light[:, None])).astype(np.uint8)
+        shaded: npt.NDArray[np.uint8] = np.rint(rgb * (SHADE + (1.0 - SHADE) * light[:, None])).astype(np.uint8)
+        return shaded
 
     def drawn(self) -> Floats:
         """Return points that are spread evenly over what a picture shows, shape (n, 3)."""
@@ -180,11 +181,11 @@ class Picture:
         """
         orbits = isinstance(self.camera, str) and self.camera == "orbit"
         if not self.has_points:
-            every = [surface for surface in self.every_surface if len(surface.vertices)]
-            bounded = [surface for surface in every if surface.item.shape.bounded]
+            surfaces = [surface for surface in self.every_surface if len(surface.vertices)]
+            bounded = [surface for surface in surfaces if surface.item.shape.bounded]
             standing = [surface for surface in bounded if not surface.is_flat(FLAT)]
-            if every:
-                chosen = every if orbits else standing or bounded or every
+            if surfaces:
+                chosen = surfaces if orbits else standing or bounded or surfaces
                 return np.concatenate([surface.points() for surface in chosen])
         points = [frame.cloud.xyz for frame in self.frames]
         every = np.concatenate([*points, self.path, *(frame.pose[None, :3, 3] for frame in self.frames)])

@@ -195,7 +195,7 @@ def _titles(
     if title is None and count > 1:
         first = [next(iter(what.values()), None) if isinstance(what, Mapping) else what for what in given]
         numbers = [scan.frame if isinstance(scan, Scan) else None for scan in first]
-        times = starts or [None] * count
+        times: Sequence[float | None] = starts or [None] * count
         title = [
             frame_title(number, place, count, time)
             for place, (number, time) in enumerate(zip(numbers, times, strict=True), 1)

@@ -56,7 +56,7 @@ class Surface:
 
     def is_flat(self, slope: float) -> bool:
         """Return whether the height of the surface is at most `slope` times its greater width."""
-        x, y, z = np.ptp(self.points(), axis=0).tolist()
+        x, y, z = map(float, np.ptp(self.points(), axis=0))
         return z <= slope * max(x, y)
 
     @property

@@ -153,9 +153,10 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         font={"color": picture.theme.text},
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
         legend={
-            "title": picture.colors.title,
             "itemsizing": "constant",
             "bgcolor": picture.theme.background,
+            # A colour bar has the title, and the middle of the height.
+            **({"y": 0.02, "yanchor": "bottom"} if picture.colors.scaled else {"title": picture.colors.title}),
             **RIGHT,
         },
         annotations=_annotations(picture),
@@ -257,7 +258,7 @@ def _moving(
     else:
         known = np.isfinite(values)
         numbers = colors.places(values[known]) if known.any() else [0.0]
-        scaled = {"color": numbers, **_scale(colors, bar=colors.scaled)}
+        scaled = {"color": numbers, **_scale(colors, picture.theme.background, bar=colors.scaled)}
         traces.append(points(known, colors.title, scaled, legend=False))
         if colors.missing:
             traces.append(points(~known, "not finite", {"color": MISSING}, legend=True))
@@ -272,7 +273,7 @@ def _moving(
     return traces
 
 
-def _scale(colors: Coloring, *, bar: bool) -> dict[str, Any]:
+def _scale(colors: Coloring, background: str, *, bar: bool) -> dict[str, Any]:
     """Return the colour scale of a trace, with a colour bar if `bar`."""
     ticks = colors.ticks()
     return {
@@ -285,6 +286,7 @@ def _scale(colors: Coloring, *, bar: bool) -> dict[str, Any]:
             "tickvals": colors.places(list(ticks)).tolist(),
             "ticktext": list(ticks.values()),
             "len": 0.7,
+            "bgcolor": background,
             **RIGHT,
         },
     }
@@ -306,7 +308,10 @@ def _meshes(
         corners = {name: np.ascontiguousarray(faces[:, i], np.int32) for i, name in enumerate("ijk")}
         look: dict[str, Any] = {"color": color}
         if by_height:
-            look = {"intensity": colors.places(points[:, 2] + shift[2]), **_scale(colors, bar=False)}
+            look = {
+                "intensity": colors.places(points[:, 2] + shift[2]),
+                **_scale(colors, picture.theme.background, bar=False),
+            }
         traces.append(
             go.Mesh3d(
                 **_xyz(points),
