@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 
-ROAD, BUILDING, CAR = 40, 50, 10
+ROAD, BUILDING, CAR = 8, 5, 1
 FRAMES = 5
 
 
@@ -68,6 +68,6 @@ ls.show(
     scans,
     scene=scene,
     color_by="radial_velocity",
-    camera=[(-6, -62, 38), (0, -4, 0), (0, 0, 1)],
+    camera=[(-8, -72, 62), (2, -2, 0), (0, 0, 1)],
     save=folder / "junction.png",
 )

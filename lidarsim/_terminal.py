@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -14,9 +15,9 @@ from typing import TextIO
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 from lidarsim._shown import plain
 from lidarsim.errors import LidarsimError
@@ -45,8 +46,26 @@ def print_line(text: object) -> None:
 
 
 def paragraph(text: object) -> None:
-    """Print a text to stdout, wrapped between words; raises the errors of `print_line`."""
-    _render(Text(_fitting(text)))
+    """Print a text to stdout, wrapped between words if the width of stdout is known.
+
+    Words stay whole, such as paths to copy, and further lines are indented below an indented or bulleted first one.
+    Raises the errors of `print_line`.
+    """
+    line = _fitting(text)
+    if not _width_is_known():
+        print_line(line)
+        return
+    mark = re.match(r"\s*(?:- )?", line)
+    hang = mark.end() if mark else 0
+    width = Console(file=_Page()).width
+    first, *words = line[hang:].split(" ")
+    lines = [line[:hang] + first]
+    for word in words:
+        if cell_len(f"{lines[-1]} {word}") <= width:
+            lines[-1] += f" {word}"
+        else:
+            lines.append(" " * hang + word)
+    _write("".join(f"{wrapped}\n" for wrapped in lines))
 
 
 def table(
@@ -141,13 +160,17 @@ def _write(text: str) -> None:
         raise LidarsimError(f"standard output: cannot be written: {error.strerror or error}") from None
 
 
-def _render(what: Table | Text) -> None:
+def _render(what: Table) -> None:
     """Print at the width of the terminal or of the variable COLUMNS, else at `WIDTH` columns."""
     page = _Page()
-    known = page.isatty() or os.environ.get("COLUMNS", "").isdecimal()
-    width = None if known else WIDTH
+    width = None if _width_is_known() else WIDTH
     Console(file=page, width=width, highlight=False, markup=False, emoji=False).print(what)
-    _write(_encodable(page.getvalue(), sys.stdout))
+    lines = [line.rstrip() for line in page.getvalue().splitlines()]
+    _write(_encodable("".join(f"{line}\n" for line in lines), sys.stdout))
+
+
+def _width_is_known() -> bool:
+    return sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdecimal()
 
 
 class _Page(StringIO):

@@ -33,6 +33,7 @@ class Looks(TypedDict, total=False):
     limits: tuple[float, float] | None
     color_map: Literal["magma", "viridis", "cividis", "grey"] | None
     background: Literal["dark", "white"]
+    accumulate: bool
 
 
 class Page(Protocol):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -79,6 +80,48 @@ class Cells(Pickled):
             If `crs` is not a projected system in metres.
         """
         view(Cells, "geotiff")(self, path, crs)
+
+    def plot(
+        self,
+        save: PathLike,
+        *,
+        hillshade: bool = False,
+        title: str = "",
+        limits: Sequence[float] | None = None,
+        color_map: Literal["magma", "viridis", "cividis", "grey"] = "viridis",
+        size: tuple[int, int] = (1000, 700),
+    ) -> None:
+        """Draw a map with a colour bar.
+
+        Parameters
+        ----------
+        save : path-like
+            The file, PNG or SVG.
+        hillshade : bool
+            Whether to shade the cells by the slope of their values, which must be heights in m: relief under a sun in
+            the north-west.
+        title : str
+            Title of the map, such as what it shows and in which unit.
+        limits : tuple of float, optional
+            Values at the ends of the colours. Default: the least and the greatest.
+        color_map : {"magma", "viridis", "cividis", "grey"}
+            Colours of numbers.
+        size : tuple of int
+            Width and height, pixels.
+
+        Raises
+        ------
+        FileFormatError
+            If the suffix is not one of these.
+        MissingExtraError
+            If Matplotlib, a dependency of PyVista, is not installed.
+        OSError
+            If the file cannot be written.
+        TypeError, ValueError
+            If an argument is not one of the values above.
+        """
+        options = {"hillshade": hillshade, "title": title, "limits": limits, "color_map": color_map, "size": size}
+        view(Cells, "plot")(self, save, **options)
 
 
 def cells_of(xyz: Floats, values: Floats, cell: object, statistic: object, bounds: npt.ArrayLike | None) -> Cells:

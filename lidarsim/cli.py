@@ -42,7 +42,7 @@ from lidarsim.scene import is_scene_file
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._show import check_save, checked_size
+from lidarsim.viewers._show import check_save, checked_size, frame_title, together_title
 from lidarsim.viewers.live import FOXGLOVE_PORT
 
 if TYPE_CHECKING:
@@ -65,10 +65,10 @@ NAME = 60
 MOST_FRAMES = 100
 """Maximum frames of a data set that `view` shows unless it is told otherwise."""
 _DRAWN = {
-    ".png": ("pyvista", "pyvista"),
-    ".html": ("plotly", "html"),
-    ".gif": ("pyvista", "pyvista"),
-    ".mp4": ("imageio_ffmpeg", "video"),
+    "screenshot": ("pyvista", "pyvista"),
+    "html": ("plotly", "html"),
+    "gif": ("pyvista", "pyvista"),
+    "mp4": ("imageio_ffmpeg", "video"),
 }
 """Package that each kind of picture needs, and the extra that installs it."""
 
@@ -92,6 +92,22 @@ class Camera(StrEnum):
     TOP = "top"
 
 
+class ColorMap(StrEnum):
+    """Colours of numbers."""
+
+    MAGMA = "magma"
+    VIRIDIS = "viridis"
+    CIVIDIS = "cividis"
+    GREY = "grey"
+
+
+class Background(StrEnum):
+    """Colour of the background of a picture."""
+
+    DARK = "dark"
+    WHITE = "white"
+
+
 def _path(text: str) -> Path:
     if not text:  # `Path` would make it the current folder
         raise typer.BadParameter("expected a path, got an empty one")
@@ -113,7 +129,7 @@ Overrides = Annotated[
 Seed = Annotated[int | None, _option("--seed", "N", "Noise seed; overrides CONFIG.")]
 Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame; overrides CONFIG.")]
 Frames = Annotated[int | None, _option("--frames", "N", "Number of frames; overrides CONFIG.")]
-Screenshot = Annotated[Path | None, _file("--screenshot", "PNG", "Write a picture; needs no display.")]
+Screenshot = Annotated[Path | None, _file("--screenshot", "PNG|JPG", "Write a picture; needs no display.")]
 ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Colour the points by this field, or by height.")]
 Surfaces = Annotated[
     bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene with the points.")
@@ -124,7 +140,7 @@ Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Size of windows and pic
 
 def _version(asked: bool) -> None:
     if asked:
-        print_line(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
+        paragraph(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
         raise typer.Exit
 
 
@@ -227,9 +243,9 @@ def scan(
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
-    print_line(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
+    paragraph(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     for note in filter(None, notes):
-        print_line(note)
+        paragraph(note)
     whole = output.with_stem(f"{output.stem}_*") if run.legs else output
     paths = [run.path_of(output, "*", "*")]
     if output.suffix.lower() in rosbag.SUFFIXES:
@@ -238,7 +254,7 @@ def scan(
         paths = run.pcap(whole).files
     files = ", ".join(map(str, [*paths, *([run.path_of(screenshot, "*", "*")] if screenshot else [])]))
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
-    print_line(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
+    paragraph(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 
 
 @app.command()
@@ -271,7 +287,7 @@ def generate(
         problems = ls.datasets.verify(output)
         if problems:
             raise LidarsimError(f"{output}: {counted(len(problems), 'file')} not as in the manifest: {problems[0]}")
-        print_line(f"{output}: all files match the manifest")
+        paragraph(f"{output}: all files match the manifest")
         return
     if recipe is None:
         raise LidarsimError("RECIPE: expected a recipe, or --verify, got neither")
@@ -279,13 +295,13 @@ def generate(
 
     with cluster(workers, scheduler) as client:
         if client is not None and client.dashboard_link:
-            print_line(f"dashboard: {client.dashboard_link}")
+            paragraph(f"dashboard: {client.dashboard_link}")
         made = ls.generate(
             recipe, output, client=client, part=_part(shard), overrides=overrides or (), pictures=pictures
         )
-    print_line(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    paragraph(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
     if made.shards_left:
-        print_line(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
+        paragraph(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
 
 
 def _part(text: str | None) -> tuple[int, int]:
@@ -335,7 +351,7 @@ def stream(
             for path in (written := sender.save_metadata(metadata)):
                 print_line(path)
             if not written:
-                print_line("--metadata: the decoders of these packets need no file")
+                paragraph("--metadata: the decoders of these packets need no file")
         start, end = run.span
         try:
             if repeat:
@@ -352,12 +368,12 @@ def _print_sent(to: str, sent: packets.Sent, period: float | None) -> None:
     """Print what was sent, and whether scanning was slower than a sensor with frames of that period, s."""
     ports = ", ".join(map(str, sorted(sent.ports)))
     late = "" if period is None else f", largest lag {1e3 * sent.lag:.3g} ms"
-    print_line(
+    paragraph(
         f"{counted(sent.packets, 'packet')} ({sent.size / 1e6:,.3g} MB) to {to}, {counted(len(sent.ports), 'port')}"
         f" {ports} in {sent.seconds:.2f} s: {sent.rate:,.0f} packets/s, {sent.dropped:,} dropped{late}"
     )
     if period is not None and sent.lag > period and sent.span:
-        print_line(
+        paragraph(
             f"the sensor is faster than this machine scans: {sent.span:.2f} s of it took {sent.seconds:.2f} s;"
             " packets were late, none was left out"
         )
@@ -393,6 +409,13 @@ def view(
     surfaces: Surfaces = True,
     camera: View = Camera.BEHIND,
     size: Size = "1600x1000",
+    limits: Annotated[
+        str | None, _option("--limits", "LOW,HIGH", "Values at the ends of the colours; default: those of the points.")
+    ] = None,
+    color_map: Annotated[ColorMap | None, _option("--color-map", "|".join(ColorMap), "Colours of numbers.")] = None,
+    background: Annotated[Background, _option("--background", "|".join(Background), "Colour.")] = Background.DARK,
+    title: Annotated[str | None, _option("--title", "TEXT", "Title; default: number and time of the frame.")] = None,
+    accumulate: Annotated[bool, typer.Option("--accumulate", help="Show all frames in one picture, as a map.")] = False,
     overrides: Overrides = None,
     seed: Seed = None,
     frame: Frame = None,
@@ -402,33 +425,27 @@ def view(
 
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
     the scene. Data sets are shown with their classes and boxes, and point clouds with the .label beside them. With
-    several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0.
+    several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0;
+    with --accumulate, all of them.
 
     With --live, the frames of a configuration are shown while they are scanned, at the sensor's rate, with boxes: in
     Rerun, in Open3D, or in the Foxglove app, which connects to ws://127.0.0.1:8765.
     """
     if live or rrd or viewer in {Viewer.RERUN, Viewer.FOXGLOVE}:
-        used = {"--screenshot": screenshot, "--html": html, "--gif": gif, "--mp4": mp4}
+        used: dict[str, object] = {"--screenshot": screenshot, "--html": html, "--gif": gif, "--mp4": mp4}
+        used |= {"--limits": limits, "--color-map": color_map, "--title": title, "--accumulate": accumulate}
         _check_live(path, [name for name, value in used.items() if value], viewer, rrd)
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
         _stream(run, rrd or (viewer or Viewer.RERUN).value, names, color_by=color_by, surfaces=surfaces)
         return
     viewer = viewer or Viewer.PYVISTA
-    saves = [save for save in (screenshot, html, gif, mp4) if save]
-    for option, save in {"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}.items():
-        if save:
-            suffix = ".png" if option == "screenshot" else f".{option}"
-            check_suffix(save, {suffix})
-            check_save(save)
-            import_extra(*_DRAWN[suffix], f"--{option}")
-    if saves and viewer is Viewer.OPEN3D:
-        raise LidarsimError(
-            "--with open3d: Open3D only opens windows; leave it out with --screenshot, --html, --gif or --mp4"
-        )
-    if not saves:
-        require_display()
-    looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
-    wanted = 1 if saves == [screenshot] else None
+    saves = _checked_saves({"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}, viewer)
+    looks: dict[str, Any] = {
+        "color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value,
+        "limits": _limits(limits), "color_map": color_map and color_map.value, "background": background.value,
+        "title": title,
+    }  # fmt: skip
+    wanted = 1 if saves == [screenshot] and not accumulate else None
     clouds: tuple[ls.PointCloud | Mapping[str, ls.PointCloud], ...]
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
@@ -447,20 +464,42 @@ def view(
         clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
     usual = places.pop("color_by", None)
     looks["color_by"] = color_by or usual
+    looks["title"], titles = title, places.pop("title", None)
+    if accumulate:
+        looks |= {"accumulate": True, "title": title or together_title(len(clouds), places.get("time", ()))}
+    elif title is None and titles is not None:
+        places["title"] = titles
+        looks.pop("title")
     targets: list[Path | None] = [*saves] or [None]
     for save in targets:
-        seen = slice(1 if save and save is screenshot else None)
+        seen = slice(1 if save and save is screenshot and not accumulate else None)
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
-        if count > 1 and save and save is screenshot:
+        if count > 1 and save and save is screenshot and not accumulate:
             which = "the first" if frame is None else f"frame {frame}"
-            print_line(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+            paragraph(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+
+
+def _checked_saves(saves: Mapping[str, Path | None], viewer: Viewer) -> list[Path]:
+    """Return the pictures to write, by option, after checking that they can be, or that a window can be opened."""
+    wanted = {option: save for option, save in saves.items() if save}
+    for option, save in wanted.items():
+        check_suffix(save, pyvista.STILLS if option == "screenshot" else {f".{option}"})
+        check_save(save)
+        import_extra(*_DRAWN[option], f"--{option}")
+    if wanted and viewer is Viewer.OPEN3D:
+        raise LidarsimError(
+            "--with open3d: Open3D only opens windows; leave it out with --screenshot, --html, --gif or --mp4"
+        )
+    if not wanted:
+        require_display()
+    return list(wanted.values())
 
 
 def _check_live(path: Path, pictures: list[str], viewer: Viewer | None, rrd: Path | None) -> None:
     """Raise an error unless the arguments of `view` are those of frames shown while they are scanned."""
     what = "--rrd" if rrd else "--live"
     if pictures:
-        raise LidarsimError(f"{what}: expected no picture, got {', '.join(pictures)}")
+        raise LidarsimError(f"{what}: expected no option of pictures, got {', '.join(pictures)}")
     if path.suffix.lower() not in (".yaml", ".yml"):
         raise LidarsimError(f"{what}: expected a configuration or recipe, got {path}")
     if rrd:
@@ -474,13 +513,13 @@ def _check_live(path: Path, pictures: list[str], viewer: Viewer | None, rrd: Pat
 def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: Any) -> None:
     """Show a run while it is scanned, and tell where and how much."""
     if to == Viewer.FOXGLOVE:
-        print_line(f"open ws://127.0.0.1:{FOXGLOVE_PORT} in Foxglove; the first frame waits for it")
+        paragraph(f"open ws://127.0.0.1:{FOXGLOVE_PORT} in Foxglove; the first frame waits for it")
     count = len(run.numbers)
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task("scanning", total=count)
         start = time.perf_counter()
         shown = ls.stream(run, to, class_names=names, each=lambda done: progress.update(task, completed=done), **looks)
-    print_line(f"{counted(shown, 'frame')} in {time.perf_counter() - start:.2f} s: {to}")
+    paragraph(f"{counted(shown, 'frame')} in {time.perf_counter() - start:.2f} s: {to}")
 
 
 def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:
@@ -525,15 +564,15 @@ def compare(
         )
         comparison = compare_sources(one, other, sensor)
     measured = [measure for measure in comparison if measure.verdict != "not measured"]
-    print_line(f"real {comparison.real}")
-    print_line(f"simulated {comparison.simulated}")
+    paragraph(f"real {comparison.real}")
+    paragraph(f"simulated {comparison.simulated}")
     columns = ("measure", "real", "simulated", "unit", "where", "verdict")
     table(columns, [(m.name, *values(m), m.unit, m.where, m.verdict) for m in measured], left=columns)
     for why, names in reasons(comparison).items():
         paragraph(f"not measured, since {why}: {', '.join(names)}")
     for note in comparison.notes:
-        print_line(f"note: {note}")
-    print_line(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ")
+        paragraph(f"note: {note}")
+    paragraph(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ")
     for path in filter(None, (output, json)):
         comparison.save(path)
         print_line(path)
@@ -579,7 +618,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     table(columns, rows, left=("shape", "name"), whole=("shape", "reflectivity"))
     for item in run.scene:
         if isinstance(item.shape, ls.TriangleMesh) and item.shape.grid:
-            print_line(_terrain(item.id, item.shape))
+            paragraph(_terrain(item.id, item.shape))
     for file in run.imports:
         _print_import(file)
     for lidar in run.lidars.values():
@@ -592,10 +631,10 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
     if defined:
         defined["frames"] = run.span
-        print_line("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
+        paragraph("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
     legs = [counted(len(run.legs), "strip" if moving else "station")] if run.legs else []
     counts = [counted(len(run.scene), "object"), *legs, counted(len(run.numbers), "frame")]
-    print_line(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
+    paragraph(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
 
 
 LARGEST, SMALLEST = 20e3, 0.01
@@ -612,23 +651,23 @@ def _print_import(file: Imported) -> None:
     triangles = counted(sum(map(len, meshes)), "triangle")
     extent = " × ".join(f"{round(length, 6):,.6g}" for length in size.tolist())
     instances = counted(len({instance for _, instance in file.instances(0)}), "instance")
-    print_line(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
+    paragraph(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
     for what, names in (
         ("materials", Counter(item.material_name for item in file.objects if item.material_name)),
         ("labels", Counter(str(item.label) for item in file.objects if item.label is not None)),
     ):
         if names:
-            print_line(f"  {what}: {_listed([f'{plain(name, most=NAME)} ({count})' for name, count in names.items()])}")
+            paragraph(f"  {what}: {_listed([f'{plain(name, most=NAME)} ({count})' for name, count in names.items()])}")
     if file.left_out:
-        print_line(f"  left out: {', '.join(file.left_out)}")
+        paragraph(f"  left out: {', '.join(file.left_out)}")
     if file.skipped:
-        print_line(f"  skipped by rules: {counted(file.skipped, 'part')}")
+        paragraph(f"  skipped by rules: {counted(file.skipped, 'part')}")
     if file.without_rule:
         paths = [plain(path, most=NAME) for path in file.without_rule]
-        print_line(f"  no rule matches {counted(len(paths), 'node')}: {_listed(paths)}")
+        paragraph(f"  no rule matches {counted(len(paths), 'node')}: {_listed(paths)}")
     if size.max() > LARGEST or size.max() < SMALLEST:
         wrong = f"larger than {LARGEST / 1e3:g} km" if size.max() > LARGEST else f"smaller than {SMALLEST * 100:g} cm"
-        print_line(f"  warning: {wrong}; is unit_m right?")
+        paragraph(f"  warning: {wrong}; is unit_m right?")
 
 
 def _listed(names: list[str]) -> str:
@@ -641,7 +680,7 @@ def _listed(names: list[str]) -> str:
 def sensors(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="Preset; default: list all.")] = None,
     yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, a template for your own.")] = False,
-    screenshot: Screenshot = None,
+    screenshot: Annotated[Path | None, _file("--screenshot", "PNG|SVG", "Draw the scan pattern.")] = None,
 ) -> None:
     """List the sensor presets, or describe one."""
     if name is None:
@@ -829,12 +868,13 @@ def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None
             raise LidarsimError(f"{path}: expected a file of its own, got the place of {other}")
 
 
-def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
-    """Yield the points of each frame in world coordinates, the sensor's pose and the start time."""
+def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float, int]]:
+    """Yield the points of each frame in world coordinates, the sensor's pose, the start time and the frame number."""
     for frame in run.measured():
         if frame.scans:  # a frame of a rig may have no scans
             cloud = ls.PointCloud.concatenate(list(frame.in_world().values()))
-            yield cloud, next(iter(frame.poses.values())), min(scan.time for scan in frame.scans.values())
+            start = min(scan.time for scan in frame.scans.values())
+            yield cloud, next(iter(frame.poses.values())), start, frame.number
 
 
 def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
@@ -843,11 +883,13 @@ def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCl
     found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
     if not found:
         raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
-    clouds, poses, times = zip(*found, strict=True)
+    clouds, poses, times, numbers = zip(*found, strict=True)
     places: dict[str, Any] = {"pose": poses, "time": times}
-    if len(found) == min(count, wanted or count) and count > 1:  # else, frames of a rig have no scans
-        numbers = enumerate(zip(run.numbers, times, strict=False), 1)
-        places["title"] = tuple(_title(number, place, count, time) for place, (number, time) in numbers)
+    if count > 1:
+        places["title"] = tuple(
+            frame_title(number, run.numbers.index(number) + 1, count, time)
+            for number, time in zip(numbers, times, strict=True)
+        )
     return clouds, places, count
 
 
@@ -865,27 +907,22 @@ def _read(
         there = "" if found.count is None else f" of {counted(found.count, 'frame')}"
         raise LidarsimError(f"{path}: --frame: expected the number of a frame{there}, got {first}")
     if found.note:
-        print_line(f"{path}: {found.note}")
+        paragraph(f"{path}: {found.note}")
     if found.count is not None and 1 < len(frames) < found.count:
         last = first + len(frames) - 1
-        print_line(f"{path}: frames {first} to {last} of {counted(found.count, 'frame')}; --frame and --frames choose")
+        paragraph(f"{path}: frames {first} to {last} of {counted(found.count, 'frame')}; --frame and --frames choose")
     places: dict[str, Any] = {
         "pose": tuple(frame.pose for frame in frames), "boxes": tuple(frame.boxes for frame in frames)
     }  # fmt: skip
     if found.count != 1:
         places["title"] = tuple(
-            _title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
+            frame_title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
         )
     if all("label" in cloud.fields for frame in frames for cloud in frame.clouds):
         places["color_by"] = "label"
     elif any(len(frame.clouds) > 1 for frame in frames):
         places["color_by"] = "sensor"
     return tuple(frame.cloud for frame in frames), places, found.count or len(frames)
-
-
-def _title(number: int, place: int, count: int | None, time: float | None) -> str:
-    """Return the title of a frame: its number, which one of them it is, counting from 1, and its time."""
-    return f"frame {number}" + (f" ({place} of {count})" if count else "") + ("" if time is None else f", {time:.2f} s")
 
 
 def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
@@ -906,6 +943,17 @@ def _cut(text: str) -> Cut:
     if not -360.0 <= degrees <= 360.0:
         raise LidarsimError(f"--cut: expected pattern, driver or -360 to 360 degrees, got {shown(text)}")
     return math.radians(degrees)
+
+
+def _limits(text: str | None) -> tuple[float, float] | None:
+    """Parse limits such as 0,50; `lidarsim.show` checks their order."""
+    if text is None:
+        return None
+    try:
+        low, high = map(float, text.split(","))
+    except ValueError:
+        raise LidarsimError(f"--limits: expected LOW,HIGH, such as 0,50, got {shown(text)}") from None
+    return low, high
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -973,7 +1021,7 @@ def _print_depth(name: str, lidar: ls.Lidar, scene: ls.Scene) -> None:
             f"{counted(count, 'material')} {does}{'s' if count == 1 else ''}" for does, count in found.items() if count
         )
         whose = f"{name}: " if name else ""
-        print_line(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
+        paragraph(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
 
 
 def _print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:

@@ -603,31 +603,42 @@ def test_measured_values_are_printed_with_their_source(capsys: pytest.CaptureFix
     [
         ("sensors",),
         *(("sensors", name) for name in ls.Lidar.presets()),
-        ("check", str(ROOT / "configs" / "rig.yaml")),
-        ("check", str(ROOT / "configs" / "junction.yaml")),
+        *(("check", str(ROOT / "configs" / f"{name}.yaml")) for name in ("rig", "junction", "courtyard", "airborne")),
         ("scan", "run.yaml", "--frames", "12", "-o", "scan.pcd"),
+        ("view", "run.yaml", "--frames", "2", "--screenshot", "a.png", "--size", "64x40"),
         ("compare", "one.pcd", "two.pcd"),
     ],
     ids=lambda command: "-".join(Path(word).name for word in command[:2]),
 )
-def test_tables_fit_the_columns_that_there_are(
+def test_everything_fits_the_columns_that_there_are(
     command: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
     if command[0] == "compare":
         for seed, name in enumerate(command[1:]):
             lidarsim("scan", "run.yaml", "-o", name, "--seed", str(seed))
         capsys.readouterr()
-    assert lidarsim(*command) == 0
+    for columns in (80, 60):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        assert lidarsim(*command) == 0
+        printed = capsys.readouterr().out.splitlines()
+        assert printed
+        for line in printed:
+            assert len(line) <= columns or len(line.split()) == 1, line  # a path stays whole
+            assert columns < 80 or not re.search(r"\w…( |$)", line)  # cut off
+
+
+def test_the_lines_of_the_benchmark_fit(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    from lidarsim.bench import report
+
+    Path("speed.json").write_text("{}", encoding="utf-8")
+    monkeypatch.setattr(report, "write", lambda *_: None)
+    monkeypatch.setattr(report, "summary", lambda _: "- one: 2 × three\n- robots, " + "scan_many, " * 12 + "1.1 ×")
+    monkeypatch.setenv("COLUMNS", "60")
+    assert lidarsim("bench", "--from", "speed.json", "-o", "out") == 0
     printed = capsys.readouterr().out.splitlines()
-    rules = [number for number, line in enumerate(printed) if set(line.strip()) == {"─"}]
-    assert rules or command[1] in ls.Lidar.presets()
-    for rule in rules:  # each table, to the empty line below it
-        end = next((number for number in range(rule, len(printed)) if not printed[number].strip()), len(printed))
-        assert max(map(len, printed[rule - 1 : end])) <= 80
-    if command[0] == "sensors":
-        assert max(map(len, printed)) <= 80
-        assert not [line for line in printed if re.search(r"\w…( |$)", line)]  # cut off
+    assert len(printed) == 6
+    assert max(map(len, printed)) <= 60
+    assert [line[:2] for line in printed] == ["- ", "- ", "  ", "  ", "", "Th"]
 
 
 def test_a_sensor_is_described(capsys: pytest.CaptureFixture[str]) -> None:
@@ -702,7 +713,7 @@ MISTAKES = {
     "scan run.yaml -o run.yaml/a.pcd": "run.yaml/a.pcd: run.yaml is not a folder",
     "scan run.yaml -o folder.pcd": "folder.pcd: expected a file to write, got a folder",
     f"scan run.yaml -o {LONG}.pcd": f"{LONG}.pcd: File name too long",
-    "scan run.yaml -o a.pcd --screenshot a.jpg": "a.jpg: unknown extension '.jpg', expected .png",
+    "scan run.yaml -o a.pcd --screenshot a.bmp": "a.bmp: unknown extension '.bmp', expected .jpg or .png",
     "scan run.yaml -o a.pcd --screenshot gone/a.png": "gone/a.png: the folder gone does not exist",
     # views
     "view gone.pcd --screenshot a.png": "gone.pcd: no such file",
@@ -937,7 +948,7 @@ def test_no_home_and_no_terminal_to_speak_of() -> None:
         check=True,
     )
     assert done.stderr == ""
-    assert done.stdout.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
+    assert " ".join(done.stdout.split()).endswith("run.yaml: ok, 2 objects, 1 frame, seed 3")
 
 
 def test_optimised_python_has_the_same_commands() -> None:
@@ -1065,6 +1076,35 @@ def test_labelled_points_can_have_other_colours() -> None:
     for color in ("label", "range"):
         assert lidarsim("view", "a.las", "--screenshot", f"{color}.png", "--color-by", color, *SMALL) == 0
     assert Path("label.png").read_bytes() != Path("range.png").read_bytes()
+
+
+def test_the_looks_of_a_view(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each option reaches `lidarsim.show`, and a picture can be a JPG."""
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
+    given: list[dict[str, Any]] = []
+    draw = ls.show
+    monkeypatch.setattr(
+        ls, "show", lambda what, **looks: (given.append({"count": len(what), **looks}), draw(what, **looks))
+    )
+    looks = ("--limits", "0,50", "--color-map", "viridis", "--background", "white", "--color-by", "range")
+    assert lidarsim("view", "moving.yaml", "--screenshot", "a.jpg", *SMALL, *looks, "--title", "A drive") == 0
+    assert lidarsim("view", "moving.yaml", "--screenshot", "b.png", *SMALL, "--accumulate") == 0
+    assert capsys.readouterr().out == "a.jpg: the first of 2 frames; --html, --gif and --mp4 show all\n"
+    one, all_ = given
+    assert {name: one[name] for name in ("limits", "color_map", "background", "color_by", "title", "count")} == {
+        "limits": (0.0, 50.0), "color_map": "viridis", "background": "white", "color_by": "range",
+        "title": "A drive", "count": 1,
+    }  # fmt: skip
+    assert (all_["count"], all_["accumulate"], all_["title"]) == (2, True, "2 frames, 0.00 to 0.10 s")
+    with Image.open("a.jpg") as picture:
+        assert picture.format == "JPEG"
+        assert np.asarray(picture.convert("L")).mean() > 150  # white
+    for wrong in ("5", "a,b", "1,2,3", ""):
+        assert lidarsim("view", "moving.yaml", "--screenshot", "c.png", "--limits", wrong) == 2
+        assert f"--limits: expected LOW,HIGH, such as 0,50, got {wrong!r}" in capsys.readouterr().err
+    assert lidarsim("view", "moving.yaml", "--screenshot", "c.png", "--limits", "5,1") == 2
+    assert "limits: expected two numbers, the second greater, got 5 and 1" in capsys.readouterr().err
+    assert not Path("c.png").exists()
 
 
 def test_a_screenshot_of_frames_says_that_it_is_of_the_first(capsys: pytest.CaptureFixture[str]) -> None:

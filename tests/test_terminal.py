@@ -67,6 +67,24 @@ def test_tables_keep_their_columns(encoding: str, monkeypatch: pytest.MonkeyPatc
         assert plain(name) in row or escaped in row
 
 
+def test_paragraphs_wrap_between_words_where_the_width_is_known(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = "/a/long/path/that/is/wider/than/the/terminal.pcd"
+    texts = ("one two three four five", f"  in {path} and 道路道路道路", "- one two three four five", "")
+    monkeypatch.setenv("COLUMNS", "16")
+    for text in texts:
+        _terminal.paragraph(text)
+    assert capsys.readouterr().out.splitlines() == [
+        "one two three", "four five", "  in", f"  {path}", "  and", "  道路道路道路", "- one two three", "  four five",
+        "",
+    ]  # fmt: skip
+    monkeypatch.delenv("COLUMNS")
+    for text in texts:
+        _terminal.paragraph(text)
+    assert capsys.readouterr().out.splitlines() == list(texts)  # a pipe gets whole lines
+
+
 def test_a_message_is_one_line_of_a_bounded_length(capsys: pytest.CaptureFixture[str]) -> None:
     _terminal.say("a.yaml: no such\n   file\n\x1b[31m")
     _terminal.say(f"begin {'9' * 10_000} end")

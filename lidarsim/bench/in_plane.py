@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -80,7 +81,7 @@ def calls() -> dict[str, Callable[[], Any]]:
     what: dict[str, Callable[[], Any]] = {}
     for name, scene in worlds().items():
         for where, (origins, directions) in given.items():
-            what[f"{name}; {where}"] = lambda scene=scene, o=origins, d=directions: scene.cast(o, d)
+            what[f"{name}; {where}"] = partial(scene.cast, origins, directions)
     for call in what.values():
         call()
     return what

@@ -14,6 +14,7 @@ from typing import Any
 from lidarsim import _native
 from lidarsim._files import atomic_writer
 from lidarsim.bench.peers import ABSENT, FAILING
+from lidarsim.viewers import _plots as plots
 
 __all__ = ["machine", "overview", "plot_distance", "plot_growth", "plot_speed", "summary", "to_markdown", "write"]
 
@@ -22,12 +23,13 @@ Row = dict[str, Any]
 
 COLORS = {
     "lidarsim": "#c2410c",
-    "Open3D": "#1d4ed8",
-    "embreex": "#0e7490",
-    "MuJoCo-LiDAR": "#7e22ce",
-    "MuJoCo": "#4d7c0f",
-    "textbook": "#4b5563",
+    "Open3D": "#331177",
+    "embreex": "#335577",
+    "MuJoCo-LiDAR": "#aa33ff",
+    "MuJoCo": "#008866",
+    "textbook": "#552222",
 }
+"""Colours of the methods, distinct with any kind of colour vision."""
 NEAREST = 10.0
 """Position of a distance of 0 on a logarithmic axis, m."""
 INK, FAINT = "#1f2937", "#e5e7eb"
@@ -71,6 +73,9 @@ MESHES = """\
 Triangle meshes: million rays per second on the same rays, in turns; wrong hits (lost + invented + on another triangle)
 of {rays:,} rays judged by exact arithmetic; the worst range, mm."""
 
+DISTANCE = """\
+Greatest error of the range, mm, by the distance of a terrain from the origin of coordinates."""
+
 SHAPES = """\
 {shapes} spheres, boxes, cylinders and ellipsoids over a plane, for Open3D in triangles; 128 channels."""
 
@@ -100,13 +105,14 @@ def _cpu() -> str:
 
 
 def write(results: Results, folder: Path) -> None:
-    """Write ``speed.json``, ``speed.md``, ``speed.png``, ``growth.png`` and ``distance.png``."""
+    """Write ``speed.json``, ``speed.md``, and the plots ``speed``, ``growth`` and ``distance`` as PNG and SVG."""
     for name, text in (("speed.json", json.dumps(results, indent=1)), ("speed.md", to_markdown(results))):
         with atomic_writer(folder / name) as file:
             file.write(text.encode())
-    plot_speed(results, folder / "speed.png")
-    plot_growth(results, folder / "growth.png")
-    plot_distance(results, folder / "distance.png")
+    for suffix in plots.SUFFIXES:
+        plot_speed(results, folder / f"speed{suffix}")
+        plot_growth(results, folder / f"growth{suffix}")
+        plot_distance(results, folder / f"distance{suffix}")
 
 
 def to_markdown(results: Results) -> str:
@@ -313,9 +319,28 @@ def overview(results: Results, pictures: str = "") -> str:
         SHAPES.format(shapes=results["plan"]["shapes"]),
         _table("method | threads | Mray/s | × Open3D | median, mm | p99, mm | max, mm | max, ulp | wrong", shapes),
         f"![Error against the distance from the origin]({pictures}distance.png)",
+        DISTANCE,
+        _distances(results),
         summary(results),
     ]
     return "\n\n".join(parts)
+
+
+def _distances(results: Results) -> str:
+    """Return the greatest errors by method and distance."""
+    found: dict[str, dict[float, Row]] = {}
+    for row in results["distance"]:
+        found.setdefault(row["method"], {})[row["distance"]] = row["error"]
+    distances = sorted({row["distance"] for row in results["distance"]})
+    cells = (
+        [_method({"method": name}), *(_short(errors[d]["max_mm"]) if d in errors else "—" for d in distances)]
+        for name, errors in found.items()
+    )
+    return _table(" | ".join(["method", *map(_kilometres, distances)]), cells)
+
+
+def _kilometres(distance: float) -> str:
+    return f"{distance / 1000:g} km" if distance else "0"
 
 
 def _machine(results: Results) -> str:
@@ -484,7 +509,7 @@ def plot_growth(results: Results, path: Path) -> None:
         for method in dict.fromkeys(row["method"] for row in results["growth"]):
             rows = [row for row in results["growth"] if row["method"] == method]
             x, y = [row["triangles"] for row in rows], [1e3 / row["mrays"] for row in rows]
-            axes.plot(x, y, marker="o", markersize=6, linewidth=2, color=_color(method), mec="white")
+            _curve(axes, x, y, method)
             name = method + (", 1 thread" if rows[-1]["one_thread"] else "")
             labels.append((name, x[-1], y[-1], _color(method), "bold" if method == "lidarsim" else "normal"))
         step = (x[-1] / x[0]) ** 0.1
@@ -508,12 +533,12 @@ def plot_distance(results: Results, path: Path) -> None:
                 row for row in results["distance"] if row["method"] == method and row["error"]["max_mm"] is not None
             ]
             x, y = [max(row["distance"], NEAREST) for row in rows], [row["error"]["max_mm"] for row in rows]
-            axes.plot(x, y, marker="o", markersize=6, linewidth=2, color=_color(method), mec="white")
+            _curve(axes, x, y, method)
             if rows:
                 labels.append((method, x[-1], y[-1], _color(method), "bold" if method == "lidarsim" else "normal"))
         axes.set_yscale("log")
         ticks = sorted({max(row["distance"], NEAREST) for row in results["distance"]})
-        axes.set_xticks(ticks, ["0" if tick == NEAREST else f"{tick / 1000:g} km" for tick in ticks])
+        axes.set_xticks(ticks, [_kilometres(0.0 if tick == NEAREST else tick) for tick in ticks])
         axes.set_xlim(ticks[0] / 2, ticks[-1] * 8)  # room for the labels
         _label(axes, sorted(labels, key=lambda label: -label[2]), RIGHT)
         axes.set_xlabel("distance from the origin of coordinates", color=INK)
@@ -521,6 +546,14 @@ def plot_distance(results: Results, path: Path) -> None:
         axes.set_title("A terrain of 10,000 triangles, 16 channels", fontsize=10, color=INK, loc="left")
 
     _figure(draw, path)
+
+
+def _curve(axes: Any, x: Sequence[float], y: Sequence[float], method: str) -> None:
+    """Draw the curve of a method: those after the first with gaps and smaller marks, so that none hides another."""
+    drawn = len(axes.lines)
+    style = "solid" if drawn == 0 else (4.0 * drawn, (4, 8))
+    look = {"linestyle": style, "marker": "osD^v"[drawn % 5], "markersize": 9 - 1.5 * min(drawn, 3)}
+    axes.plot(x, y, linewidth=2, color=_color(method), mec="white", mew=0.5, **look)
 
 
 # Places of a label: its offset from the mark in points, and its alignment. The first free place is taken.
@@ -576,7 +609,7 @@ def _color(method: str) -> str:
 
 
 def _figure(draw: Callable[[Any], None], path: Path) -> None:
-    """Draw on axes with a logarithmic x axis, and write a PNG."""
+    """Draw on axes with a logarithmic x axis, and write a PNG or SVG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -589,5 +622,4 @@ def _figure(draw: Callable[[Any], None], path: Path) -> None:
     axes.spines[:].set_visible(False)
     axes.tick_params(which="both", length=0, colors=INK, labelsize=9)
     draw(axes)
-    with atomic_writer(path) as file:
-        figure.savefig(file, format="png")
+    plots.write(figure, path, dpi=160)

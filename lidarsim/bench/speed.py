@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
+from lidarsim._terminal import paragraph
 from lidarsim.bench import building, exact, in_plane, motion, report, robots, scenes
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
@@ -679,7 +680,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     else:
         results = json.loads(options.known.read_text(encoding="utf-8"))
     report.write(results, options.output)
-    sys.stdout.write(f"{report.summary(results)}\n\nThe tables are in {options.output / 'speed.md'}.\n")
+    for line in [*report.summary(results).split("\n"), "", f"The tables are in {options.output / 'speed.md'}."]:
+        paragraph(line)
     return 0
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from functools import cache
 
-__all__ = ["LAS_CLASSES", "SEMANTIC_KITTI", "class_color"]
+__all__ = ["LAS_CLASSES", "MEANINGS", "ON_LIGHT", "SEMANTIC_KITTI", "class_color"]
 
 SEMANTIC_KITTI = {
     0: ("unlabeled", "#000000"), 1: ("outlier", "#ff0000"), 10: ("car", "#6496f5"), 11: ("bicycle", "#64e6f5"),
@@ -71,8 +71,16 @@ MEANINGS = {
     "#e0522a": ("fence", "barrier", "guard rail", "railing"),
     "#19bfd6": ("water", "lake", "river", "sea", "pond"),
 }
-"""Words that mean a class, by colour. The colours of the commonest classes, of road, sidewalk, building, vegetation,
-ground, person, car, pole and sign, are distinct with any kind of colour vision; those of the sets are not."""
+"""Words that mean a class, by colour on a dark background. The colours are distinct with any kind of colour vision;
+those of the sets are not."""
+
+_LIGHT = (
+    "#554466", "#7777aa", "#777711", "#338855", "#556622", "#773300", "#cc4488",
+    "#8844bb", "#004499", "#7711ff", "#889988", "#dd7700", "#ee4455", "#4499cc",
+)  # fmt: skip
+ON_LIGHT = dict(zip(MEANINGS, _LIGHT, strict=True))
+"""Colours of `MEANINGS` on a light background, where pale ones would look the same: of a similar hue, and as far apart
+as possible for each kind of colour vision."""
 
 
 def _key(name: str) -> str:

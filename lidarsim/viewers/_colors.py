@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._shown import plain
-from lidarsim._validation import Floats, shown
+from lidarsim._validation import Floats, array, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
+from lidarsim.viewers import _classes as classes
 from lidarsim.viewers._classes import class_color
 
 PATH = "#ffd24a"
@@ -115,6 +116,9 @@ _CATEGORIES = (
 )
 # fmt: on
 QUALITATIVE = tuple(f"#{_CATEGORIES[i : i + 6]}" for i in range(0, len(_CATEGORIES), 6))
+_EIGHT = ["#885511", "#224488", "#009966", "#778811", "#4466aa", "#881111", "#aa3366", "#aa8899"]
+LIGHT = classes.ON_LIGHT | dict(zip(QUALITATIVE, _EIGHT, strict=False))
+"""Colours on a light background instead of those on a dark one, distinct with any kind of colour vision."""
 
 UNITS = {
     **dict.fromkeys(("height", "range", "true_range", "range_error"), "m"),
@@ -323,6 +327,22 @@ def coloring(
     return Coloring(color_by, limits, extent, table, {}, len(finite) > 0, len(finite) < len(values))
 
 
+def checked_limits(limits: Sequence[float] | None) -> tuple[float, float] | None:
+    """Return limits after checking that they are two numbers, the second greater.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are not.
+    """
+    if limits is None:
+        return None
+    low, high = array("limits", limits, (2,)).tolist()
+    if not low < high:
+        raise ArgumentValueError("limits", "two numbers, the second greater", f"{low:g} and {high:g}")
+    return low, high
+
+
 def class_coloring(labels: Iterable[int], known: Known, theme: Theme) -> Coloring:
     """Return the colours of those labels that have a name, or the name of an object, for boxes and surfaces."""
     names = known.names.get("label", {})
@@ -349,6 +369,7 @@ def legible(color: str, background: str = BACKGROUND) -> str:
     """Return a colour of sufficient contrast: mixed with as little white (on a light background, black) as it needs."""
     back = luminance(background)
     end = 255 if back < 0.5 else 0
+    color = color if back < 0.5 else LIGHT.get(color, color)
     channels = _channels([color])[0].astype(np.int64)
     for part in range(256):
         mixed = (channels * (255 - part) + end * part) // 255

@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._validation import Floats
@@ -17,7 +18,7 @@ from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentValueError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.viewers._colors import DARK, Coloring, Theme, round_step
-from lidarsim.viewers._surfaces import Surface
+from lidarsim.viewers._surfaces import Surface, joined
 
 CAMERAS: tuple[Camera, ...] = get_args(Camera)
 AXIS = 0.06
@@ -26,7 +27,14 @@ MATTERS = 95.0
 """Percentage of the points that a picture shows at least; the others are far away."""
 MARGIN = 1.04
 """Width of a picture relative to its contents."""
-
+FLAT = 0.02
+"""Greatest height of a flat surface, such as a road, relative to its width."""
+TO_SUN = np.array([-0.5, 0.5, 0.6])
+"""Direction to the light on surfaces: from the north-west, as relief is shown on maps, 40° high."""
+SHADE = 0.5
+"""Brightness of points in the shade."""
+SAMPLES = 20_000
+"""Number of points that stand for the surfaces of a scene."""
 
 NO_CLASSES = Coloring("label", (0.0, 0.0), (0.0, 0.0), [], {})
 
@@ -109,6 +117,8 @@ class Picture:
         Colours of boxes and surfaces by their labels.
     theme : Theme
         Colours of what is not data.
+    of_points : bool
+        Whether this is a picture of points, although there may be none; else of a scene alone.
     """
 
     frames: list[Frame]
@@ -119,6 +129,7 @@ class Picture:
     rate: float
     classes: Coloring = NO_CLASSES
     theme: Theme = DARK
+    of_points: bool = True
 
     @property
     def has_points(self) -> bool:
@@ -139,17 +150,43 @@ class Picture:
         """Return the name of boxes and surfaces with a label, or its number."""
         return self.classes.names.get(label, str(label))
 
+    def rgb(self, cloud: PointCloud) -> npt.NDArray[np.uint8]:
+        """Return the colours of points, shape (n, 3); with normals, heights are shaded to show relief."""
+        rgb = self.colors.rgb(cloud)
+        if self.colors.field != "height" or "normal" not in cloud.fields:
+            return rgb
+        light = (cloud.normal @ TO_SUN / TO_SUN[2]).clip(0.0, 1.0)  # level ground has its whole colour
+        shaded: npt.NDArray[np.uint8] = np.rint(rgb * (SHADE + (1.0 - SHADE) * light[:, None])).astype(np.uint8)
+        return shaded
+
+    def drawn(self) -> Floats:
+        """Return points that are spread evenly over what a picture shows, shape (n, 3)."""
+        surfaces = [surface for surface in self.every_surface if len(surface.faces)]
+        if self.has_points or not surfaces:
+            return self.seen()
+        points, faces = joined(surfaces, np.zeros(3))
+        corners = points[faces]
+        sides = corners[:, 1:] - corners[:, :1]
+        ends = np.cumsum(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
+        rng = np.random.default_rng(0)
+        chosen = np.searchsorted(ends, rng.uniform(0.0, ends[-1], SAMPLES)).clip(max=len(faces) - 1)
+        spread: Floats = (rng.dirichlet((1, 1, 1), SAMPLES)[:, :, None] * corners[chosen]).sum(axis=1)
+        return spread
+
     def seen(self) -> Floats:
         """Return the points that a picture must show: all but the farthest ones, and but stray ones on an orbit.
 
-        An orbit also shows the surfaces, whose middles it would circle otherwise.
+        A picture without points shows what stands on the ground, and only an orbit shows all surfaces, whose middles it
+        would circle otherwise.
         """
         orbits = isinstance(self.camera, str) and self.camera == "orbit"
         if not self.has_points:
-            corners = [surface.points() for surface in self.every_surface if surface.item.shape.bounded]
-            corners = corners or [surface.points() for surface in self.every_surface]
-            if any(map(len, corners)):
-                return np.concatenate(corners)
+            surfaces = [surface for surface in self.every_surface if len(surface.vertices)]
+            bounded = [surface for surface in surfaces if surface.item.shape.bounded]
+            standing = [surface for surface in bounded if not surface.is_flat(FLAT)]
+            if surfaces:
+                chosen = surfaces if orbits else standing or bounded or surfaces
+                return np.concatenate([surface.points() for surface in chosen])
         points = [frame.cloud.xyz for frame in self.frames]
         every = np.concatenate([*points, self.path, *(frame.pose[None, :3, 3] for frame in self.frames)])
         every = every[:: max(1, len(every) // 200_000)]

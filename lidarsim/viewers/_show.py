@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
-from lidarsim._shown import plain
+from lidarsim._shown import counted, plain
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim._views import Camera, Plotted, register_view
 from lidarsim.boxes import Boxes
@@ -23,7 +23,7 @@ from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._boxes import moved
-from lidarsim.viewers._colors import MAPS, THEMES, Known, Style, class_coloring, coloring
+from lidarsim.viewers._colors import MAPS, THEMES, Known, Style, checked_limits, class_coloring, coloring
 from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
@@ -52,6 +52,7 @@ def show(
     limits: tuple[float, float] | None = None,
     color_map: Literal["magma", "viridis", "cividis", "grey"] | None = None,
     background: Literal["dark", "white"] = "dark",
+    accumulate: bool = False,
 ) -> html.Page | None:
     """Show a point cloud, a scan, a scene or a sequence of frames in a window or a notebook, or write it to a file.
 
@@ -97,13 +98,17 @@ def show(
     viewer : {"pyvista", "open3d"}
         The library that opens the window.
     title : str or sequence of str, optional
-        Title of the picture, or one per frame. Default: the number and the time of the frame, if there are several.
+        Title of the picture, or one per frame. Default: the number and the time of the frame, if there are several; of
+        all of them with `accumulate`.
     limits : tuple of float, optional
         Values at the ends of the colours. Default: those of the data, without a few outliers.
     color_map : {"magma", "viridis", "cividis", "grey"}, optional
         Colours of numbers. Default: magma, and blue to red for errors and velocities.
     background : {"dark", "white"}
         Colour of the background.
+    accumulate : bool
+        Show all frames as one in world coordinates, as a map: the points of all of them with the path of the sensor,
+        and moving objects, boxes and the sensor as in the last frame.
 
     Returns
     -------
@@ -135,22 +140,27 @@ def show(
     if isinstance(what, Scene):
         (shown_boxes,) = _boxes(boxes, 1)
         starts = _starts(time, [_nothing()])
-        frames = _titles(title, [replace(_frame(_nothing(), np.eye(4)), boxes=shown_boxes)], None)
+        frames = _titles(title, [replace(_frame(_nothing(), np.eye(4)), boxes=shown_boxes)], None, ())
         rate, scene = 10.0, what
     else:
         given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
         if not given:
             raise ArgumentValueError("what", "at least one frame", "none")
         poses = _poses(pose, len(given))
-        _check_places(given, poses, scene)
+        _check_places(given, poses, scene, accumulate=accumulate)
         several = _boxes(boxes, len(given))
         sensors = {name: k for k, name in enumerate(dict.fromkeys(_names(given)))}
         frames = [_shown(*frame, sensors) for frame in zip(given, poses, several, strict=True)]
         starts, rate = _starts(time, given), _rate(given[0])
-        frames = _titles(title, frames, starts)
+        if accumulate and title is None:
+            title = together_title(len(given), starts or ())
+        frames = _titles(title, frames, starts, given)
     picture = _picture(
         frames, scene, color_by, class_names, sensors, camera=camera, rate=rate, starts=starts, style=style
     )
+    picture = replace(picture, of_points=what is not scene)
+    if accumulate:
+        picture = _accumulated(picture)
     if save is not None and Path(save).suffix.lower() == ".html":
         html.write(picture, save, size=(width, height), point_size=point_size)
     elif save is None and in_notebook():
@@ -167,20 +177,34 @@ def _style(limits: tuple[float, float] | None, color_map: str | None, background
         raise ArgumentValueError("background", f"one of {', '.join(THEMES)}", repr(background))
     if color_map is not None and color_map not in MAPS:
         raise ArgumentValueError("color_map", f"one of {', '.join(MAPS)}", repr(color_map))
-    if limits is not None:
-        low, high = _validation.array("limits", limits, (2,)).tolist()
-        if not low < high:
-            raise ArgumentValueError("limits", "two numbers, the second greater", f"{low:g} and {high:g}")
-        limits = low, high
-    return Style(THEMES[background], color_map, limits)
+    return Style(THEMES[background], color_map, checked_limits(limits))
 
 
-def _titles(title: str | Sequence[str] | None, frames: list[Frame], starts: list[float] | None) -> list[Frame]:
+def frame_title(number: int | None, place: int, count: int | None, time: float | None) -> str:
+    """Return the title of a frame: its number, which one of them it is, counting from 1, and its time."""
+    name = f"frame {place} of {count}" if number is None else f"frame {number}"
+    which = f" ({place} of {count})" if count and number is not None else ""
+    return f"{name}{which}" + ("" if time is None else f", {time:.2f} s")
+
+
+def together_title(count: int, times: Sequence[float]) -> str:
+    """Return the title of several frames in one picture."""
+    return counted(count, "frame") + (f", {min(times):.2f} to {max(times):.2f} s" if len(times) > 1 else "")
+
+
+def _titles(
+    title: str | Sequence[str] | None, frames: list[Frame], starts: Sequence[float] | None, given: Sequence[Shown]
+) -> list[Frame]:
     """Return the frames with their titles."""
     count = len(frames)
     if title is None and count > 1:
-        times = [f", {start:.2f} s" for start in starts] if starts else [""] * count
-        title = [f"frame {number} of {count}{time}" for number, time in enumerate(times, 1)]
+        first = [next(iter(what.values()), None) if isinstance(what, Mapping) else what for what in given]
+        numbers = [scan.frame if isinstance(scan, Scan) else None for scan in first]
+        times: Sequence[float | None] = starts or [None] * count
+        title = [
+            frame_title(number, place, count, time)
+            for place, (number, time) in enumerate(zip(numbers, times, strict=True), 1)
+        ]
     titles = [title or ""] * count if title is None or isinstance(title, str) else list(title)
     if len(titles) != count:
         raise ArgumentValueError("title", f"one for each of the {count} frames", len(titles))
@@ -188,6 +212,15 @@ def _titles(title: str | Sequence[str] | None, frames: list[Frame], starts: list
         if not isinstance(text, str):
             raise ArgumentTypeError("title", "text", type(text).__name__)
     return [replace(frame, title=plain(text, most=80)) for frame, text in zip(frames, titles, strict=True)]
+
+
+def _accumulated(picture: Picture) -> Picture:
+    """Return a picture with the points of all frames in one, which is the last otherwise."""
+    clouds = [frame.cloud for frame in picture.frames]
+    full = [cloud for cloud in clouds if len(cloud)] or clouds
+    common = [name for name in full[0].fields if all(name in cloud.fields for cloud in full)]
+    points = PointCloud({name: np.concatenate([getattr(cloud, name) for cloud in full]) for name in common})
+    return replace(picture, frames=[replace(picture.frames[-1], cloud=points)])
 
 
 def check_save(path: PathLike) -> None:
@@ -226,15 +259,17 @@ def _frame(cloud: PointCloud, pose: Floats) -> Frame:
     return Frame(cloud[np.isfinite(cloud.xyz).all(axis=1)], pose)
 
 
-def _check_places(given: Sequence[Shown], poses: Sequence[Floats | None], scene: Scene | None) -> None:
-    """Raise an error if points in a sensor frame would be shown together with world coordinates."""
+def _check_places(
+    given: Sequence[Shown], poses: Sequence[Floats | None], scene: Scene | None, *, accumulate: bool
+) -> None:
+    """Raise an error if points in a sensor frame would be shown together with others, in world coordinates."""
     lost = [
         isinstance(what, PointCloud) and what._in_sensor_frame and pose is None
         for what, pose in zip(given, poses, strict=True)
     ]
-    others = (
-        "scene" if scene is not None else "scans" if not all(isinstance(what, PointCloud) for what in given) else ""
-    )
+    others = "scene" if scene is not None else ""
+    others = others or ("scans" if not all(isinstance(what, PointCloud) for what in given) else "")
+    others = others or ("other frames" if accumulate and len(given) > 1 else "")
     if any(lost) and others:
         raise ArgumentValueError(
             f"what{f'[{lost.index(True)}]' if len(given) > 1 else ''}",

@@ -54,6 +54,11 @@ class Surface:
         """Return the faces counter-clockwise from outside in the world: ndarray of uint32, shape (m, 3)."""
         return self.faces[:, ::-1] if np.linalg.det(self.matrix[:3, :3]) < 0 else self.faces
 
+    def is_flat(self, slope: float) -> bool:
+        """Return whether the height of the surface is at most `slope` times its greater width."""
+        x, y, z = map(float, np.ptp(self.points(), axis=0))
+        return z <= slope * max(x, y)
+
     @property
     def labels(self) -> npt.NDArray[np.uint32]:
         """The label of each face: ndarray of uint32, shape (m,)."""

@@ -33,8 +33,8 @@ MOST = 400_000
 ANGLE = np.radians(45.0)
 """Plotly's vertical angle of view, rad."""
 STAGE = 0.82
-"""Width of the picture relative to the page; the rest is for the legend."""
-RIGHT = {"x": STAGE + 0.01, "xanchor": "left"}
+"""Width relative to the page for which the view is made; the legend is over the rest of it."""
+RIGHT = {"x": 0.99, "xanchor": "right"}
 LONGEST = 24
 """Greatest length of a name in the legend, characters."""
 TOLD = ("range", "intensity", "range_error", "ring", "object_id")
@@ -152,10 +152,16 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         paper_bgcolor=picture.theme.background,
         font={"color": picture.theme.text},
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
-        legend={"title": picture.colors.title, "itemsizing": "constant", **RIGHT},
+        legend={
+            "itemsizing": "constant",
+            "bgcolor": picture.theme.background,
+            # A colour bar has the title, and the middle of the height.
+            **({"y": 0.02, "yanchor": "bottom"} if picture.colors.scaled else {"title": picture.colors.title}),
+            **RIGHT,
+        },
+        annotations=_annotations(picture),
         scene={
             **axes,
-            "domain": {"x": [0.0, STAGE]},
             "aspectmode": "manual",
             "aspectratio": {name: float(half[i] / whole) for i, name in enumerate("xyz")},
             "camera": camera(picture.camera),
@@ -206,6 +212,18 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     return figure
 
 
+def _annotations(picture: Picture) -> list[dict[str, Any]]:
+    """Return the title of a single frame, and what a picture of points says if there are none."""
+    place = {"xref": "paper", "yref": "paper", "showarrow": False, "bgcolor": picture.theme.background}
+    found = []
+    if len(picture.frames) == 1 and picture.frames[0].title:
+        title = html.escape(picture.frames[0].title, quote=False)
+        found.append({"text": title, "x": 0.01, "y": 0.99, "xanchor": "left", "yanchor": "top", **place})
+    if picture.of_points and not picture.has_points:
+        found.append({"text": "no points", "x": STAGE / 2, "y": 0.5, **place})
+    return found
+
+
 def _xyz(points: Floats) -> dict[str, npt.NDArray[np.float32]]:
     return {name: np.ascontiguousarray(points[:, i], np.float32) for i, name in enumerate("xyz")}
 
@@ -240,7 +258,7 @@ def _moving(
     else:
         known = np.isfinite(values)
         numbers = colors.places(values[known]) if known.any() else [0.0]
-        scaled = {"color": numbers, **_scale(colors, bar=colors.scaled)}
+        scaled = {"color": numbers, **_scale(colors, picture.theme.background, bar=colors.scaled)}
         traces.append(points(known, colors.title, scaled, legend=False))
         if colors.missing:
             traces.append(points(~known, "not finite", {"color": MISSING}, legend=True))
@@ -255,7 +273,7 @@ def _moving(
     return traces
 
 
-def _scale(colors: Coloring, *, bar: bool) -> dict[str, Any]:
+def _scale(colors: Coloring, background: str, *, bar: bool) -> dict[str, Any]:
     """Return the colour scale of a trace, with a colour bar if `bar`."""
     ticks = colors.ticks()
     return {
@@ -268,6 +286,7 @@ def _scale(colors: Coloring, *, bar: bool) -> dict[str, Any]:
             "tickvals": colors.places(list(ticks)).tolist(),
             "ticktext": list(ticks.values()),
             "len": 0.7,
+            "bgcolor": background,
             **RIGHT,
         },
     }
@@ -289,7 +308,10 @@ def _meshes(
         corners = {name: np.ascontiguousarray(faces[:, i], np.int32) for i, name in enumerate("ijk")}
         look: dict[str, Any] = {"color": color}
         if by_height:
-            look = {"intensity": colors.places(points[:, 2] + shift[2]), **_scale(colors, bar=False)}
+            look = {
+                "intensity": colors.places(points[:, 2] + shift[2]),
+                **_scale(colors, picture.theme.background, bar=False),
+            }
         traces.append(
             go.Mesh3d(
                 **_xyz(points),

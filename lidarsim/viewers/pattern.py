@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, atomic_writer
+from lidarsim._files import PathLike, check_folder, check_suffix
 from lidarsim._shown import plain
 from lidarsim._validation import Floats, integer
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns import OscillatingMirror, Palmer, PolygonMirror
 from lidarsim.patterns._pulses import pulses_of
+from lidarsim.viewers import _plots as plots
 from lidarsim.viewers._colors import BACKGROUND, SEQUENTIAL
-from lidarsim.viewers.pyvista import check_screenshot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,14 +40,14 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     lidar : Lidar
         The sensor.
     path : path-like
-        The PNG file.
+        The file, PNG or SVG.
     frames : int
         Number of frames to draw, from frame 0 on.
 
     Raises
     ------
     FileFormatError
-        If the suffix of `path` is not ``.png``.
+        If the suffix of `path` is neither ``.png`` nor ``.svg``.
     MissingExtraError
         If Matplotlib, a dependency of PyVista, is not installed.
     OSError
@@ -56,7 +55,8 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     TypeError, ValueError
         If `frames` is not an integer >= 1, or the sensor fires no pulses.
     """
-    check_screenshot(path)
+    check_suffix(path, plots.SUFFIXES)
+    check_folder(path)
     parts = [pulses_of(lidar.pattern, frame) for frame in range(integer("frames", frames, at_least=1))]
     figures = import_extra("matplotlib.figure", "pyvista", "this picture")
     count = sum(map(len, parts))
@@ -87,9 +87,7 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
             text.set_color("white")
         for spine in axes.spines.values():
             spine.set_color("#555555")
-    with atomic_writer(path) as file, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # missing glyphs of a name become boxes
-        sheet.savefig(file, format="png", dpi=120)
+    plots.write(sheet, path, dpi=120)
 
 
 def _draw_angles(axes: Axes, directions: Floats, time: Floats) -> PathCollection:
@@ -141,4 +139,4 @@ def _scatter(axes: Axes, across: Floats, up: Floats, time: Floats) -> PathCollec
     colors = import_extra("matplotlib.colors", "pyvista", "this picture")
     colormap = colors.LinearSegmentedColormap.from_list("time", SEQUENTIAL)
     size = min(12.0, max(0.4, 3e4 / max(len(time), 1)))
-    return axes.scatter(across, up, c=1e3 * time, s=size, cmap=colormap, linewidths=0)
+    return axes.scatter(across, up, c=1e3 * time, s=size, cmap=colormap, linewidths=0, rasterized=True)

@@ -26,7 +26,7 @@ from lidarsim.scene import Scene
 from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import AXES, PATH, Coloring, _channels
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._picture import AXIS, Frame, Picture, colored, grid
+from lidarsim.viewers._picture import AXIS, TO_SUN, Frame, Picture, colored, grid
 from lidarsim.viewers._surfaces import Surface, joined, surfaces
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["check_screenshot", "draw"]
 
 ROOM = 0.002
-"""Greatest share of the points that a legend may hide, and no box; otherwise it is beside the picture."""
+"""Greatest share of the points that a legend may hide, and no box; otherwise the view is shifted away from it."""
 STILLS = {".png": "PNG", ".jpg": "JPG"}
 """Kinds of pictures of a single frame by suffix."""
 QUALITY = 92
@@ -49,6 +49,8 @@ LONGEST = 22
 FONT_FILE = 4
 """VTK's constant for a font from a file (``VTK_FONT_FILE``)."""
 SHADING: dict[str, Any] = {"smooth_shading": False, "ambient": 0.35, "diffuse": 0.65}
+SUN, HEADLIGHT = 0.9, 0.35
+"""Intensities of the light from `TO_SUN`, which shows relief from above, and of the light from the camera."""
 
 
 def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
@@ -124,7 +126,7 @@ def _triangles(surface: Surface, shared: dict[tuple[int, bool], pyvista.CellArra
 
 
 def check_screenshot(path: PathLike) -> None:
-    """Check, before any work, that a picture can be written: a PNG in an existing folder.
+    """Check, before any work, that a picture can be written: a PNG or JPG in an existing folder.
 
     Parameters
     ----------
@@ -134,11 +136,11 @@ def check_screenshot(path: PathLike) -> None:
     Raises
     ------
     FileFormatError
-        If the suffix is not ``.png``.
+        If the suffix is neither ``.png`` nor ``.jpg``.
     OSError
         If the folder does not exist or is not writable.
     """
-    check_suffix(path, {".png"})
+    check_suffix(path, STILLS)
     check_folder(path)
 
 
@@ -188,6 +190,7 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
                 border=False,
                 off_screen=path is not None,
                 window_size=list(size),
+                lighting="none",
             )
         ) as plotter,
     ):
@@ -268,15 +271,16 @@ class _Stage:
         self.middle = self.seen.mean(axis=0)
         self.reach = float(np.linalg.norm(self.seen - self.middle, axis=1).max())
         legend = _Legend(picture, self.font, height)
-        left, bottom, box_width, box_height = legend.place(picture, self.seen, (width, height))
-        beside = box_height == height
-        stage = width - box_width if beside else width
-        self.aspect = stage / height
-        plotter.renderers[0].viewport = (0.0, 0.0, stage / width, 1.0)
+        left, bottom, box_width, box_height, hides = legend.place(picture, self.seen, (width, height))
+        self.stage = (left - self.font) / width if hides else 1.0
+        self.aspect = self.stage * width / height
+        plotter.renderers[0].viewport = (0.0, 0.0, 1.0, 1.0)
         plotter.renderers[1].viewport = (
             left / width, bottom / height, (left + box_width) / width, (bottom + box_height) / height
         )  # fmt: skip
         plotter.subplot(0, 0)
+        plotter.add_light(self.pv.Light(position=tuple(TO_SUN), light_type="scene light", intensity=SUN))
+        plotter.add_light(self.pv.Light(light_type="headlight", intensity=HEADLIGHT))
         self.spacing = self._grid()
         self._surfaces(picture.surfaces)
         if len(picture.path):
@@ -299,8 +303,7 @@ class _Stage:
         frame = self.picture.frames[index]
         _set_text(self.texts[0], self._caption(frame))
         _set_text(self.texts[1], frame.title)
-        of_points = self.picture.has_points or not self.picture.every_surface
-        _set_text(self.texts[2], "no points" if of_points and not len(frame.cloud) else "")
+        _set_text(self.texts[2], "no points" if self.picture.of_points and not len(frame.cloud) else "")
         follows = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
         if index and not follows and not self.plotter.off_screen:
             return  # keep the user's view
@@ -308,6 +311,7 @@ class _Stage:
         camera = self.plotter.renderers[0].camera
         camera.position, camera.focal_point, camera.up = view.eye - self.middle, view.target - self.middle, view.up
         camera.view_angle = np.degrees(view.angle)
+        camera.SetWindowCenter(1.0 - self.stage, 0.0)  # puts the middle of the view in the middle of the stage
         if view.half:
             camera.parallel_projection, camera.parallel_scale = True, view.half
         renderer = self.plotter.renderers[0]
@@ -336,14 +340,14 @@ class _Stage:
         cloud, actors = frame.cloud, self._surfaces(frame.movers)
         if len(cloud):  # PyVista refuses to draw nothing
             points = self.pv.PolyData(cloud.xyz - self.middle)
-            points.point_data["rgb"] = self.picture.colors.rgb(cloud)
+            points.point_data["rgb"] = self.picture.rgb(cloud)
             round_dots = {"point_size": size, "render_points_as_spheres": True, "lighting": False}
             actors.append(self._add(points, scalars="rgb", rgb=True, copy_mesh=False, **round_dots))
         if frame.boxes:
             actors += self._boxes(frame.boxes)
         position = frame.pose[:3, 3] - self.middle
         inside = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
-        shown = not inside and (self.picture.has_points or not self.picture.every_surface)
+        shown = not inside and self.picture.of_points
         if shown and np.linalg.norm(position) < 1000 * self.reach:  # far axes would be a dot and spoil the depth buffer
             for axis, color in enumerate(AXES):
                 arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=AXIS * self.reach)
@@ -431,8 +435,7 @@ class _Stage:
         """Return what there is to see, and the spacing of the grid."""
         objects = len(self.picture.surfaces + frame.movers)
         points, boxes = len(frame.cloud), 0 if frame.boxes is None else len(frame.boxes)
-        of_points = self.picture.has_points or not objects
-        parts = [counted(points, "point") if of_points else counted(objects, "object")]
+        parts = [counted(points, "point") if self.picture.of_points else counted(objects, "object")]
         if boxes:
             parts.append(f"{boxes:,} box{'es' * (boxes != 1)}")
         return ", ".join([*parts, f"grid {self.spacing:,g} m"])
@@ -441,6 +444,8 @@ class _Stage:
         """Add an empty text at a position in the stage or the legend, in units of its width and height."""
         text = self.plotter.add_text("", position=position, viewport=True, color=self.picture.theme.text, shadow=False)
         looks = text.GetTextProperty()
+        looks.SetBackgroundColor(self.pv.Color(self.picture.theme.background).float_rgb)
+        looks.SetBackgroundOpacity(0.7)
         looks.SetFontSize(round(size))
         looks.SetVerticalJustificationToCentered()
         if centred:
@@ -480,9 +485,9 @@ class _Stage:
             y += line
             if row.bar is not None:
                 colors, high = row.bar, y + legend.bar - line
-                fill((font, 2.4 * font), (y - 0.5 * line, high), _channels(colors.table))
+                fill((font, 2.4 * font), (y, high), _channels(colors.table))
                 for value, text in colors.ticks().items():
-                    place = high - (high - y + 0.5 * line) * float(colors.places(value))
+                    place = high - (high - y) * float(colors.places(value))
                     fill((2.4 * font, 2.8 * font), (place - 0.5, place + 0.5), _channels([self.picture.theme.text]))
                     write(text, 3.2 * font, place)
                 y = high + line
@@ -533,26 +538,27 @@ class _Legend:
         left = len(shown) - room
         return shown if left <= 1 else [*shown[:room], _Row(f"and {left} more")]
 
-    def place(self, picture: Picture, seen: Floats, size: tuple[int, int]) -> tuple[int, int, int, int]:
-        """Return left, bottom, width and height: in a corner without points, or beside the picture."""
+    def place(self, picture: Picture, seen: Floats, size: tuple[int, int]) -> tuple[int, int, int, int, bool]:
+        """Return left, bottom, width and height, and whether something is behind.
+
+        The legend is in the upper right corner, or in the left one if only that one is free. On an orbit none is.
+        """
         width, height = size
-        if self.width <= width / 4 and self.height <= 0.9 * height:
-            view = picture.view(0, seen, width / height)
-            places = (view.places(seen, width / height) + 1.0) / 2 * [width, height]
-            boxes = picture.frames[0].boxes
-            middles = np.empty((0, 3)) if boxes is None else boxes.center
-            middles = (view.places(middles, width / height) + 1.0) / 2 * [width, height]
-            margin = self.font
-            for left in (width - self.width - margin, margin):
-                bottom = height - self.height - (margin if left > margin else 3 * margin)
-                hidden, boxed = (
-                    ((of > [left, bottom]) & (of < [left + self.width, bottom + self.height])).all(axis=1)
-                    for of in (places, middles)
-                )
-                if hidden.mean() <= ROOM and not boxed.any():
-                    return left, bottom, self.width, self.height
-        beside = min(self.width + self.font, width // 4)
-        return width - beside, 0, beside, height
+        margin = self.font
+        box = min(self.width, width // 4 - margin), min(self.height, height - 2 * margin)
+        right, left = ((x, height - box[1] - gap * margin) for x, gap in ((width - box[0] - margin, 1), (margin, 3)))
+        view = picture.view(0, seen, width / height)
+        boxes = picture.frames[0].boxes
+        middles = np.empty((0, 3)) if boxes is None else boxes.center
+        drawn, boxed = ((view.places(of, width / height) + 1.0) / 2 * size for of in (picture.drawn(), middles))
+        circles = isinstance(picture.camera, str) and picture.camera == "orbit"
+        for corner in () if circles else (right, left):
+            hidden, covered = (
+                ((places > corner) & (places < np.add(corner, box))).all(axis=1) for places in (drawn, boxed)
+            )
+            if hidden.mean() <= ROOM and not covered.any():
+                return *corner, *box, False
+        return *right, *box, True
 
 
 def _set_text(actor: pyvista.Text, text: str) -> None:

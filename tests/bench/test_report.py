@@ -5,7 +5,9 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from lidarsim.bench import report
 
@@ -251,6 +253,31 @@ def test_files_are_written(results: dict[str, Any], tmp_path: Path) -> None:
         head = (tmp_path / name).read_bytes()[:24]
         assert head[:8] == b"\x89PNG\r\n\x1a\n"
         assert struct.unpack(">II", head[16:]) == (1280, 768)
+        assert (tmp_path / name).with_suffix(".svg").read_text(encoding="utf-8").count("<svg") == 1
+
+
+def test_the_distances_are_a_table_beside_their_plot(results: dict[str, Any]) -> None:
+    cells = table(report.overview(results), "method | 0")
+    assert len(cells) == len({row["method"] for row in results["distance"]}) > 1
+    shown = {name.strip("*"): errors for name, *errors in cells}
+    for row in results["distance"]:
+        assert shown[row["method"]][row["distance"] > 0] == report._short(row["error"]["max_mm"])
+
+
+def test_no_curve_hides_another(results: dict[str, Any], tmp_path: Path) -> None:
+    """Two methods with the same figures are both seen."""
+    own, *_ = (row for row in results["distance"] if row["method"] == "lidarsim")
+    names = ["lidarsim", "Open3D", "embreex"]
+    results["distance"] = [
+        {**own, "method": name, "distance": distance, "error": error(max_mm=1.0)}
+        for name in names
+        for distance in (0.0, 1e6)
+    ]
+    report.plot_distance(results, tmp_path / "distance.png")
+    image = np.asarray(Image.open(tmp_path / "distance.png").convert("RGB")).astype(int)[:, :900]  # without the labels
+    for name in names:
+        color = list(bytes.fromhex(report.COLORS[name][1:]))
+        assert (np.abs(image - color).max(axis=-1) < 8).sum() > 200, name
 
 
 def test_the_machine_is_named() -> None:

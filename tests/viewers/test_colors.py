@@ -1,5 +1,6 @@
 """Colours by a field."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,13 +9,18 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from lidarsim.bench import report
+from lidarsim.comparison import _report
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._classes import SEMANTIC_KITTI, class_color
+from lidarsim.viewers._classes import MEANINGS, SEMANTIC_KITTI, class_color
 from lidarsim.viewers._colors import (
     BACKGROUND,
+    DIVERGING,
+    MAPS,
     MISSING,
     QUALITATIVE,
     SEQUENTIAL,
+    THEMES,
     Coloring,
     Known,
     coloring,
@@ -289,13 +295,44 @@ DEFICIENCIES = {
 COMMON = ("road", "sidewalk", "building", "vegetation", "ground", "person", "car", "pole", "sign")
 
 
+def seen_by(vision: str, colors: Sequence[str]) -> npt.NDArray[np.float64]:
+    """Return colours in OKLab as people with that kind of vision see them."""
+    light = linear(np.array([list(bytes.fromhex(color[1:])) for color in colors], np.uint8))
+    return oklab_of_linear(np.clip(light @ np.transpose(DEFICIENCIES[vision]), 0, 1))
+
+
+def least_apart(vision: str, colors: Sequence[str]) -> float:
+    lab = seen_by(vision, colors)
+    return float(np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(colors), 1)].min())
+
+
 @pytest.mark.parametrize("vision", DEFICIENCIES)
-def test_common_classes_differ_for_every_kind_of_vision(vision: str) -> None:
-    colors = [legible(str(class_color(name))) for name in COMMON]
-    seen = linear(np.array([list(bytes.fromhex(color[1:])) for color in colors], np.uint8))
-    lab = oklab_of_linear(np.clip(seen @ np.transpose(DEFICIENCIES[vision]), 0, 1))
-    apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(COMMON), 1)]
-    assert apart.min() >= 0.07  # 0.02 is about the least difference that one sees
+@pytest.mark.parametrize("theme", THEMES)
+def test_palettes_differ_for_every_kind_of_vision(vision: str, theme: str) -> None:
+    """0.02 is about the least difference that one sees."""
+    background = THEMES[theme].background
+    assert least_apart(vision, [legible(color, background) for color in MEANINGS]) >= 0.055
+    assert least_apart(vision, [legible(color, background) for color in QUALITATIVE[:8]]) >= 0.07
+    common = [legible(str(class_color(name)), background) for name in COMMON]
+    assert least_apart(vision, common) >= 0.06
+    assert least_apart(vision, [DIVERGING[0], DIVERGING[2], DIVERGING[-1]]) >= 0.2
+
+
+@pytest.mark.parametrize("vision", DEFICIENCIES)
+def test_plots_differ_for_every_kind_of_vision(vision: str) -> None:
+    assert least_apart(vision, list(report.COLORS.values())) >= 0.09
+    for name in ("real", "simulated"):
+        assert re.findall(rf"--{name}: (#[0-9a-f]{{6}})", _report.STYLE)
+    light, dark = zip(*(re.findall(rf"--{name}: (#[0-9a-f]{{6}})", _report.STYLE) for name in ("real", "simulated")),
+                      strict=True)  # fmt: skip
+    assert min(least_apart(vision, light), least_apart(vision, dark)) >= 0.2
+
+
+@pytest.mark.parametrize("vision", DEFICIENCIES)
+@pytest.mark.parametrize("name", MAPS)
+def test_colour_maps_rise_in_lightness_for_every_kind_of_vision(vision: str, name: str) -> None:
+    lightness = seen_by(vision, MAPS[name])[:, 0]
+    assert np.diff(lightness).min() > 0.02
 
 
 def test_classes_have_the_colours_of_their_sets_or_of_their_meaning() -> None:

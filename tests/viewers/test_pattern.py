@@ -64,3 +64,12 @@ def test_missing_matplotlib_names_the_extra(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingExtraError, match=re.escape('pip install "lidarsim[pyvista]"')):
         draw(ls.Lidar(FAMILIES["flash"]), tmp_path / "pattern.png")
+
+
+def test_an_svg_is_the_same_each_time(tmp_path: Path) -> None:
+    for name in ("a.svg", "b.svg"):
+        draw(ls.Lidar(FAMILIES["mid40"]), tmp_path / name)
+    text = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert text == (tmp_path / "b.svg").read_text(encoding="utf-8")
+    assert "<svg" in text
+    assert len(text) < 2e6  # the marks are pixels

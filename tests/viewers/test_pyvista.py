@@ -329,6 +329,69 @@ def test_heights_of_surfaces_have_the_colours_of_the_legend(with_points: bool, t
     assert len(np.unique(table[inner], axis=0)) > 80
 
 
+def ground_and_wall() -> tuple[ls.Scene, PointCloud]:
+    """A wide ground, and points in front of the whole picture, so that no corner is free for a legend."""
+    scene = ls.Scene(class_names={4: WIDE, 9: "other"})
+    scene.add(ls.Polygon([(-500, -500, -3), (500, -500, -3), (500, 500, -3), (-500, 500, -3)]), label=9)
+    y, z = np.meshgrid(np.linspace(-8, 8, 200), np.linspace(-2.5, 7.5, 140))
+    wall = PointCloud(xyz=np.stack([np.full(y.size, 10.0), y.ravel(), z.ravel()], 1), label=np.full(y.size, 4))
+    return scene, wall
+
+
+@pytest.mark.parametrize("camera", ["behind", "birds-eye"])
+def test_a_legend_hides_no_points_and_leaves_no_empty_column(camera: str, tmp_path: Path) -> None:
+    scene, wall = ground_and_wall()
+    image = picture(tmp_path / "a.png", wall, scene=scene, color_by="label", camera=camera)
+    points = near(image, QUALITATIVE[4])
+    rows, columns = np.nonzero(points)
+    legend = near(image[:, STAGE:], BACKGROUND, 2)  # the ground is everywhere else
+    right = np.nonzero(legend)[1].min() + STAGE
+    assert (columns >= right).sum() < 150  # of the swatch
+    assert len(rows) > 3000
+    below = image[150:, STAGE:]
+    assert (~near(below, BACKGROUND, 2)).mean() > 0.95  # the picture goes on below the legend
+
+
+def test_a_legend_keeps_off_the_surfaces_on_an_orbit(tmp_path: Path) -> None:
+    scene = ls.Scene(class_names={4: WIDE})
+    scene.add(ls.Box((200, 200, 1)), label=4)
+    image = picture(tmp_path / "a.png", scene, camera="orbit")
+    seen = np.abs(hue(image) - hue(np.array(channels(QUALITATIVE[4])))).max(axis=-1) < 0.04
+    seen &= image.max(axis=-1) > 60
+    across = np.flatnonzero(seen[60:].any(axis=0))  # below the swatch
+    assert across.max() < STAGE
+    assert np.ptp(across) > 150
+
+
+def test_relief_is_seen_from_above(tmp_path: Path) -> None:
+    """Ground that falls to the north-west faces the light, and ground that falls to the south-east is darker."""
+    scene = ls.Scene()
+    for x, slope in ((-10, 0.5), (0, 0.0), (10, -0.5)):
+        high = [(x - 4, -4, 8 * slope), (x + 4, -4, 16 * slope), (x + 4, 4, 8 * slope), (x - 4, 4, 0)]
+        scene.add(ls.Polygon(high), label=3)
+    image = picture(tmp_path / "a.png", scene, camera=[(0, 0, 60), (0, 0, 0), (0, 1, 0)])
+    ten = 10 * SIZE[1] / 2 / 60 / np.tan(np.radians(15))  # pixels of 10 m, seen from 60 m with an angle of 30°
+    level, towards, away = (image[SIZE[1] // 2, round(SIZE[0] / 2 + side * ten)].max() for side in (0, -1, 1))
+    assert away < 0.9 * level < 0.95 * towards
+    assert min(towards, level, away) > 60
+
+
+def test_heights_of_points_show_relief_by_their_normals(tmp_path: Path) -> None:
+    y, z = np.meshgrid(np.linspace(-4, 4, 60), np.linspace(-2, 2, 40))
+    xyz = np.stack([np.full(y.size, 10.0), y.ravel(), z.ravel()], 1)
+    normal = np.where((y.ravel() > 0)[:, None], (0, 0, 1), (0.8, -0.6, 0))
+    plain, shaded = (
+        picture(tmp_path / "a.png", PointCloud(xyz=xyz, **more), color_by="height").max(axis=-1)
+        for more in ({}, {"normal": normal.astype(np.float32)})
+    )
+    points = np.nonzero(plain[:170, :STAGE] > 60)  # above the caption
+    darker = (shaded < 0.7 * plain)[points]
+    assert 0.3 < darker.mean() < 0.6
+    right = points[1] > np.median(points[1]) + 5
+    assert darker[right].mean() > 0.9
+    assert darker[points[1] < np.median(points[1]) - 25].mean() < 0.02  # level points keep their colours
+
+
 def test_a_png_is_of_one_frame(wall: PointCloud, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^save: expected one frame for a PNG, got 2; GIF, MP4 and HTML \(.*\) show"):
         show([wall, wall], save=tmp_path / "a.png")

@@ -8,6 +8,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -315,6 +316,94 @@ def test_points_in_the_sensor_frame_are_not_shown_in_the_world(
     np.testing.assert_array_equal(alone, cloud.xyz)
     at_home = ls.Lidar(ls.patterns.Grid([0.0], [-0.5], rate=10)).scan(street())
     at_home.point_cloud().plot(scene=street(), save="a.png")  # in the world as well
+
+
+def pictures_of(monkeypatch: pytest.MonkeyPatch) -> list[Picture]:
+    """Return a list to which each picture is added that would be drawn."""
+    from lidarsim.viewers import pyvista
+
+    pictures: list[Picture] = []
+    monkeypatch.setattr(pyvista, "draw", lambda picture, *_, **__: pictures.append(picture))
+    return pictures
+
+
+def test_frames_accumulate_in_the_world(scans: list[ls.Scan], monkeypatch: pytest.MonkeyPatch) -> None:
+    pictures = pictures_of(monkeypatch)
+    clouds = [scan.point_cloud("world") for scan in scans]
+    boxes = [scan.boxes(frame="world") for scan in scans]
+    ls.show(scans, scene=crossing(), boxes=boxes, color_by="range", accumulate=True,
+            time=[0.0, 0.1, 0.2], save="a.png")  # fmt: skip
+    ls.show([scan.point_cloud() for scan in scans], pose=[scan.pose for scan in scans], accumulate=True, save="a.png")
+    ls.show(clouds[0], accumulate=True, title="one", save="a.png")
+    together, placed, single = (picture.frames[0] for picture in pictures)
+    assert [len(picture.frames) for picture in pictures] == [1, 1, 1]
+    everything = np.concatenate([cloud.xyz for cloud in clouds])
+    np.testing.assert_array_equal(together.cloud.xyz, everything)
+    # Three products and sums of numbers below 32, rounded.
+    np.testing.assert_allclose(placed.cloud.xyz, everything, rtol=0, atol=8 * 2.0**-48)
+    np.testing.assert_array_equal(single.cloud.xyz, clouds[0].xyz)
+    assert (together.title, placed.title, single.title) == ("3 frames, 0.00 to 0.20 s", "3 frames", "one")
+    assert together.boxes is boxes[-1]
+    np.testing.assert_array_equal(together.pose, scans[-1].pose)
+    assert [mover.points()[:, 1].mean() for mover in together.movers] == [pytest.approx(-4 + 4 * 0.2, abs=1e-9)]
+    np.testing.assert_array_equal(pictures[0].path, [[0, 0, 1.7], [0.5, 0, 1.7], [1, 0, 1.7]])
+    with pytest.raises(ValueError, match=r"^what\[0\]: expected points in world coordinates beside the other frames"):
+        ls.show([scan.point_cloud() for scan in scans[1:]], accumulate=True, save="a.png")
+
+
+def test_frames_say_which_they_are(scans: list[ls.Scan], monkeypatch: pytest.MonkeyPatch) -> None:
+    pictures = pictures_of(monkeypatch)
+    clouds = [scan.point_cloud("world") for scan in scans[1:]]
+    later = [replace(scan, time=time) for scan, time in zip(scans[1:], (0.1, 0.3), strict=True)]
+    for what in (later, [{"top": scan} for scan in later], clouds, scans[0]):
+        ls.show(what, save="a.gif")
+    numbered = ["frame 1 (1 of 2), 0.10 s", "frame 2 (2 of 2), 0.30 s"]
+    titles = [[frame.title for frame in picture.frames] for picture in pictures]
+    assert titles == [numbered, numbered, ["frame 1 of 2", "frame 2 of 2"], [""]]
+
+
+@pytest.mark.parametrize("suffix", ["png", "html"])
+def test_a_scan_without_points_says_so(suffix: str, scans: list[ls.Scan], tmp_path: Path) -> None:
+    nothing = scans[0].point_cloud("world")[:0]
+    written: dict[str, bytes] = {}
+    for name, what, looks in (
+        ("empty", nothing, {"scene": street()}),
+        ("scene", street(), {}),
+        ("points", scans[0], {"scene": street()}),
+    ):
+        ls.show(what, save=tmp_path / f"{name}.{suffix}", size=SIZE, **looks)
+        written[name] = (tmp_path / f"{name}.{suffix}").read_bytes()
+    if suffix == "html":
+        assert {name: b'"text":"no points"' in page for name, page in written.items()} == {
+            "empty": True,
+            "scene": False,
+            "points": False,
+        }
+        return
+    empty, scene = (np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int) for name in
+                    ("empty", "scene"))  # fmt: skip
+    differs = (np.abs(empty - scene).max(axis=-1) > 30)[80:120, 80:240]
+    assert differs.sum() > 50  # the words, and the axes of the sensor
+
+
+@pytest.mark.parametrize("aspect", [0.7, 1.6])
+def test_a_scene_is_framed_by_what_stands_on_the_ground(aspect: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    pictures = pictures_of(monkeypatch)
+    scene = street()
+    scene.add(ls.Box((600, 8, 0.1)), name="long road", label=40)
+    for camera in ("behind", "top", "orbit"):
+        ls.show(scene, camera=camera, save="a.png")  # type: ignore[arg-type]
+    for picture in pictures[:2]:
+        assert np.ptp(picture.seen(), axis=0).max() < 10
+    orbit = pictures[2]
+    corners = np.concatenate([surface.points() for surface in orbit.surfaces])
+    assert np.ptp(corners, axis=0).max() >= 600
+    for turn in np.linspace(0, 2 * np.pi, 12):  # never crops
+        assert np.abs(orbit.view(0, orbit.seen(), aspect, turn=turn).places(corners, aspect)).max() <= 1.0
+    flat = ls.Scene()
+    flat.add(ls.Box((600, 8, 0.1)))
+    ls.show(flat, save="a.png")
+    assert np.ptp(pictures[-1].seen(), axis=0).max() == 600  # what else is there?
 
 
 def test_nothing_to_show() -> None:
