@@ -17,6 +17,7 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     semantickitti,
     text,
     trajectories,
+    waveforms,
 )
 
 __all__ = ["las", "rosbag", "semantickitti"]
