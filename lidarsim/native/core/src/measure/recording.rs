@@ -54,6 +54,28 @@ struct Gaussian {
     sigma: f64,
 }
 
+/// The light of fog in front of no surface, which all pulses have in common.
+struct OpenFog {
+    /// The ranges that it comes from.
+    begin: f64,
+    end: f64,
+    /// How far around its range the pulse is bright, m.
+    margin: f64,
+    window: Window,
+    samples: Vec<f64>,
+}
+
+/// What comes back of a pulse; its memory is reused from one to the next.
+#[derive(Default)]
+struct Received {
+    /// Of surfaces, drops and flakes.
+    spots: Vec<Gaussian>,
+    /// In fog, per sub-ray: where its air ends, and its share of the energy; from the nearest on.
+    ends: Vec<(f64, f64)>,
+    /// Of the fog from near the first of these ends on.
+    fog: Vec<Gaussian>,
+}
+
 /// What is done with a batch of pulses.
 enum Part<'a> {
     Find(&'a mut [Window]),
@@ -64,6 +86,7 @@ enum Part<'a> {
 pub struct Recording<'a, 'b, C> {
     scan: &'b Scan<'a, C>,
     recorder: Recorder,
+    open_fog: Option<&'b OpenFog>,
     pulses: Range<usize>,
     scratch: &'b mut Scratch,
     part: Part<'b>,
@@ -75,19 +98,15 @@ impl Recorder {
         Recorder { step: HALF_SPEED_OF_LIGHT * period, max_range }
     }
 
-    /// The window of some light.
-    fn window(&self, lights: &[Gaussian], pulse_sigma: f64) -> Window {
-        if lights.is_empty() {
+    /// The window of what comes from some ranges; `pulse_margin`: of a pulse.
+    fn window(&self, [low, high]: [f64; 2], pulse_margin: f64) -> Window {
+        // Before that no pulse has left.
+        let low = low.max(-pulse_margin);
+        let high = high.min(self.max_range + pulse_margin);
+        if !(low <= high) {
             return Window::default();
         }
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for Gaussian { range, sigma, .. } in lights {
-            low = low.min(range - MARGIN * sigma);
-            high = high.max(range + MARGIN * sigma);
-        }
-        // Before this the pulse has not left.
-        let [first, end] =
-            self.samples([low.max(-MARGIN * pulse_sigma), high.min(self.max_range + MARGIN * pulse_sigma)]);
+        let [first, end] = self.samples([low, high]);
         Window { first, count: usize::try_from(end.saturating_sub(first)).unwrap_or(0) }
     }
 
@@ -109,8 +128,8 @@ impl Recorder {
                 continue;
             }
             let (first, inverse) = ((window.first + start as i64) as f64, 1.0 / sigma);
-            for (k, sample) in (0_u32..).zip(&mut samples[start..end]) {
-                let way = (range - self.step * (first + f64::from(k))) * inverse;
+            for (k, sample) in samples[start..end].iter_mut().enumerate() {
+                let way = (range - self.step * (first + k as f64)) * inverse;
                 *sample += peak * exp(-0.5 * (way * way));
             }
         }
@@ -125,8 +144,10 @@ impl<C: Caster> Scan<'_, C> {
         recorder: Recorder,
         work: impl Fn(Recording<C>) -> Result<(), BadPulse> + Sync,
     ) -> Result<Samples, BadPulse> {
+        let open_fog = self.open_fog(recorder);
         let run = |pulses: Range<usize>, part: Part| {
-            with_scratch(|scratch| work(Recording { scan: self, recorder, pulses, scratch, part }))
+            let open_fog = open_fog.as_ref();
+            with_scratch(|scratch| work(Recording { scan: self, recorder, open_fog, pulses, scratch, part }))
         };
         let pieces = pieces(self.frame.directions, self.measurement.rays());
         let mut windows = Vec::new();
@@ -164,27 +185,30 @@ impl<C: Caster> Task for Recording<'_, '_, C> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        let Recording { scan, recorder, pulses, scratch, part } = self;
+        let Recording { scan, recorder, open_fog, pulses, scratch, part } = self;
         scan.illuminate::<I>(pulses.clone(), scratch)?;
         scan.keep_light::<I>(scratch);
         let indices = std::mem::take(&mut scratch.indices);
         let batch = scan.frame.pulses(pulses, &indices);
-        let mut lights = Vec::new();
+        let (mut received, mut sums) = (Received::default(), Vec::new());
         match part {
             Part::Find(windows) => {
                 for (pulse, window) in windows.iter_mut().enumerate() {
-                    scan.gather_light(pulse, &batch, scratch, recorder.max_range, &mut lights);
-                    *window = recorder.window(&lights, scan.measurement.pulse_sigma());
+                    scan.gather(pulse, &batch, scratch, open_fog, &mut received);
+                    *window =
+                        recorder.window(received.extent(open_fog), MARGIN * scan.measurement.pulse_sigma());
                 }
             }
             Part::Fill(windows, mut values) => {
-                let mut sums = Vec::new();
                 for (pulse, window) in windows.iter().enumerate() {
                     stop::poll();
-                    scan.gather_light(pulse, &batch, scratch, recorder.max_range, &mut lights);
+                    scan.gather(pulse, &batch, scratch, open_fog, &mut received);
                     sums.clear();
                     memory::resize(&mut sums, window.count, 0.0);
-                    recorder.add(&lights, *window, &mut sums);
+                    recorder.add(&received.spots, *window, &mut sums);
+                    if let Some(open_fog) = open_fog {
+                        scan.add_fog(recorder, open_fog, &mut received, *window, &mut sums);
+                    }
                     for (value, sum) in split_off(&mut values, window.count).iter_mut().zip(&sums) {
                         *value = *sum as f32;
                     }
@@ -196,18 +220,35 @@ impl<C: Caster> Task for Recording<'_, '_, C> {
     }
 }
 
+impl Received {
+    /// The ranges between which a pulse is bright.
+    fn extent(&self, open_fog: Option<&OpenFog>) -> [f64; 2] {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for Gaussian { range, sigma, .. } in &self.spots {
+            low = low.min(range - MARGIN * sigma);
+            high = high.max(range + MARGIN * sigma);
+        }
+        if let (Some(fog), Some((farthest, _))) = (open_fog, self.ends.last()) {
+            low = low.min(fog.begin - fog.margin);
+            high = high.max(farthest + fog.margin);
+        }
+        [low, high]
+    }
+}
+
 impl<C: Caster> Scan<'_, C> {
-    /// All light of the `pulse`-th pulse of a batch, before the receiver.
+    /// The light of the `pulse`-th pulse of a batch, before the receiver; of fog, where it ends.
     #[inline(always)]
-    fn gather_light(
+    fn gather(
         &self,
         pulse: usize,
         batch: &Pulses,
         scratch: &Scratch,
-        max_range: f64,
-        lights: &mut Vec<Gaussian>,
+        open_fog: Option<&OpenFog>,
+        received: &mut Received,
     ) {
-        lights.clear();
+        let Received { spots, ends, .. } = received;
+        spots.clear();
         let (measurement, rays) = (self.measurement, self.measurement.rays());
         let (first, sigma) = (pulse * rays, measurement.pulse_sigma());
         for ray in first..first + rays {
@@ -221,44 +262,20 @@ impl<C: Caster> Scan<'_, C> {
                 let peak = share * light.power * (sigma / wide);
                 // No light of a black surface, and no width where it is grazed.
                 if peak > 0.0 {
-                    push(lights, Gaussian { range: light.range, peak, sigma: wide });
+                    push(spots, Gaussian { range: light.range, peak, sigma: wide });
                 }
             }
         }
-        if measurement.effects.has_weather() {
-            self.gather_air(pulse, batch, scratch, max_range, lights);
-        }
-    }
-
-    /// The light of the air in front of the first surfaces.
-    fn gather_air(
-        &self,
-        pulse: usize,
-        batch: &Pulses,
-        scratch: &Scratch,
-        max_range: f64,
-        lights: &mut Vec<Gaussian>,
-    ) {
-        let (measurement, rays) = (self.measurement, self.measurement.rays());
-        let (first, sigma) = (pulse * rays, measurement.pulse_sigma());
         let surface = |ray: usize| match scratch.hits.object[ray] {
             0.. => scratch.light.range[ray],
             _ => f64::INFINITY,
         };
-        if let Some(fog) = measurement.effects.fog() {
-            let [mut begin, end] = fog.extent();
-            let end = end.min(max_range + MARGIN * sigma);
-            let mut ends: Vec<(f64, f64)> =
-                (0..rays).map(|k| (surface(first + k).min(end), measurement.share(k))).collect();
+        if let Some(fog) = open_fog {
+            ends.clear();
+            ends.extend(
+                (0..rays).map(|k| (surface(first + k).clamp(fog.begin, fog.end), measurement.share(k))),
+            );
             ends.sort_by(|a, b| a.0.total_cmp(&b.0));
-            for k in 0..rays {
-                let open: f64 = ends[k..].iter().map(|(_, share)| share).sum();
-                let add = |range: f64, power: f64| {
-                    push(lights, Gaussian { range, peak: open * power, sigma });
-                };
-                fog.echoes_between(begin, ends[k].0, add);
-                begin = begin.max(ends[k].0);
-            }
         }
         if let Some(particles) = measurement.effects.particles()
             && particles.seen::<f64, 1>(&scratch.draws, pulse) != 0
@@ -267,10 +284,66 @@ impl<C: Caster> Scan<'_, C> {
                 let place = measurement.beam.as_ref().map_or(0, |beam| beam.at_share(particle.place));
                 if surface(first + place) > particle.range {
                     let peak = particle.intensity / (particle.range * particle.range);
-                    push(lights, Gaussian { range: particle.range, peak, sigma });
+                    push(spots, Gaussian { range: particle.range, peak, sigma });
                 }
             }
         }
+    }
+
+    /// The light of fog in front of no surface; `None` without fog.
+    fn open_fog(&self, recorder: Recorder) -> Option<OpenFog> {
+        let (fog, sigma) = (self.measurement.effects.fog()?, self.measurement.pulse_sigma());
+        let (margin, mut lights) = (MARGIN * sigma, Vec::new());
+        let [begin, end] = fog.extent();
+        let end = end.min(recorder.max_range + margin).max(begin);
+        fog.echoes_between(begin, end, |range, peak| push(&mut lights, Gaussian { range, peak, sigma }));
+        let window = recorder.window([begin - margin, end + margin], margin);
+        memory::expect_room(window.count.saturating_mul(size_of::<f64>()), || {
+            "the waveform of fog (choose a longer `sample_period`)".into()
+        });
+        let mut samples = Vec::new();
+        memory::resize(&mut samples, window.count, 0.0);
+        recorder.add(&lights, window, &mut samples);
+        Some(OpenFog { begin, end, margin, window, samples })
+    }
+
+    /// Adds the light of the fog to the samples of a pulse: where it sees no end of the air, that in front of
+    /// no surface.
+    fn add_fog(
+        &self,
+        recorder: Recorder,
+        open: &OpenFog,
+        received: &mut Received,
+        window: Window,
+        samples: &mut [f64],
+    ) {
+        let Received { ends, fog: lights, .. } = received;
+        let (Some(fog), Some((nearest, _))) = (self.measurement.effects.fog(), ends.first()) else { return };
+        let seam = if *nearest < open.end {
+            let [seam, _] = recorder.samples([nearest - open.margin, *nearest]);
+            usize::try_from(seam.saturating_sub(window.first)).unwrap_or(0).min(window.count)
+        } else {
+            window.count
+        };
+        // The window begins as early, or earlier for the light of a surface.
+        let lead = usize::try_from(open.window.first.saturating_sub(window.first)).unwrap_or(0).min(seam);
+        for (sample, light) in samples[lead..seam].iter_mut().zip(&open.samples) {
+            *sample += light;
+        }
+        lights.clear();
+        let mut begin = open.begin.max(nearest - 2.0 * open.margin);
+        for k in 0..ends.len() {
+            let share: f64 = ends[k..].iter().map(|(_, share)| share).sum();
+            let (end, sigma) = (ends[k].0, self.measurement.pulse_sigma());
+            if seam < window.count {
+                fog.echoes_between(begin, end, |range, power| {
+                    push(lights, Gaussian { range, peak: share * power, sigma });
+                });
+            }
+            begin = begin.max(end);
+        }
+        let rest = Window { first: window.first + seam as i64, count: window.count - seam };
+        recorder.add(lights, rest, &mut samples[seam..]);
     }
 }
 
@@ -284,10 +357,13 @@ mod tests {
 
     #[test]
     fn windows_hold_all_light_within_the_range() {
-        let light = |range: f64| Gaussian { range, peak: 1.0, sigma: 0.5 };
+        let extent = |ranges: &[f64]| {
+            let spots =
+                ranges.iter().map(|range| Gaussian { range: *range, peak: 1.0, sigma: 0.5 }).collect();
+            Received { spots, ..Received::default() }.extent(None)
+        };
         let window = |ranges: &[f64]| {
-            let lights: Vec<Gaussian> = ranges.iter().map(|range| light(*range)).collect();
-            let Window { first, count } = recorder().window(&lights, 0.5);
+            let Window { first, count } = recorder().window(extent(ranges), 3.0);
             (first, count)
         };
         assert_eq!(window(&[]), (0, 0));
@@ -297,10 +373,10 @@ mod tests {
         assert_eq!(window(&[100.0]), (388, 25));
         assert_eq!(window(&[1000.0]).1, 0);
         assert_eq!(window(&[1e300]).1, 0);
-        let wide = [Gaussian { range: 50.0, peak: 1.0, sigma: f64::MAX }];
-        assert_eq!(recorder().window(&wide, 0.5), Window { first: -12, count: 425 });
+        let wide = [f64::NEG_INFINITY, f64::INFINITY];
+        assert_eq!(recorder().window(wide, 3.0), Window { first: -12, count: 425 });
         let tiny = Recorder { step: 5e-324, max_range: f64::INFINITY };
-        assert!(tiny.window(&wide, 0.5).count > usize::MAX / 4);
+        assert!(tiny.window(wide, 3.0).count > usize::MAX / 4);
     }
 
     #[test]

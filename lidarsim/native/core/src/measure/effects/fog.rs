@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn the_echoes_of_the_air_add_up_to_the_peak() {
-        for (begin, extinction, sigma) in [(0.5, 0.06, 0.318), (2.0, 0.003, 0.1), (1.0, 0.2, 20.0)] {
+        for (begin, extinction, sigma) in [(0.5, 0.06, 0.32), (2.0, 0.003, 0.1), (1.0, 0.2, 20.0)] {
             let response = Response { air: Air::clear(begin, extinction), sigma };
             let (range, peak) = response.peak();
             let fog = Fog { range, power: peak, clear_to: 0.0, strength: 1.0, response };
