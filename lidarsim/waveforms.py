@@ -64,11 +64,11 @@ class Waveforms(Pickled):
     -----
     The waveform is the emitted pulse convolved with the cross-section of what the beam meets, as in W. Wagner et al.
     (Gaussian decomposition and calibration of a novel small-footprint full-waveform digitising airborne laser scanner,
-    ISPRS J. 60, 2006) and in HELIOS++ (L. Winiwarter et al., Virtual laser scanning with HELIOS++, Remote Sensing of
-    Environment 269, 2022): a sum over the sub-rays of the beam. Here the pulse is a Gaussian, and each sub-ray has all
-    surfaces along its way, panes and mirrors included. The sum is that from which the scan takes its echoes (see
-    `Beam`): the area of an isolated echo, divided by that of the emitted pulse of peak 1, is intensity/R², and its
-    centroid is the range before errors.
+    ISPRS J. 60, 2006): the sum over the sub-rays of the beam of a Gaussian each. The surfaces behind panes and in
+    mirrors are part of it. The sum is that from which the scan takes its echoes (see `Beam`): the area of an isolated
+    echo, divided by that of the emitted pulse of peak 1, is intensity/R², and its centroid is the range before errors.
+    HELIOS++ (L. Winiwarter et al., Virtual laser scanning with HELIOS++, Remote Sensing of Environment 269, 2022) sums
+    sub-rays alike, with the pulse (t/τ)²·exp(-t/τ).
 
     Fog adds the integral of its backscatter along the beam up to the surfaces, rain and snow the drops and flakes that
     the scan drew. Extinction weakens all of it. The waveform ends before the receiver: it has no range noise,
@@ -84,11 +84,11 @@ class Waveforms(Pickled):
     >>> lidar = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0), measurement=ls.Measurement(beam=beam))
     >>> waveforms = lidar.scan(scene).waveforms()
     >>> waveforms
-    Waveforms of 1 pulse: 39 samples, one every 1 ns
-      range  6.59519 to 12.291 m
+    Waveforms of 1 pulse: 33 samples, one every 1 ns
+      range  6.59543 … 11.3921 m
     >>> range, power = waveforms[0]
-    >>> range[power.argmax()].round(3), len(power)
-    (np.float64(7.944), 39)
+    >>> print(range[power.argmax()].round(3), power.max().round(5))
+    7.945 0.00831
     """
 
     pulse: npt.NDArray[np.int64]
@@ -146,15 +146,14 @@ class Waveforms(Pickled):
     @property
     def time(self) -> Floats:
         """Time of the first sample of each, s after the peak of its pulse was emitted: ndarray of float64, (m,)."""
-        time: Floats = self.first * self.sample_period
-        return time
+        return self.first.astype(np.float64) * self.sample_period
 
     @property
     def emitted(self) -> Waveform:
         """The emitted pulse, of peak 1 at range 0, sampled alike: two arrays as those of a waveform."""
         sigma = HALF_SPEED_OF_LIGHT * self.pulse_length / np.sqrt(8.0 * np.log(2.0))
         most = int(MARGIN * sigma / self._step)
-        reach = self._step * np.arange(-most, most + 1)
+        reach = self._step * np.arange(-most, most + 1, dtype=np.float64)
         return Waveform(reach, np.exp(-0.5 * (reach / sigma) ** 2).astype(np.float32))
 
     def save(self, path: PathLike) -> None:

@@ -19,8 +19,8 @@ use crate::cast::pieces;
 use crate::memory::{push, split_off};
 use crate::{memory, stop};
 
-/// Beyond so many standard deviations, more than √(2·25·ln 2), a Gaussian is below 2⁻²⁵ of its peak: half a
-/// unit in the last place of a sample.
+/// Beyond so many standard deviations, more than √(2·25·ln 2), a Gaussian is below 2⁻²⁵ of its peak: half
+/// a unit in the last place of a sample.
 const MARGIN: f64 = 6.0;
 
 /// How a recorder samples.

@@ -67,8 +67,8 @@ impl Effect for Fog {
 }
 
 impl Fog {
-    /// The ranges from which light comes back: up to where it is less than 2⁻²⁴ of what it is at the full
-    /// overlap, at most twice as far.
+    /// The ranges from which light comes back: up to where it is less than 2⁻²⁴ of what it is at the
+    /// full overlap, at most twice as far.
     pub(in crate::measure) fn extent(&self) -> [f64; 2] {
         let air = &self.response.air;
         let light = |range: f64| air.share(range, 0.0) / (range * range);
@@ -82,8 +82,8 @@ impl Fog {
     /// The range and the peak power of the echoes whose sum is the response of the air between two ranges:
     /// the nodes of Simpson's rule.
     ///
-    /// A step h has an error of (κh)⁴/180 of the integral, where the integrand changes by e over 1/κ: over
-    /// σ, r/4 or 1/(2α). With h at most an eighth of each that is below 2·10⁻⁶.
+    /// A step h has an error of (κh)⁴/180 of the integral, where the integrand changes by e over 1/κ:
+    /// over σ, r/4 or 1/(2α). With h at most an eighth of each that is below 2·10⁻⁶.
     pub(in crate::measure) fn echoes_between(&self, begin: f64, end: f64, mut add: impl FnMut(f64, f64)) {
         let Response { air, sigma } = &self.response;
         let kink = air.overlaps_from();
