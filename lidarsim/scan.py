@@ -532,8 +532,8 @@ class Scan(Pickled, Plotted):
 
         Notes
         -----
-        It takes about the time of two scans of these pulses, and that of 4 bytes for each sample; in fog some 0.3 ms
-        per pulse. A sensor without a `Beam` has the pulse of a beam's default length at each surface.
+        It takes about the time of two scans of these pulses, in fog up to some ms per pulse, and 4 bytes for each
+        sample. A sensor without a `Beam` has the pulse of a beam's default length at each surface.
 
         Examples
         --------
