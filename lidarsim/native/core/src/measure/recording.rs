@@ -72,7 +72,7 @@ struct Received {
     spots: Vec<Gaussian>,
     /// In fog, per sub-ray: where its air ends, and its share of the energy; from the nearest on.
     ends: Vec<(f64, f64)>,
-    /// Of the fog from near the first of these ends on.
+    /// Of the fog around some of these ends.
     fog: Vec<Gaussian>,
 }
 
@@ -307,8 +307,8 @@ impl<C: Caster> Scan<'_, C> {
         Some(OpenFog { begin, end, margin, window, samples })
     }
 
-    /// Adds the light of the fog to the samples of a pulse: where it sees no end of the air, that in front of
-    /// no surface.
+    /// Adds the light of the fog to the samples of a pulse: far from all ends of its air, a share of that in
+    /// front of no surface; near some ends, that of the air around them.
     fn add_fog(
         &self,
         recorder: Recorder,
@@ -318,32 +318,49 @@ impl<C: Caster> Scan<'_, C> {
         samples: &mut [f64],
     ) {
         let Received { ends, fog: lights, .. } = received;
-        let (Some(fog), Some((nearest, _))) = (self.measurement.effects.fog(), ends.first()) else { return };
-        let seam = if *nearest < open.end {
-            let [seam, _] = recorder.samples([nearest - open.margin, *nearest]);
-            usize::try_from(seam.saturating_sub(window.first)).unwrap_or(0).min(window.count)
-        } else {
-            window.count
+        let Some(fog) = self.measurement.effects.fog() else { return };
+        let (sigma, margin) = (self.measurement.pulse_sigma(), open.margin);
+        let place = |range: f64| {
+            let [first, _] = recorder.samples([range, range]);
+            usize::try_from(first.saturating_sub(window.first)).unwrap_or(0).min(window.count)
         };
+        // The share of the energy that reaches an end and those behind it.
+        let share = |k: usize| ends[k..].iter().map(|(_, share)| share).sum::<f64>();
         // The window begins as early, or earlier for the light of a surface.
-        let lead = usize::try_from(open.window.first.saturating_sub(window.first)).unwrap_or(0).min(seam);
-        for (sample, light) in samples[lead..seam].iter_mut().zip(&open.samples) {
-            *sample += light;
-        }
-        lights.clear();
-        let mut begin = open.begin.max(nearest - 2.0 * open.margin);
-        for k in 0..ends.len() {
-            let share: f64 = ends[k..].iter().map(|(_, share)| share).sum();
-            let (end, sigma) = (ends[k].0, self.measurement.pulse_sigma());
-            if seam < window.count {
-                fog.echoes_between(begin, end, |range, power| {
-                    push(lights, Gaussian { range, peak: share * power, sigma });
-                });
+        let lead = usize::try_from(open.window.first.saturating_sub(window.first)).unwrap_or(0);
+        let add_open = |share: f64, places: Range<usize>, samples: &mut [f64]| {
+            for at in places.start.max(lead)..places.end.min(lead + open.samples.len()) {
+                samples[at] += share * open.samples[at - lead];
             }
-            begin = begin.max(end);
+        };
+        let (mut k, mut done) = (0, 0);
+        while k < ends.len() && ends[k].0 < open.end {
+            let mut next = k + 1;
+            while next < ends.len()
+                && ends[next].0 < open.end
+                && ends[next].0 - ends[next - 1].0 <= 2.0 * margin
+            {
+                next += 1;
+            }
+            let (nearest, farthest) = (ends[k].0, ends[next - 1].0);
+            let near = place(nearest - margin).max(done);
+            let far = place(farthest + margin).max(near);
+            add_open(share(k), done..near, samples);
+            lights.clear();
+            let mut begin = open.begin.max(nearest - 2.0 * margin);
+            for i in k..=next {
+                let end = if i < next { ends[i].0 } else { open.end.min(farthest + 2.0 * margin) };
+                let open_share = share(i);
+                fog.echoes_between(begin, end, |range, power| {
+                    push(lights, Gaussian { range, peak: open_share * power, sigma });
+                });
+                begin = begin.max(end);
+            }
+            let around = Window { first: window.first + near as i64, count: far - near };
+            recorder.add(lights, around, &mut samples[near..far]);
+            (k, done) = (next, far);
         }
-        let rest = Window { first: window.first + seam as i64, count: window.count - seam };
-        recorder.add(lights, rest, &mut samples[seam..]);
+        add_open(share(k), done..window.count, samples);
     }
 }
 
