@@ -42,6 +42,7 @@ from lidarsim.shapes import (
 )
 from lidarsim.trajectory import Trajectory, register_trajectory_format
 from lidarsim.viewers import show
+from lidarsim.waveforms import Waveforms
 
 __all__ = [
     "Atmosphere",
@@ -84,6 +85,7 @@ __all__ = [
     "Trajectory",
     "Triangle",
     "TriangleMesh",
+    "Waveforms",
     "__version__",
     "compare",
     "config",

@@ -38,6 +38,7 @@ __all__ = [
     "scan_many",
     "self_crossing",
     "threads",
+    "waveforms",
 ]
 
 _Point = Sequence[float]
@@ -183,6 +184,19 @@ def scan(
     atmosphere: object = None,
     ignored: npt.NDArray[np.int64] | None = None,
 ) -> dict[str, npt.NDArray[Any]]: ...
+def waveforms(
+    scene: Scene,
+    path: Path,
+    pulses: object,
+    indices: npt.NDArray[np.uint64] | None,
+    lidar: object,
+    start: float,
+    draws: tuple[int, int, int],
+    period: float,
+    max_range: float,
+    atmosphere: object = None,
+    ignored: npt.NDArray[np.int64] | None = None,
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float32]]: ...
 def scan_many(
     scenes: list[Scene],
     atmospheres: list[Any],

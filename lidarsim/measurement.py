@@ -32,6 +32,9 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = ["Beam", "Detection", "Measurement"]
 
+PULSE_LENGTH = 5e-9
+"""Default duration of a pulse, full width at half maximum, s."""
+
 ReturnMode = Literal["strongest", "first", "last", "dual"]
 Pairs = Sequence[Sequence[float]] | npt.NDArray[np.float64]
 
@@ -135,7 +138,7 @@ class Beam(Immutable):
 
     divergence_azimuth: float
     divergence_elevation: float | None = None
-    pulse_length: float = 5e-9
+    pulse_length: float = PULSE_LENGTH
     rays: int = 19
     separation: float = 0.0
 

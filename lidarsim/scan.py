@@ -24,13 +24,14 @@ from lidarsim.atmosphere import check_sensor
 from lidarsim.boxes import Boxes, boxes_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.laser_scan import LaserScan, laser_scan_of
-from lidarsim.measurement import Measurement
+from lidarsim.measurement import PULSE_LENGTH, Measurement
 from lidarsim.patterns import Pattern, Pulses
 from lidarsim.patterns._pulses import pulses_of
 from lidarsim.patterns.raster import projection, rows_and_columns
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene, Snapshot
 from lidarsim.trajectory import Trajectory
+from lidarsim.waveforms import Waveforms
 
 __all__ = [
     "Returns",
@@ -137,6 +138,17 @@ class Returns(NamedTuple):
     mirrored_point: Floats | None
 
 
+class _Shot(NamedTuple):
+    """How the pulses of a scan were fired."""
+
+    path: _native.Path
+    """Path of the sensor, sensor to world."""
+    indices: npt.NDArray[np.uint64] | None
+    """Indices of the pulses in the whole frame; None for all of them, in order."""
+    draws: tuple[int, int, int]
+    """Seed, sensor and frame, which select the noise."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan(Pickled, Plotted):
     """One frame of a sensor: up to k returns for each of n pulses, in firing order.
@@ -236,19 +248,22 @@ class Scan(Pickled, Plotted):
     ignore: tuple[int, ...] = ()
     _world: Snapshot | None = field(default=None, repr=False)
     """The scene as it was scanned."""
+    _shot: _Shot | None = field(default=None, repr=False)
+    """How its pulses were fired."""
 
     def _contents(self) -> dict[str, Any]:
         contents = Pickled._contents(self)  # `super()` fails in a dataclass with slots
-        del contents["_world"]  # may be far larger than the scan
+        del contents["_world"], contents["_shot"]  # may be far larger than the scan
         return contents
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
-        made: Self = super(Scan, cls)._restored({"_world": None, **contents})
+        made: Self = super(Scan, cls)._restored({"_world": None, "_shot": None, **contents})
         return made
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self._restored({**copy.deepcopy(self._contents(), memo), "_world": self._world})
+        contents = copy.deepcopy(self._contents(), memo)
+        return self._restored({**contents, "_world": self._world, "_shot": self._shot})
 
     def __len__(self) -> int:
         """Return the number of pulses."""
@@ -490,6 +505,77 @@ class Scan(Pickled, Plotted):
         world = world.without(self.ignore)
         return boxes_of(self, world, self._path(), moment, in_world=not self._is_elsewhere(frame), min_points=least)
 
+    def waveforms(self, sample_period: float = 1e-9, *, pulses: npt.ArrayLike | None = None) -> Waveforms:
+        """Return the received power of pulses over time, from which the scan took its echoes.
+
+        The pulses are fired again, with the same jitter, drops and flakes.
+
+        Parameters
+        ----------
+        sample_period : float
+            Time between two samples, s, > 0 and at most 1e-6. At 1 ns, samples are 0.15 m of range apart.
+        pulses : array_like of int, shape (m,), or of bool, shape (n,), optional
+            The pulses to record: their indices in this scan, or a mask. Default: all.
+
+        Returns
+        -------
+        Waveforms
+            One waveform per pulse, in the order of `pulses`. It ends at `Lidar.max_range`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is of the wrong type or out of its range, or the scan was pickled: pickles do not contain the
+            scene.
+        MemoryError
+            If there is no memory for the samples; raised before any is computed, with their size.
+
+        Notes
+        -----
+        It takes about the time of two scans of these pulses, in fog up to some ms per pulse, and 4 bytes for each
+        sample. A sensor without a `Beam` has the pulse of a beam's default length at each surface.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> ground = scene.add(ls.Plane((0, 0, 1), -100.0))
+        >>> scan = ls.Lidar.preset("riegl-vq780i").scan(scene)
+        >>> waveforms = scan.waveforms(pulses=scan.return_count > 0)
+        """
+        period = real("sample_period", sample_period, above=0.0, at_most=1e-6)
+        world, shot = self._scanned(), self._shot
+        if shot is None:
+            raise ArgumentValueError("scan", "one that a lidar made", "another")
+        whole, numbers = self.pulses, shot.indices
+        chosen = np.arange(len(self), dtype=np.uint64)
+        if pulses is not None:
+            chosen = _chosen(pulses, len(self))
+            whole = _some(whole, chosen)
+            numbers = chosen if numbers is None else numbers[chosen]
+        first, offsets, samples = _native.waveforms(
+            world.native,
+            shot.path,
+            whole,
+            numbers,
+            self.lidar,
+            self.time,
+            shot.draws,
+            period,
+            self.lidar.max_range,
+            world.atmosphere,
+            instances("ignore", self.ignore),
+        )
+        beam = self.lidar.measurement.beam
+        return Waveforms(
+            pulse=chosen.astype(np.int64),
+            first=first,
+            offsets=offsets,
+            samples=samples,
+            sample_period=period,
+            pulse_length=PULSE_LENGTH if beam is None else beam.pulse_length,
+        )
+
     def laser_scan(self) -> LaserScan:
         """Return the scan of a 2D lidar as ROS's ``sensor_msgs/LaserScan`` has it.
 
@@ -713,24 +799,22 @@ def scan(
     period = 1.0 / lidar.pattern.rate
     path = path_of(where, pulses, time, period)
     whole = pulses
-    chosen = None if indices is None else _indices(indices, len(pulses))
+    chosen = None if indices is None else _indices("indices", indices, len(pulses))
     if chosen is not None:
-        pulses = replace(
-            pulses,
-            **{name: getattr(pulses, name)[chosen] for name in ("directions", "origins", "time", "ring", "column")},
-        )
+        pulses = _some(pulses, chosen)
     world = scene._snapshot()
     if world.movers and len(pulses):
         fired = time + pulses.time.min(), time + pulses.time.max()
         world.check_motions(*fired, until_of(whole, time, period))
+    shot = _Shot(path, chosen, (seed, sensor_id(lidar.name), frame))
     arrays = _native.scan(
         world.native,
-        path,
+        shot.path,
         pulses,
-        chosen,
+        shot.indices,
         lidar,
         time,
-        (seed, sensor_id(lidar.name), frame),
+        shot.draws,
         world.atmosphere,
         unseen,
     )
@@ -745,6 +829,7 @@ def scan(
         class_names=dict(scene._class_names),
         ignore=() if unseen is None else tuple(unseen.tolist()),
         _world=world,
+        _shot=shot,
     )
 
 
@@ -919,12 +1004,28 @@ def _arrays(what: Scan | Pulses) -> dict[str, npt.NDArray[Any]]:
     return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
 
-def _indices(value: npt.ArrayLike, pulses: int) -> npt.NDArray[np.uint64]:
-    given = as_array("indices", value, "integers of shape (m,)")
+def _some(pulses: Pulses, which: npt.NDArray[np.uint64]) -> Pulses:
+    """Return some of the pulses."""
+    names = ("directions", "origins", "time", "ring", "column")
+    return replace(pulses, **{name: getattr(pulses, name)[which] for name in names})
+
+
+def _indices(name: str, value: npt.ArrayLike, pulses: int) -> npt.NDArray[np.uint64]:
+    given = as_array(name, value, "integers of shape (m,)")
     if given.ndim != 1 or (given.dtype.kind not in "iu" and given.size):
-        raise ArgumentValueError("indices", "integers of shape (m,)", f"{given.dtype} of shape {given.shape}")
+        raise ArgumentValueError(name, "integers of shape (m,)", f"{given.dtype} of shape {given.shape}")
     outside = (given < 0) | (given >= pulses)
     if outside.any():
         i = int(np.argmax(outside))
-        raise ArgumentValueError("indices", f"0 to {pulses - 1}", f"indices[{i}] = {given[i]}")
+        raise ArgumentValueError(name, f"0 to {pulses - 1}", f"{name}[{i}] = {given[i]}")
     return given.astype(np.uint64)
+
+
+def _chosen(pulses: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
+    """Return the indices of some of `count` pulses, given as indices or as a mask."""
+    given = as_array("pulses", pulses, "integers of shape (m,)")
+    if given.dtype.kind != "b":
+        return _indices("pulses", given, count)
+    if given.shape != (count,):
+        raise ArgumentValueError("pulses", f"a mask of shape ({count},)", f"shape {given.shape}")
+    return np.flatnonzero(given).astype(np.uint64)

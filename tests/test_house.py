@@ -290,7 +290,8 @@ def test_rust_imports_run_one_way() -> None:
     core, python = RustSources(NATIVE / "core" / "src"), RustSources(NATIVE / "python" / "src")
     assert len(core.imports()) > 100
     assert rust_faults(core, LAYERS) == []
-    modules = ["plain", "affine", "path", "shape", "texture", "object", "scene", "scan", "many", "cloud", "coverage"]
+    modules = ["plain", "affine", "path", "shape", "texture", "object", "scene", "scan", "waveforms", "many", "cloud"]
+    modules += ["coverage"]
     assert rust_faults(python, modules) == []
     assert not any({"pyo3", "numpy"} & set(tokens) for tokens in core.sources.values())
 

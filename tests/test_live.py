@@ -268,8 +268,8 @@ def test_the_command_line_writes_a_file(config: Path, capsys: pytest.CaptureFixt
     ("arguments", "message"),
     [
         (["run.yaml", "--live", "--with", "pyvista"], "--live: expected rerun, foxglove or open3d, got pyvista"),
-        (["run.yaml", "--live", "--html", "a.html"], "--live: expected no picture, got --html"),
-        (["run.yaml", "--rrd", "a.rrd", "--gif", "a.gif"], "--rrd: expected no picture, got --gif"),
+        (["run.yaml", "--live", "--html", "a.html"], "--live: expected no option of pictures, got --html"),
+        (["run.yaml", "--rrd", "a.rrd", "--gif", "a.gif"], "--rrd: expected no option of pictures, got --gif"),
         (["run.yaml", "--rrd", "a.png"], "a.png: unknown extension '.png', expected .rrd"),
         (["run.yaml", "--rrd", "a.rrd", "--with", "rerun"], "--rrd: expected no --with, got rerun"),
         (["a.pcd", "--live"], "--live: expected a configuration or recipe, got a.pcd"),

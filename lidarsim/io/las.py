@@ -30,7 +30,8 @@ With `crs`, a coordinate reference system in metres, the file has its WKT (versi
 the WKT bit of the header; with `geokeys`, also GeoTIFF keys, for older programs. This needs pyproj. Without `crs`,
 there is neither.
 
-COPC files are read as the LAZ files that they are, and cannot be written.
+COPC files are read as the LAZ files that they are. They are not written: a library that writes COPC, such as copclib,
+expects the octree of the points, and building that is the work of tools such as PDAL and untwine, which convert LAZ.
 
 Format: https://github.com/ASPRSorg/LAS, revision R15.
 """
@@ -87,6 +88,10 @@ UNUSED = {
 """Dimensions that every file has and few writers set, by lidarsim's names."""
 
 SCALE = 1e-4
+REACH = (2**31 - 5_000) * SCALE
+"""Greatest distance of a coordinate from the middle of the first points, m: half a metre less than 32 bits hold, since
+the offset is that middle in whole metres."""
+
 WHITE = 10_000  # intensity of a white diffuser
 ANGLE = np.radians(0.006)  # step of the scan angle
 
@@ -339,9 +344,11 @@ class _Points:
             fields = fields | {"time": zero + fields.get("time", np.zeros(len(fields["xyz"])))}
         columns = to_columns(fields, NORMAL, CODES)
         dtypes = {name: column.dtype for name, column in columns.items()}
+        if len(fields["xyz"]):
+            _check_coordinates(columns, None if self._writer is None else self._writer.header.offsets)
         if self._writer is None:
             self._dtypes, self._targets, self._is_gps_time = dtypes, _targets(columns), is_gps_time
-            self._writer = self._open(fields["xyz"], columns)
+            self._writer = self._open(columns)
         elif dtypes != self._dtypes:
             raise ArgumentValueError("cloud", f"the fields {', '.join(self._dtypes)}", ", ".join(dtypes))
         elif is_gps_time != self._is_gps_time:
@@ -354,16 +361,14 @@ class _Points:
                 _set(record, name, self._targets[name], column, number * BLOCK)
             self._writer.write_points(record)
 
-    def _open(self, xyz: npt.NDArray[Any], columns: Fields) -> Any:
+    def _open(self, columns: Fields) -> Any:
         laspy = self._laspy
         colours = {"red", "green", "blue"} <= columns.keys()
         header = laspy.LasHeader(version="1.4", point_format=7 if colours else 6)
         self._refer(header)
         header.generating_software = "lidarsim"
         header.scales = np.full(3, SCALE)
-        with np.errstate(invalid="ignore"):
-            middle = (xyz.min(axis=0) + xyz.max(axis=0)) / 2 if len(xyz) else np.zeros(3)
-        header.offsets = np.rint(np.nan_to_num(middle.astype(np.float64)))
+        header.offsets = [np.rint(sum(end / 2 for end in _ends(columns[axis]))) for axis in AXES]
         standard = set(header.point_format.dimension_names)
         header.add_extra_dims(
             [
@@ -399,13 +404,33 @@ def _targets(columns: Fields) -> dict[str, str]:
     return targets
 
 
+def _ends(column: npt.NDArray[Any]) -> tuple[float, float]:
+    """Return the least and the greatest number of a column; 0 if it has none."""
+    return (float(column.min()), float(column.max())) if len(column) else (0.0, 0.0)
+
+
+def _check_coordinates(columns: Fields, offsets: npt.NDArray[np.float64] | None) -> None:
+    """Check that all coordinates of a cloud fit, before any is written; `offsets`: those of a file that has points."""
+    for i, axis in enumerate(AXES):
+        column = columns[axis]
+        finite = np.isfinite(column)
+        if not finite.all():
+            k = int(np.argmin(finite))
+            raise FileFormatError(f"{axis}: expected finite coordinates, got {axis}[{k}] = {column[k]:g}")
+        low, high = _ends(column)
+        if offsets is None and not high - low <= 2.0 * REACH:
+            expected = "coordinates over at most 429 km, 32 bits in steps of 0.1 mm"
+            raise FileFormatError(f"{axis}: expected {expected}, got {low:g} to {high:g} m")
+        if offsets is not None and not offsets[i] - REACH <= low <= high <= offsets[i] + REACH:
+            k = int(np.argmax(np.abs(column / 2.0 - offsets[i] / 2.0)))  # halved, it cannot overflow
+            near = f"coordinates within 214 km of {offsets[i]:g} m, the middle of the first points"
+            raise FileFormatError(f"{axis}: expected {near}, got {axis}[{k}] = {column[k]:g}")
+
+
 def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: int) -> None:
     """Set the dimension of a column; `first` is the number of its first point."""
     if target in AXES:
-        offset = record.offsets[AXES.index(target)]
-        near = f"coordinates within 214 km of {offset:g} m, the middle of the first points"
-        steps = (column - offset) / SCALE
-        record[target.upper()] = _rounded(name, column, steps, near, first, low=-(2**31), high=2**31 - 1)
+        record[target.upper()] = np.rint((column - record.offsets[AXES.index(target)]) / SCALE)
     elif target == "intensity":
         warn_above(65_535 / WHITE, column, "LAS's intensity")
         steps = np.minimum(column, np.float32(65_535 / WHITE)) * WHITE

@@ -64,6 +64,7 @@ RESULTS = {
     "ScanBatch",
     "SceneObject",
     "io.packets.Sent",
+    "Waveforms",
     "patterns.Description",
 }
 """Classes that functions return: their methods are called, their constructors not."""
@@ -161,6 +162,11 @@ def cloud() -> ls.PointCloud:
 def saved(folder: Path, name: str = "cloud.pcd") -> Path:
     cloud().save(folder / name)
     return folder / name
+
+
+def recorded(folder: Path) -> Path:
+    lidar().scan(ball_and_floor()).waveforms().save(folder / "recorded.npz")
+    return folder / "recorded.npz"
 
 
 VALUES: dict[str, Callable[[Path], Any]] = {
@@ -369,6 +375,10 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Scene.from_file.time": lambda _: None,
     "Scene.animate.self": growing,
     "Scan.laser_scan.self": lambda _: flat_scan(),
+    "Scan.waveforms.pulses": lambda _: [3, 1],
+    "Scan.waveforms.sample_period": lambda _: 1e-9,
+    "Waveforms.save.path": lambda folder: folder / "waveforms.npz",
+    "Waveforms.load.path": recorded,
     "occupancy.z": lambda _: 0.1,
     "occupancy.bounds": lambda _: ((-2.0, -2.0), (5.0, 2.0)),
     "OccupancyGrid.index.points": lambda _: [(0.0, 1.0)],
@@ -542,6 +552,7 @@ INSTANCES = {
     "Comparison": lambda: ls.compare(cloud(), cloud()),
     "LaserScan": lambda: flat_scan().laser_scan(),
     "OccupancyGrid": lambda: ls.occupancy(ball_and_floor(), 0.5, 0.1),
+    "Waveforms": lambda: lidar().scan(ball_and_floor()).waveforms(),
 }
 """By class, what is better than what its constructor makes of the example."""
 

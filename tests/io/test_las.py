@@ -323,11 +323,16 @@ def test_copc_is_read_and_not_written(tmp_path: Path) -> None:
         ({"on": [True, False]}, "on: this format cannot hold bool; convert it, or save as .npz"),
         (
             {"xyz": [[0, 0, 0], [0, 0, 1e6]]},
-            "z: expected coordinates within 214 km of 500000 m, the middle of the first points, got z[0] = 0",
+            "z: expected coordinates over at most 429 km, 32 bits in steps of 0.1 mm, got 0 to 1e+06 m",
         ),
         (
             {"xyz": [[0, 0, 0], [np.nan, 0, 0]]},
-            "x: expected coordinates within 214 km of 0 m, the middle of the first points, got x[1] = nan",
+            "x: expected finite coordinates, got x[1] = nan",
+        ),
+        ({"xyz": [[0, -np.inf, 0], [0, 0, 0]]}, "y: expected finite coordinates, got y[0] = -inf"),
+        (
+            {"xyz": [[-1e308, 0, 0], [1e308, 0, 0]]},
+            "x: expected coordinates over at most 429 km, 32 bits in steps of 0.1 mm, got -1e+308 to 1e+308 m",
         ),
     ],
 )  # fmt: skip
@@ -342,10 +347,9 @@ def test_what_does_not_fit(fields: dict[str, list[float]], message: str, tmp_pat
 
 
 def test_a_misfit_after_the_first_block_is_told_by_its_place(tmp_path: Path) -> None:
-    for name, wrong in {"label": 256, "intensity": -1.0, "xyz": [1e9, 0, 0]}.items():
+    for name, wrong in {"label": 256, "intensity": -1.0, "xyz": [np.nan, 0, 0]}.items():
         cloud = PointCloud(xyz=np.zeros((COUNT, 3)), label=np.zeros(COUNT), intensity=np.zeros(COUNT))
         getattr(cloud, name)[COUNT - 1] = wrong
-        cloud = cloud if name != "xyz" else PointCloud(xyz=np.concatenate((cloud.xyz, -cloud.xyz)))
         with pytest.raises(FileFormatError, match=rf"\[{COUNT - 1}\] = "):
             cloud.save(tmp_path / "cloud.las")
 
@@ -364,6 +368,32 @@ def test_frames_of_a_flight_go_into_one_file(cloud: PointCloud, tmp_path: Path, 
     assert not {"synthetic", "user_data"} & set(PointCloud.load(path).fields)
     assert {"synthetic", "user_data"} < set(pieces[0].fields)
     np.testing.assert_array_equal(np.concatenate([piece.object_id for piece in pieces]), cloud.object_id)
+
+
+def test_coordinates_as_wide_as_32_bits_hold(tmp_path: Path) -> None:
+    path, reach = tmp_path / "wide.las", 1e-4 * (2**31 - 5_000)
+    for middle in (0.0, 5_000_000.0):
+        cloud = PointCloud(xyz=[[middle - reach, 0, 0], [middle + reach, 0, 0]])
+        cloud.save(path)
+        assert np.abs(PointCloud.load(path).xyz - cloud.xyz).max() <= HALF_A_STEP
+    far = PointCloud(xyz=np.full((2, 3), 1e308))
+    far.save(path)
+    assert np.array_equal(PointCloud.load(path).xyz, far.xyz)
+    written = path.read_bytes()
+    with pytest.raises(FileFormatError, match="x: expected coordinates over at most 429 km"):
+        PointCloud(xyz=[[-reach, 0, 0], [reach + 1.0, 0, 0]]).save(path)
+    assert path.read_bytes() == written
+
+
+@pytest.mark.parametrize("far", [400e3, -400e3, 1e300])
+def test_a_strip_too_far_from_the_first(far: float, tmp_path: Path) -> None:
+    path = tmp_path / "flight.laz"
+    with pytest.raises(FileFormatError) as caught, Writer(path) as flight:  # noqa: PT012
+        flight.write(PointCloud(xyz=[[-3.0, 0.0, 0.0], [0.0, 7.0, 0.0]]))
+        flight.write(PointCloud(xyz=[[0.0, 0.0, 0.0], [0.0, far, 0.0]]))
+    expected = "coordinates within 214 km of 4 m, the middle of the first points"
+    assert str(caught.value) == f"y: expected {expected}, got y[1] = {far:g}"
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_error_in_the_block_leaves_the_old_file(tmp_path: Path) -> None:

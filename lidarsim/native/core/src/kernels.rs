@@ -3,7 +3,7 @@
 
 use crate::arith::simd::Runner;
 use crate::cast::{Cast, Columns, Occlusion};
-use crate::measure::{BadPulse, Batch, CoverPiece, ThingPulses, WritePoints};
+use crate::measure::{BadPulse, Batch, CoverPiece, Recording, ThingPulses, WritePoints};
 use crate::scene::{Rays, TRange, World};
 
 /// The work on a piece of a cast or of a scan, compiled for one instruction set.
@@ -23,6 +23,9 @@ pub trait Kernels: Sync {
 
     /// Measures a batch of pulses, or returns the first bad pulse.
     fn measure(&self, batch: Batch<World>) -> Result<(), BadPulse>;
+
+    /// Records the waveforms of a batch of pulses, or returns the first bad pulse.
+    fn record(&self, recording: Recording<World>) -> Result<(), BadPulse>;
 }
 
 impl<R: Runner> Kernels for R {
@@ -44,5 +47,9 @@ impl<R: Runner> Kernels for R {
 
     fn measure(&self, batch: Batch<World>) -> Result<(), BadPulse> {
         R::run(batch)
+    }
+
+    fn record(&self, recording: Recording<World>) -> Result<(), BadPulse> {
+        R::run(recording)
     }
 }

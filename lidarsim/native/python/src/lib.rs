@@ -11,6 +11,7 @@ mod scan;
 mod scene;
 mod shape;
 mod texture;
+mod waveforms;
 
 use std::any::Any;
 use std::env;
@@ -54,6 +55,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(scan::scan_columns, m)?)?;
     m.add_function(wrap_pyfunction!(cloud::points_of, m)?)?;
     m.add_function(wrap_pyfunction!(coverage::coverage, m)?)?;
+    m.add_function(wrap_pyfunction!(waveforms::waveforms, m)?)?;
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;

@@ -247,6 +247,52 @@ pub fn beyond<'a>(
     })
 }
 
+/// Pulses to be fired, as Python has them.
+pub struct Shot<'a, 'py> {
+    pub scene: &'a PyScene,
+    pub path: &'a PyPath,
+    pub pulses: PulseArrays<'py>,
+    /// The pulses' indices in the whole frame, unless they are all of it, in order.
+    pub indices: Option<PyReadonlyArray1<'py, u64>>,
+    pub start: f64,
+    /// Seed, sensor and frame.
+    pub draws: (u64, u32, u32),
+    /// Instances that are not seen.
+    pub ignored: Option<PyReadonlyArray1<'py, i64>>,
+}
+
+impl Shot<'_, '_> {
+    /// Does `work`, which fires them.
+    pub fn fire<R: Send>(
+        &self,
+        py: Python<'_>,
+        measurement: &Measurement,
+        work: impl FnOnce(&Scan<World>) -> Result<R, BadPulse> + Send,
+    ) -> PyResult<R> {
+        let Pulses { directions, origins, times, rings } = self.pulses.slices()?;
+        let indices = self.indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
+        let (scene, start) = (self.scene, self.start);
+        let ignored = scene.ignored(self.ignored.as_ref())?;
+        check_rings(rings, measurement.rings())?;
+        let stream = Stream::new(self.draws.0, self.draws.1, self.draws.2);
+        let frame =
+            Frame { origins, directions, times, rings, indices, start, path: &self.path.path, stream };
+        let done = detached(py, || {
+            scene.scene.prepare();
+            // Rounding preserves the order of times; times that overflow are refused. If nothing moves, times
+            // are irrelevant.
+            let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
+            let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
+            let world = scene.scene.during(span);
+            let world = world.ignoring(&ignored);
+            let beyond = beyond(scene, measurement, span, &ignored);
+            let appearances = &scene.appearances;
+            work(&Scan { frame: &frame, measurement, appearances, caster: &world, beyond })
+        })?;
+        done.map_err(|bad| explain(bad, &frame))
+    }
+}
+
 /// Fires the pulses of a frame and measures the returns: the arrays of `lidarsim.Scan`, of shape (n, most).
 ///
 /// `indices` are the pulses' indices in the whole frame, unless they are all of it, in order. `draws` are
@@ -266,34 +312,21 @@ pub fn scan<'py>(
     atmosphere: Option<&Bound<'py, PyAny>>,
     ignored: Option<PyReadonlyArray1<'py, i64>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let Pulses { directions, origins, times, rings } = pulses.slices()?;
-    let indices = indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
     let measurement = measurement_of(lidar, atmosphere)?;
-    let ignored = scene.ignored(ignored.as_ref())?;
-    check_rings(rings, measurement.rings())?;
-    let stream = Stream::new(draws.0, draws.1, draws.2);
-    let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
-    let moves = scene.scene.moves() || !matches!(frame.path, Path::Still(_));
-    let (kernels, appearances) = (kernels(py)?, &scene.appearances);
-    let mirrors = measurement.depth() > 1 && appearances.iter().any(|appearance| appearance.mirror > 0.0);
-    let layout = Layout { moves, mirrors, ..layout(&measurement, directions.len()) };
-    let measured = detached(py, || {
+    let moves = scene.scene.moves() || !matches!(*path.path, Path::Still(_));
+    let has_mirror = scene.appearances.iter().any(|appearance| appearance.mirror > 0.0);
+    let mirrors = measurement.depth() > 1 && has_mirror;
+    let layout = Layout { moves, mirrors, ..layout(&measurement, pulses.slices()?.directions.len()) };
+    let kernels = kernels(py)?;
+    let shot = Shot { scene, path, pulses, indices, start, draws, ignored };
+    let columns = shot.fire(py, &measurement, |scan| {
         let mut columns = ScanColumns::new(layout);
-        scene.scene.prepare();
-        // Rounding preserves the order of times; times that overflow are refused. If nothing moves, times are
-        // irrelevant.
-        let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
-        let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
-        let world = scene.scene.during(span);
-        let world = world.ignoring(&ignored);
-        let beyond = beyond(scene, &measurement, span, &ignored);
-        let scan = Scan { frame: &frame, measurement: &measurement, appearances, caster: &world, beyond };
         scan.measure(&mut columns.rows(), |batch| kernels.measure(batch))?;
         // SAFETY: all pulses were measured and none was bad, so all entries were written.
         unsafe { columns.assume_written() };
         Ok(columns)
     })?;
-    arrays(py, measured.map_err(|bad| explain(bad, &frame))?)
+    arrays(py, columns)
 }
 
 /// The echoes of an atmosphere in front of no surface: range and power of that of fog, if there is one, and

@@ -4,7 +4,7 @@ use super::parameters::Parameters;
 use crate::arith::elementary::{exp, sin_cos};
 
 /// Half of the speed of light in vacuum, m/s: light travels a range twice.
-const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
+pub(super) const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
 
 /// A diverging beam as a few sub-rays.
 #[derive(Clone, Debug)]
@@ -28,6 +28,11 @@ const PULSE_LENGTH: f64 = 5e-9;
 pub(super) fn pulse_sigma<P: Parameters>(parameters: &P) -> Result<f64, P::Error> {
     let length = parameters.optional_number("measurement.beam.pulse_length")?.unwrap_or(PULSE_LENGTH);
     Ok(sigma(HALF_SPEED_OF_LIGHT * length))
+}
+
+/// The same of a sensor without a beam.
+pub(super) fn default_pulse_sigma() -> f64 {
+    sigma(HALF_SPEED_OF_LIGHT * PULSE_LENGTH)
 }
 
 /// Full angles of the beam of a sensor, if it has one, rad.
@@ -86,6 +91,11 @@ impl Beam {
 
     pub(super) fn offset(&self, sub_ray: usize) -> [f64; 2] {
         self.cells[sub_ray].0
+    }
+
+    /// The share of the energy that a sub-ray carries.
+    pub(super) fn share(&self, sub_ray: usize) -> f64 {
+        self.cells[sub_ray].1
     }
 
     /// The sub-ray in whose part of the energy this share of it ends.

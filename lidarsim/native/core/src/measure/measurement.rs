@@ -1,6 +1,6 @@
 //! How a sensor measures: its effects, its beam, and the returns that it reports.
 
-use super::beam::Beam;
+use super::beam::{self, Beam};
 use super::echo::Returns;
 use super::effects::Effects;
 use super::parameters::Parameters;
@@ -31,6 +31,16 @@ impl Measurement {
     /// Rays of a pulse.
     pub fn rays(&self) -> usize {
         self.beam.as_ref().map_or(1, Beam::len)
+    }
+
+    /// The share of the energy of a pulse that one of its rays carries.
+    pub(super) fn share(&self, sub_ray: usize) -> f64 {
+        self.beam.as_ref().map_or(1.0, |beam| beam.share(sub_ray))
+    }
+
+    /// Standard deviation of the pulse, as a range, m.
+    pub(super) fn pulse_sigma(&self) -> f64 {
+        self.beam.as_ref().map_or_else(beam::default_pulse_sigma, |beam| beam.pulse_sigma)
     }
 
     /// The most returns of a pulse. A single ray has one echo, unless light goes on.

@@ -4,8 +4,9 @@
 //! mirrors (`beyond.rs`). Hits become light (`light.rs`),
 //! light becomes echoes, one a ray (`single_ray.rs`) or those of a waveform over the footprint of a beam
 //! (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the range gate
-//! last. The rows of a scan are written to its columns (`columns.rs`), from which `returns.rs` and
-//! `points.rs` make a point cloud. `coverage.rs` tells how much of each thing pulses reach.
+//! last. `recording.rs` samples the waveforms themselves, where they are asked for. The rows of a scan are
+//! written to its columns (`columns.rs`), from which `returns.rs` and `points.rs` make a point cloud.
+//! `coverage.rs` tells how much of each thing pulses reach.
 
 mod appearance;
 mod backscatter;
@@ -27,6 +28,7 @@ mod origins;
 mod parameters;
 mod points;
 mod range_rate;
+mod recording;
 mod returns;
 pub mod rng;
 mod scan;
@@ -49,6 +51,7 @@ pub use measurement::Measurement;
 pub use origins::Origins;
 pub use parameters::{Parameters, Value};
 pub use points::{Coordinates, PointSource, PointsAndNormals, WritePoints};
+pub use recording::{Recorder, Recording, Samples, Window};
 pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
 pub use scan::{Batch, Scan};
 pub use texture::{Texture, TextureCoordinates, TextureMap, Wrap};

@@ -50,6 +50,31 @@ impl<C: Caster> Task for Batch<'_, '_, '_, C> {
     }
 }
 
+/// Does work with the memory that the last batch on this thread left.
+pub(super) fn with_scratch<R>(work: impl FnOnce(&mut Scratch) -> R) -> R {
+    let mut scratch = SCRATCH.take();
+    let outcome = work(&mut scratch);
+    SCRATCH.set(scratch);
+    outcome
+}
+
+/// Works on all pieces, on all threads, or returns the first bad pulse.
+pub(super) fn share<T: Send>(
+    pieces: Vec<T>,
+    act: impl Fn(T) -> Result<(), BadPulse> + Sync,
+) -> Result<(), BadPulse> {
+    let bad = Mutex::new(None);
+    parallel::share(pieces.into_iter(), |piece| {
+        if let Err(found) = act(piece) {
+            let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
+            if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
+                *bad = Some(found);
+            }
+        }
+    });
+    bad.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+}
+
 impl<C: Caster> Scan<'_, C> {
     /// Measures all pulses, on all threads, or returns the first bad pulse. `rows` are those of all pulses;
     /// `work` runs a batch.
@@ -60,16 +85,7 @@ impl<C: Caster> Scan<'_, C> {
     ) -> Result<(), BadPulse> {
         let pieces = pieces(self.frame.directions, self.measurement.rays()).into_iter();
         let pieces = memory::collect(pieces.map(|piece| (piece.clone(), rows.split_off(piece.len()))));
-        let bad = Mutex::new(None);
-        parallel::share(pieces.into_iter(), |(pulses, mut rows)| {
-            if let Err(found) = self.measure_piece(pulses, &mut rows, &work) {
-                let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
-                if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
-                    *bad = Some(found);
-                }
-            }
-        });
-        bad.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+        share(pieces, |(pulses, mut rows)| self.measure_piece(pulses, &mut rows, &work))
     }
 
     /// Measures some pulses on this thread.
@@ -79,10 +95,23 @@ impl<C: Caster> Scan<'_, C> {
         rows: &mut Rows,
         work: impl Fn(Batch<C>) -> Result<(), BadPulse>,
     ) -> Result<(), BadPulse> {
-        let mut scratch = SCRATCH.take();
-        let outcome = work(Batch { scan: self, pulses, scratch: &mut scratch, rows });
-        SCRATCH.set(scratch);
-        outcome
+        with_scratch(|scratch| work(Batch { scan: self, pulses, scratch, rows }))
+    }
+
+    /// Fires a batch of pulses, and finds what their light meets.
+    #[inline(always)]
+    pub(super) fn illuminate<I: Isa>(
+        &self,
+        pulses: Range<usize>,
+        scratch: &mut Scratch,
+    ) -> Result<(), BadPulse> {
+        self.fire::<I>(pulses, scratch)?;
+        scratch.ways.clear(scratch.hits.len());
+        if let Some(beyond) = &self.beyond {
+            self.go_on::<I>(beyond, scratch);
+        }
+        self.reflect(scratch);
+        Ok(())
     }
 
     #[inline(always)]
@@ -92,12 +121,7 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) -> Result<(), BadPulse> {
-        self.fire::<I>(pulses.clone(), scratch)?;
-        scratch.ways.clear(scratch.hits.len());
-        if let Some(beyond) = &self.beyond {
-            self.go_on::<I>(beyond, scratch);
-        }
-        self.reflect(scratch);
+        self.illuminate::<I>(pulses.clone(), scratch)?;
         resize(&mut scratch.rows.range_rate, rows.radial_velocity.len(), [0.0; 2]);
         if self.measurement.beam.is_none() && self.measurement.most_returns() == 1 {
             self.measure_single_rays::<I>(pulses, scratch, rows);

@@ -118,10 +118,8 @@ impl Waveform {
     fn sample_slopes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize) {
         let Waveform { lights, variances, samples, before, slopes, .. } = self;
         let first = pulse * beam.len();
-        let to_next = |light: &Light| scratch.to_next_sub_ray(light, first);
-        let variance = |light| beam.pulse_sigma * beam.pulse_sigma + 0.5 * to_next(light);
         variances.clear();
-        variances.extend(lights.iter().map(variance));
+        variances.extend(lights.iter().map(|light| scratch.variance(beam, light, first)));
         samples.clear();
         before.clear();
         for (i, light) in lights.iter().enumerate() {
@@ -171,6 +169,12 @@ impl Peak {
 }
 
 impl Scratch {
+    /// σᵢ² of a light. `first`: the first ray of the pulse.
+    #[inline(always)]
+    pub(super) fn variance(&self, beam: &Beam, light: &Light, first: usize) -> f64 {
+        beam.pulse_sigma * beam.pulse_sigma + 0.5 * self.to_next_sub_ray(light, first)
+    }
+
     /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of
     /// what it hit, where that changes most. `first`: the first ray of the pulse.
     ///

@@ -40,4 +40,10 @@ impl Air {
         let share = exp(-2.0 * self.extinction * range - x);
         self.crossover.as_ref().map_or(share, |crossover| crossover.gather(range, share))
     }
+
+    /// Air that the receiver sees in full from a range on.
+    #[cfg(test)]
+    pub(super) fn clear(begin: f64, extinction: f64) -> Self {
+        Air { begin, crossover: None, extinction }
+    }
 }
