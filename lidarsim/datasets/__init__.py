@@ -84,12 +84,13 @@ def generate(
     Parameters
     ----------
     recipe : path-like or callable
-        A YAML file (see ``configs/README.md`` for its keys), or a function that takes a `numpy.random.Generator` and a
-        sequence number, and returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, its pose or None. Only the same
-        function resumes a data set: its code must be equal, and so must the values of its defaults, of variables of
-        enclosing functions and of the globals that it reads, also in the functions and classes that it uses; installed
-        packages are compared by name only. These values must be picklable, and must not change between calls. Files
-        that the function reads, and modules that it imports in its body, are not compared.
+        A YAML file (see ``configs/README.md`` for its keys), the name of a packaged recipe, such as ``"detection"``, or
+        a function that takes a `numpy.random.Generator` and a sequence number, and returns a `Scene`, a `Lidar` or
+        `Rig`, and its trajectory, its pose or None. Only the same function resumes a data set: its code must be equal,
+        and so must the values of its defaults, of variables of enclosing functions and of the globals that it reads,
+        also in the functions and classes that it uses; installed packages are compared by name only. These values must
+        be picklable, and must not change between calls. Files that the function reads, and modules that it imports in
+        its body, are not compared.
     output : str or path-like
         A folder, or a URL as text, such as ``s3://bucket/folder``.
     client : dask.distributed.Client, optional
