@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import re
 import runpy
+import shlex
+import shutil
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
+from lidarsim.cli import main
+
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 IMAGES = Path(__file__).parents[1] / "examples" / "images"
+GUIDE = (IMAGES.parent / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```bash\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
+COMMANDS = [line for block in BLOCKS for line in block.splitlines()]
 
 
 def test_there_are_examples() -> None:
@@ -39,9 +47,27 @@ def draws_what_the_gallery_shows(picture: Path, image: Path) -> None:
         assert len(drawn.convert("RGB").getcolors(2**24) or []) > 16  # it is not blank
 
 
-def test_the_gallery_shows_every_example() -> None:
-    gallery = (IMAGES.parent / "README.md").read_text(encoding="utf-8")
+def test_the_guide_shows_every_example() -> None:
     for path in EXAMPLES:
-        assert f"[`{path.name}`]({path.name})" in gallery
-    assert gallery.count("](images/") == len(EXAMPLES) - 1  # a loader of training data has nothing to show
-    assert [name for name in re.findall(r"\]\(([^)]+)\)", gallery) if not (IMAGES.parent / name).exists()] == []
+        assert f"[`{path.name}`]({path.name})" in GUIDE
+        assert f"python examples/{path.name}" in COMMANDS
+    assert GUIDE.count("](images/") == len(EXAMPLES) - 2  # data loaders and clusters have nothing to show
+
+
+@pytest.mark.parametrize("command", [command for command in COMMANDS if not command.startswith("python ")])
+def test_every_command_of_the_guide_runs(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    program, *words = shlex.split(command)
+    assert program == "lidarsim"
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    assert not left.value.code
+    assert all(Path(file).exists() for option, file in pairwise(words) if option in {"--output", "--screenshot"})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the configurations, in which the commands run one after another."""
+    place = tmp_path_factory.mktemp("guide")
+    shutil.copytree(EXAMPLES[0].parents[1] / "configs", place / "configs")
+    return place
