@@ -369,13 +369,13 @@ def test_readme_has_two_set_up_commands() -> None:
 
 
 def test_the_readme_shows_what_its_example_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A palette of 256 colours moves the means of blocks by up to 2 of 255; an object that is missing, by tens."""
+    """Fewer colours and pixels move the means of blocks by up to 3 of 255; an object that is missing, by tens."""
     monkeypatch.chdir(tmp_path)
     (example,) = blocks("python")
     subprocess.run([sys.executable, "-W", "error", "-c", example], check=True)
     shown, drawn = ROOT / "examples" / "images" / "snippet.png", tmp_path / "scan.png"
     assert f"](examples/images/{shown.name})" in README.split(example)[1].split("\n## ")[0]
-    assert pictures.difference(drawn, shown) < 5
+    assert pictures.difference(drawn, shown) < 6
     less, count = re.subn(r"^scene\.add.*tank.*\n", "", example, flags=re.MULTILINE)
     assert count == 1
     subprocess.run([sys.executable, "-W", "error", "-c", less], check=True)

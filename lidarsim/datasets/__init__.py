@@ -106,7 +106,8 @@ def generate(
         Seed of all draws and all noise. Default: that of the recipe; 0 for a function.
     layout : str or dict, optional
         ``"semantickitti"``, ``"kitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with this as ``type``
-        and the layout's options. Default: that of the recipe; ``"shards"`` for a function.
+        and the layout's options, which ``configs/README.md`` documents with the files of each layout. Default: that of
+        the recipe; ``"shards"`` for a function.
     shard_frames : int, optional
         Number of frames made at a time. Default: as many as fire 40 million pulses, but at most 1/32 of all.
     class_names : dict of int to str, optional
