@@ -397,7 +397,7 @@ def test_the_commands_that_the_readme_names_run(tmp_path: Path, monkeypatch: pyt
             Path(words[into + 1]).write_text(said, encoding="utf-8")
     assert lidarsim.Lidar.from_file("mine.yaml").pattern == lidarsim.Lidar.preset("livox-mid40").pattern
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        *("FOLDER", "drives", "mine.yaml", "pattern.png", "seen.png", "street.pcd")
+        *("FOLDER", "drives", "mine.pcd", "mine.yaml", "pattern.png", "seen.png", "street.pcd")
     ]
 
 
