@@ -1,4 +1,4 @@
-"""The command line: ``lidarsim scan | generate | stream | view | compare | sensors | check | bench``."""
+"""The command line: ``lidarsim new | scan | generate | stream | view | compare | sensors | check | bench``."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ from lidarsim._shown import counted, plain
 from lidarsim._terminal import facts, paragraph, print_line, say, standard_streams, table
 from lidarsim._validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
+from lidarsim.config import starter
 from lidarsim.errors import LidarsimError
 from lidarsim.io import packets, raster, rosbag
 from lidarsim.io._cuts import WORDS
@@ -122,7 +123,9 @@ def _file(names: str, metavar: str, text: str) -> Any:
     return _option(names, metavar, text, parser=_path)
 
 
-Configuration = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML configuration.", parser=_path)]
+Configuration = Annotated[
+    Path, typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: demo, ahead.", parser=_path)
+]
 Overrides = Annotated[
     list[str] | None, _option("--set", "KEY=VALUE", "Override a value in CONFIG, e.g. scene.0.radius_m=2.")
 ]
@@ -151,6 +154,15 @@ def _options(
     ] = False,
 ) -> None:
     pass
+
+
+@app.command()
+def new(folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New or empty folder.", parser=_path)]) -> None:
+    """Make a project in FOLDER to start from: scene, sensor, runs, a recipe, a script and notes."""
+    files = starter.new_project(folder)
+    print_line(f"{folder}: {', '.join(path.as_posix() for path in files)}")
+    print_line(f"next: cd {plain(folder)} && lidarsim scan demo.yaml --output street.pcd")
+    print_line(f"{folder / 'README.md'} explains the files and lists what else to run")
 
 
 @app.command()
@@ -259,7 +271,10 @@ def scan(
 
 @app.command()
 def generate(
-    recipe: Annotated[Path | None, typer.Argument(metavar="RECIPE", help="YAML recipe.", parser=_path)] = None,
+    recipe: Annotated[
+        Path | None,
+        typer.Argument(metavar="RECIPE", help="YAML recipe, or a packaged one: detection.", parser=_path),
+    ] = None,
     *,
     output: Annotated[str, _option("--output -o", "FOLDER|URL", "Output folder, or a URL such as s3://bucket/folder.")],
     workers: Annotated[int | None, _option("--workers", "N", "Run N single-threaded processes.")] = None,
@@ -386,7 +401,7 @@ def view(
         typer.Argument(
             metavar="PATH",
             help="Point cloud, bag, data set (SemanticKITTI, nuScenes, KITTI detection, shards), folder of these, "
-            "configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, ….",
+            "configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, …; or a packaged configuration: demo.",
             parser=_path,
         ),
     ],
@@ -431,6 +446,7 @@ def view(
     With --live, the frames of a configuration are shown while they are scanned, at the sensor's rate, with boxes: in
     Rerun, in Open3D, or in the Foxglove app, which connects to ws://127.0.0.1:8765.
     """
+    path = starter.configuration(path)
     if live or rrd or viewer in {Viewer.RERUN, Viewer.FOXGLOVE}:
         used: dict[str, object] = {"--screenshot": screenshot, "--html": html, "--gif": gif, "--mp4": mp4}
         used |= {"--limits": limits, "--color-map": color_map, "--title": title, "--accumulate": accumulate}

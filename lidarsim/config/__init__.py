@@ -1,4 +1,4 @@
-"""Configurations: YAML files that describe a scene, a sensor and a run.
+"""Configurations: YAML files that describe a scene, a sensor and a run; ``configs/README.md`` documents their keys.
 
 Importing this package is cheap: the YAML reader and schema are imported with the first file.
 """
@@ -25,7 +25,8 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Run:
     Parameters
     ----------
     path : path-like
-        A YAML file. Paths in it are relative to its folder.
+        A YAML file, or the name of a packaged configuration, such as ``"demo"``. Paths in it are relative to its
+        folder.
     overrides : sequence of str
         Values to replace or add, such as ``"scene.0.radius_m=2"``.
 

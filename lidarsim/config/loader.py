@@ -26,6 +26,7 @@ from lidarsim.config.schema import (
     build_rig,
     labelled,
 )
+from lidarsim.config.starter import configuration
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import Imported
 from lidarsim.rig import Rig
@@ -55,7 +56,7 @@ def load(path: Path, overrides: Sequence[str]) -> Run:
     for i, text in enumerate(overrides):
         if not isinstance(text, str):
             raise ArgumentTypeError("overrides", "texts such as 'frames=2'", f"overrides[{i}] = {shown(text)}")
-    return built(whole(read(path), [assigned(text) for text in overrides]))
+    return built(whole(read(configuration(path)), [assigned(text) for text in overrides]))
 
 
 def whole(root: Node, changes: Iterable[Change] = ()) -> Node:

@@ -84,12 +84,13 @@ def generate(
     Parameters
     ----------
     recipe : path-like or callable
-        A YAML file (see ``configs/README.md`` for its keys), or a function that takes a `numpy.random.Generator` and a
-        sequence number, and returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, its pose or None. Only the same
-        function resumes a data set: its code must be equal, and so must the values of its defaults, of variables of
-        enclosing functions and of the globals that it reads, also in the functions and classes that it uses; installed
-        packages are compared by name only. These values must be picklable, and must not change between calls. Files
-        that the function reads, and modules that it imports in its body, are not compared.
+        A YAML file (see ``configs/README.md`` for its keys), the name of a packaged recipe, such as ``"detection"``, or
+        a function that takes a `numpy.random.Generator` and a sequence number, and returns a `Scene`, a `Lidar` or
+        `Rig`, and its trajectory, its pose or None. Only the same function resumes a data set: its code must be equal,
+        and so must the values of its defaults, of variables of enclosing functions and of the globals that it reads,
+        also in the functions and classes that it uses; installed packages are compared by name only. These values must
+        be picklable, and must not change between calls. Files that the function reads, and modules that it imports in
+        its body, are not compared.
     output : str or path-like
         A folder, or a URL as text, such as ``s3://bucket/folder``.
     client : dask.distributed.Client, optional
@@ -105,7 +106,8 @@ def generate(
         Seed of all draws and all noise. Default: that of the recipe; 0 for a function.
     layout : str or dict, optional
         ``"semantickitti"``, ``"kitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with this as ``type``
-        and the layout's options. Default: that of the recipe; ``"shards"`` for a function.
+        and the layout's options, which ``configs/README.md`` documents with the files of each layout. Default: that of
+        the recipe; ``"shards"`` for a function.
     shard_frames : int, optional
         Number of frames made at a time. Default: as many as fire 40 million pulses, but at most 1/32 of all.
     class_names : dict of int to str, optional

@@ -34,6 +34,7 @@ from lidarsim.config.document import (
 )
 from lidarsim.config.loader import CHOICES, Change, built, checked, whole
 from lidarsim.config.schema import Model, labelled
+from lidarsim.config.starter import configuration
 from lidarsim.datasets.draws import Draw, Stream
 from lidarsim.datasets.fingerprint import fingerprint, name_of
 from lidarsim.datasets.layouts import AnyLayout, Layout
@@ -252,7 +253,7 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
     Parameters
     ----------
     path : Path
-        The file.
+        The file, or the name of a packaged recipe.
     overrides : sequence of str
         Values to replace or add.
     given : mapping of str to object, optional
@@ -263,7 +264,7 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
     ConfigError
         If the recipe cannot be used; the message names file, line and key.
     """
-    path = path.absolute()
+    path = configuration(path).absolute()
     root = read(path)
     for assignment in overrides:
         root = replace(root, *assigned(assignment))
