@@ -166,6 +166,64 @@ def test_allan_variance_of_the_noise(kind: str) -> None:
     np.testing.assert_allclose(both, white + drift, rtol=0, atol=1e-12)
 
 
+def flicker_variance(lags: np.ndarray, m: int, rate: float) -> np.ndarray:
+    """Covariance of differences of adjacent cluster means of m samples, `lags` clusters apart, of flicker of floor 1.
+
+    The twelve processes have the autocovariance exp(-|t|/T), T = 4^k s. The covariance of two cluster means l apart is
+    the sum over j of (m - |j|) exp(-|l m + j|/(rate T))/m², and that of their differences is 2 c(l) - c(l-1) - c(l+1).
+    """
+    j = np.arange(-m + 1, m)
+    near = np.unique(np.abs(np.concatenate([lags - 1, lags, lags + 1])))
+    means = np.zeros(near.max() + 1)
+    for time in 4.0 ** np.arange(-3, 9):
+        for lag in near:
+            means[lag] += ((m - np.abs(j)) * np.exp(-np.abs(lag * m + j) / (rate * time))).sum() / m**2
+    return 2 * means[np.abs(lags)] - means[np.abs(lags - 1)] - means[np.abs(lags + 1)]
+
+
+def test_the_floor_of_the_allan_deviation_is_that_of_the_data_sheet() -> None:
+    # The Allan variance of a Gauss-Markov process of correlation time T (IEEE Std 952, annex C.1.5), of variance 1.
+    for seconds in np.geomspace(1.0, 3000.0, 50):
+        share = 4.0 ** np.arange(-3, 9) / seconds
+        allan = 2 * share * (1 - share / 2 * (3 - 4 * np.exp(-1 / share) + np.exp(-2 / share)))
+        assert abs(math.sqrt(allan.sum()) - 1) < 0.01, seconds
+
+
+@pytest.mark.parametrize("kind", ["gyroscope", "accelerometer"])
+@pytest.mark.parametrize("m", [4, 64, 512])
+def test_allan_variance_of_the_bias_instability(kind: str, m: int) -> None:
+    rate, floor = 4.0, math.radians(2.0 / 3600)
+    imu = ls.Imu(rate, **{kind: ls.ImuErrors(bias_instability=floor)})
+    field = {"gyroscope": "angular_rate", "accelerometer": "specific_force"}[kind]
+    values = getattr(imu.measure(STILL, end=16_384.0, seed=5), field) - getattr(
+        ls.Imu(rate).measure(STILL, end=16_384.0), field
+    )
+    got, count = allan_variance(values, m)
+    # The mean of squares of n normal numbers of covariances c(i - j) has the variance 2/n² of the sum of all c². The
+    # covariance of the differences falls as the lag to the power of -2: beyond 8 lags, c² adds less than 1e-3.
+    lags = np.arange(-8, 9)
+    covariance = flicker_variance(lags, m, rate)
+    want = covariance[8] / 2 * floor**2
+    sigma = math.sqrt(2 / count * (covariance**2).sum()) / 2 * floor**2
+    assert abs(got - want) < 4 * sigma
+    assert sigma < 0.25 * want
+
+
+def test_flicker_goes_on_from_block_to_block_and_draws_nothing_else() -> None:
+    wavering = ls.Imu(1000.0, gyroscope=ls.ImuErrors(bias_instability=1.0))
+    values = wavering.measure(STILL, end=70.0).angular_rate  # three blocks of 32,768 samples
+    np.testing.assert_array_equal(values[:1001], wavering.measure(STILL, end=1.0).angular_rate)
+    step = np.abs(np.diff(values, axis=0)).max(axis=1)
+    assert step[[32_767, 65_535]].max() < step.max()  # a process that began anew would jump by 12 draws: 5 or so
+    assert step.max() < 5 * math.sqrt(2 * 12 * 64e-3)
+    white = ls.ImuErrors(noise_density=1.0)
+    both = ls.ImuErrors(noise_density=1.0, bias_instability=1.0)
+    one, two = (ls.Imu(10.0, gyroscope=e).measure(STILL, end=9.0).angular_rate for e in (white, both))
+    alone = ls.Imu(10.0, gyroscope=ls.ImuErrors(bias_instability=1.0)).measure(STILL, end=9.0)
+    np.testing.assert_allclose(two, one + alone.angular_rate, rtol=0, atol=20 * 2.0**-52)
+    assert (alone.specific_force == [0, 0, GRAVITY]).all()
+
+
 def test_constant_errors_have_their_standard_deviations() -> None:
     spin = ls.Trajectory.from_twist(np.eye(4), angular=(1, 0, 0))
     errors = ls.ImuErrors(bias=0.1)

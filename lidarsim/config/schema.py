@@ -31,7 +31,7 @@ from lidarsim._validation import pose as rigid
 from lidarsim.atmosphere import Atmosphere
 from lidarsim.imu import GRAVITY, Imu, ImuErrors
 from lidarsim.io import raster, scenes
-from lidarsim.io._georeference import gps_time, projected
+from lidarsim._georeference import gps_time, projected
 from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
 from lidarsim.pointcloud import PointCloud

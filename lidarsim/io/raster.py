@@ -27,7 +27,7 @@ from lidarsim._validation import Floats, array, integer, short
 from lidarsim._views import register_view
 from lidarsim.cells import Cells
 from lidarsim.errors import ArgumentError, ArgumentValueError, FileFormatError, MissingExtraError
-from lidarsim.io._georeference import projected
+from lidarsim._georeference import projected
 from lidarsim.scene import Scene, register_scene_reader
 from lidarsim.shapes import TriangleMesh
 from lidarsim.shapes.triangle_mesh import Raster
