@@ -722,7 +722,7 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
         ({"sensors": {"top": np.zeros((4, 4))}}, r"sensors\['top'\]: expected a last row of"),
         (
             {"layout": "pandar"},
-            "layout: expected one of velodyne, ouster, hesai, autoware, livox, laserscan, got 'pandar'",
+            "layout: expected one of velodyne, ouster, hesai, autoware, livox, livox_cloud, laserscan, got 'pandar'",
         ),
         ({"layout": {"top": "hesai"}}, "layout: expected names of the sensors lidar, got 'top'"),
         ({"rate": 0}, "rate: expected a finite number > 0, got 0"),
