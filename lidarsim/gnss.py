@@ -125,11 +125,10 @@ class Gnss(Value):
             raise ArgumentTypeError("georeference", "a Georeference", _validation.shown(georeference))
         seed = _validation.integer("seed", seed, at_least=0, at_most=2**64 - 1)
         position = (trajectory @ self.mount).at(times).as_matrix()[:, :3, 3]
-        for kind, sigma, step in (
-            (0, self.position_sigma, math.inf),
-            (1, self.drift_sigma, 1.0 / (self.rate * self.drift_time)),
-        ):
-            if np.any(sigma):
+        steps = math.inf, 1.0 / (self.rate * self.drift_time)
+        for kind, (given, step) in enumerate(zip((self.position_sigma, self.drift_sigma), steps, strict=True)):
+            sigma = np.asarray(given, np.float64)
+            if sigma.any():
                 bits = noise_bits(seed, self.name, RECEIVER + kind)
                 position = position + sigma * gauss_markov(bits, len(times), np.array([step]))
         return GnssFixes(times, *georeference.geodetic(position), self)

@@ -327,11 +327,10 @@ def gauss_markov(bits: np.random.Philox, count: int, steps: Floats) -> Floats:
     for start in range(0, count, BLOCK):
         part = total[start : start + BLOCK]
         values = normals(bits, (len(part), len(steps), 3))
-        for value in values:
+        for k in range(len(part)):
             if state is not None:
-                value *= fresh
-                value += kept * state
-            state = value
+                values[k] = fresh * values[k] + kept * state
+            state = values[k]
         for k in range(len(steps)):
             part += values[:, k]
     return total

@@ -296,6 +296,10 @@ class Run:
         body, between = self._moving
         return self.sensor.fixes(body, self.georeference, **between)
 
+    def samples(self) -> dict[str, ImuSamples | GnssFixes]:
+        """Return the samples of the IMUs and the fixes of the GNSS receivers by name."""
+        return {**self.inertial(), **self.fixes()}
+
     @property
     def _moving(self) -> tuple[Trajectory, dict[str, Any]]:
         """The trajectory of the body, and the arguments of a measurement along it during the frames."""
@@ -491,14 +495,14 @@ class Run:
         """
         output = checked_output(output)
         is_bag = _is_bag(output)
-        limits = {"max_size": max_size, "max_duration": max_duration}
+        limits: dict[str, Any] = {"max_size": max_size, "max_duration": max_duration}
         _check_options(output, layout=layout, cut=cut, fields=fields, float32=float32, **limits)
         if self.legs:
             self.check_coverage()
         options: dict[str, Any] = {"fields": fields, "float32": float32}
         written: dict[Path, None] = {}
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
-        parts = [(part, {**part.inertial(), **part.fixes()}) for part in self.parts]
+        parts = [(part, part.samples()) for part in self.parts]
         for number, (part, samples) in zip([leg.number for leg in self.legs] or [0], parts, strict=True):
             place = _named(output, str(number)) if number else output
             with ExitStack() as stack:

@@ -224,7 +224,11 @@ def test_copies_of_rigs_scan_alike(again: Callable[[ls.Rig], ls.Rig]) -> None:
         ({"": (sensor(), None)}, ValueError, "sensors: expected names, got an empty one"),
         ({"a": sensor()}, TypeError, "sensors['a']: expected (lidar, mount) or (lidar, mount, offset), got Lidar"),
         ({"a": (sensor(),)}, TypeError, "sensors['a']: expected (lidar, mount) or (lidar, mount, offset), got a tuple"),
-        ({"a": (TOP, sensor())}, TypeError, "sensors['a']: expected a Lidar first, got RigidTransform"),
+        (
+            {"a": (TOP, sensor())},
+            TypeError,
+            "sensors['a']: expected a Lidar, an Imu or a Gnss first, got RigidTransform",
+        ),
         ({"a": (sensor(), np.eye(3))}, ValueError, "sensors['a'], mount: expected shape (4, 4), got (3, 3)"),
         (
             {"a": (sensor(), np.diag([1, 1, 2, 1]))},

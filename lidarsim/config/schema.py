@@ -914,9 +914,7 @@ class Mounted(Placement):
             raise (place / key).error(f"expected none beside {'an imu' if kind == 'imu' else 'a gnss'}")
         if self.sensor is not None:
             return self.sensor.build(place / "sensor"), mount, self.offset_s or 0.0
-        other = self.imu or self.gnss
-        assert other is not None
-        return other.build(place / kind, name, mount), None
+        return getattr(self, kind).build(place / kind, name, mount), None
 
 
 def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
@@ -926,7 +924,7 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
         raise place.error("expected at least one sensor, got others only")
     with place.refusals():
         check_names("sensors", parts)
-        return Rig(parts)  # type: ignore[arg-type]
+        return Rig(parts)
 
 
 class Cloud(Model):

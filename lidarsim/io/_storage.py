@@ -25,7 +25,6 @@ from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
 
 if TYPE_CHECKING:
-    from rosbags import rosbag2
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
 
@@ -73,7 +72,7 @@ class Files:
     ) -> None:
         self._folder, self._stem, self._suffix, self._ros = folder, stem, suffix, ros
         self._max_size, self._max_duration = max_size, max_duration
-        self._bag: rosbag2.Writer | None = None
+        self._bag: Any = None
         self._topics: dict[str, Connection] = {}
         self._latched: dict[str, tuple[str, bytes | memoryview]] = {}
         self._begin = self._size = 0
@@ -93,7 +92,6 @@ class Files:
         self._write(topic, kind, stamp, data, latched=latched)
 
     def _write(self, topic: str, kind: str, stamp: int, data: bytes | memoryview, *, latched: bool) -> None:
-        assert self._bag is not None
         if not self._topics:
             self._begin = stamp
         if topic not in self._topics:
@@ -122,7 +120,6 @@ class Files:
 
     def close(self) -> None:
         """Complete the current file."""
-        assert self._bag is not None
         self._bag.close()
         folder = self._bag.path
         (written,) = folder.glob(f"*{self._suffix}")

@@ -209,7 +209,7 @@ class Writer:
             raise ArgumentValueError("sensors", "names of frames other than those of world and body", repr(name))
         self._ros = _typestore()
         self._stack = ExitStack()
-        self._files: _storage.Files | None = None
+        self._files: Any = None
         self._open: dict[str, _Open] = {}
         self._ticks: Iterator[int] = iter(())
         self._next = -1
@@ -339,8 +339,8 @@ class Writer:
         """Write the samples of an IMU.
 
         The messages are those of drivers that do not estimate an orientation (REP 145): ``orientation_covariance[0]``
-        is -1, and the other covariances are those of the white noise; 0 stands for unknown. Samples are written in order
-        of time with the clouds: keep on writing those, or close the bag.
+        is -1, and the other covariances are those of the white noise; 0 stands for unknown. Samples are written in
+        order of time with the clouds: keep on writing those, or close the bag.
 
         Parameters
         ----------
@@ -602,7 +602,6 @@ class Writer:
         self._send(topic, kind, stamp, self._ros.serialize_cdr(message, kind, little_endian=True))
 
     def _send(self, topic: str, kind: str, stamp: int, data: bytes | memoryview) -> None:
-        assert self._files is not None
         self._files.write(topic, kind, stamp, data, latched=topic == "/tf_static")
 
 
