@@ -190,6 +190,11 @@ HEIGHT = 1e6
 the error of the latitude by more than 1,000, from 1e-3 rad at the start."""
 
 
+LARGEST = 1e8
+"""Largest coordinate in a projected system, m: beyond the circumference of the Earth, 4e7 m, and any false easting, PROJ
+returns numbers without a meaning."""
+
+
 def _to_earth(origin: tuple[float, float, float], positions: Floats) -> Floats:
     """Return positions to the east, to the north and up from an origin in Earth-centred, Earth-fixed axes, m."""
     latitude, longitude, altitude = origin
@@ -231,6 +236,7 @@ def _by_projection(crs: object, positions: Floats) -> tuple[Floats, Floats, Floa
     transformer = library.Transformer.from_crs(system, "EPSG:4979", always_xy=True)
     longitude, latitude, altitude = (np.asarray(values) for values in transformer.transform(*positions.T))
     wrong = ~(np.isfinite(longitude) & np.isfinite(latitude) & np.isfinite(altitude))
+    wrong |= np.abs(positions).max(axis=1, initial=0.0) > LARGEST
     if wrong.any():
         i = int(np.argmax(wrong))
         expected = f"points in the area of {system.name}"

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer
 from lidarsim._georeference import Georeference
-from lidarsim._pickling import Pickled, Value
+from lidarsim._pickling import Value
 from lidarsim._validation import Floats
 from lidarsim.errors import ArgumentTypeError
-from lidarsim.imu import RECEIVER, gauss_markov, noise_bits, sample_times, sensor_name
-from lidarsim.trajectory import LineReader, Trajectory, numbers, sigmas
+from lidarsim.imu import RECEIVER, Samples, gauss_markov, noise_bits, sample_times, sensor_name
+from lidarsim.trajectory import LineReader, Trajectory, numbers, sigmas_of_axes
 
 if TYPE_CHECKING:
     from lidarsim._validation import Transform
@@ -82,7 +82,7 @@ class Gnss(Value):
         given: Transform | None = self.mount
         set_(self, "mount", _validation.frozen(np.eye(4) if given is None else _validation.pose("mount", given)))
         for name in ("position_sigma", "drift_sigma"):
-            set_(self, name, _validation.frozen(sigmas(name, getattr(self, name))))
+            set_(self, name, _validation.frozen(sigmas_of_axes(name, getattr(self, name))))
         set_(self, "drift_time", _validation.real("drift_time", self.drift_time, above=0.0))
         sensor_name(self.name)
 
@@ -135,7 +135,7 @@ class Gnss(Value):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GnssFixes(Pickled):
+class GnssFixes(Samples):
     """Fixes of a GNSS receiver.
 
     Attributes
@@ -155,10 +155,6 @@ class GnssFixes(Pickled):
     longitude: Floats
     altitude: Floats
     gnss: Gnss | None = None
-
-    def __len__(self) -> int:
-        """Return the number of fixes."""
-        return len(self.time)
 
     def save(self, path: PathLike) -> None:
         """Write the fixes as CSV.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import KW_ONLY, dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -30,7 +30,7 @@ EARTH_RATE = 7.292115e-5
 MOST_SAMPLES = 10_000_000
 """Most samples of a measurement, which take 2.5 GB while they are made: 14 hours at 200 Hz."""
 
-FLICKER_TIMES = 4.0 ** np.arange(-3, 9)
+FLICKER_TIMES: Floats = 4.0 ** np.arange(-3.0, 9.0)
 """Correlation times of the Gauss-Markov processes whose sum is the flicker noise of a bias, s."""
 
 BLOCK = 2**15
@@ -297,7 +297,8 @@ def _measured(
         measured += errors.noise_density * math.sqrt(rate) * noise[:, 0]
         measured[1:] += np.cumsum(errors.random_walk / math.sqrt(rate) * noise[1:, 1], axis=0)
     if errors.bias_instability:
-        measured += errors.bias_instability * gauss_markov(of_flicker, len(values), 1.0 / (rate * FLICKER_TIMES))
+        steps = np.divide(1.0 / rate, FLICKER_TIMES)
+        measured += errors.bias_instability * gauss_markov(of_flicker, len(values), steps)
     return np.clip(measured, -errors.range, errors.range)
 
 
@@ -336,8 +337,46 @@ def gauss_markov(bits: np.random.Philox, count: int, steps: Floats) -> Floats:
     return total
 
 
+class Samples(Pickled):
+    """Base of what a sensor measures at a fixed rate: arrays with one row per sample, of which one is `time`."""
+
+    __slots__ = ()
+
+    time: Floats
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.time)
+
+    def between(self, start: float, end: float) -> Self:
+        """Return the samples of an interval.
+
+        Parameters
+        ----------
+        start, end : float
+            Its start, included, and its end, excluded, s; they may be infinite.
+
+        Returns
+        -------
+        Self
+            The samples whose times are in it.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a time is not a number.
+        """
+        start, end = (_validation.real(n, v, infinite=True) for n, v in (("start", start), ("end", end)))
+        rows = slice(*np.searchsorted(self.time, (start, end)))
+        contents = self._contents().items()
+        return replace(
+            self,  # type: ignore[type-var]
+            **{name: values[rows] for name, values in contents if isinstance(values, np.ndarray)},
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class ImuSamples(Pickled):
+class ImuSamples(Samples):
     """Samples of an IMU.
 
     Attributes
@@ -356,10 +395,6 @@ class ImuSamples(Pickled):
     angular_rate: Floats
     specific_force: Floats
     imu: Imu | None = None
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.time)
 
     def save(self, path: PathLike) -> None:
         """Write the samples as CSV in the format of the EuRoC MAV data set.

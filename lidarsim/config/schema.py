@@ -920,8 +920,6 @@ class Mounted(Placement):
 def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
     """Return the rig of these sensors."""
     parts = {name: member.build(place / name, name) for name, member in sensors.items()}
-    if not any(member.sensor for member in sensors.values()):
-        raise place.error("expected at least one sensor, got others only")
     with place.refusals():
         check_names("sensors", parts)
         return Rig(parts)

@@ -28,7 +28,17 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
 
-__all__ = ["METADATA", "Files", "check_folder", "listed", "lost_writes", "merged", "new_file", "new_folder", "text"]
+__all__ = [
+    "METADATA",
+    "Files",
+    "check_folder",
+    "listed",
+    "lost_writes",
+    "metadata_of",
+    "new_file",
+    "new_folder",
+    "renamed",
+]
 
 METADATA = "metadata.yaml"
 VERSION = 8
@@ -163,7 +173,7 @@ def new_folder(path: PathLike, ros: Typestore, **limits: int | None) -> Iterator
             files.close()
         finally:
             files.abort()
-        (made / METADATA).write_bytes(text(merged(files.metadata), by_us=True))
+        (made / METADATA).write_bytes(metadata_of(files.metadata))
         for file in made.iterdir():
             sync(file)
         if target.exists():
@@ -266,11 +276,30 @@ def _names(metadata: Metadata) -> list[str]:
     return names
 
 
-def merged(parts: list[Metadata]) -> Metadata:
-    """Return the metadata of a bag of several files from those of each, whose names are in them.
+def renamed(metadata: Metadata, name: str) -> Metadata:
+    """Return the metadata of a bag of one file under another name of the file."""
+    return {**metadata, "relative_file_paths": [name], "files": [{**metadata["files"][0], "path": name}]}
 
-    Files without messages have no time.
+
+def metadata_of(parts: list[Metadata]) -> bytes:
+    """Return the bytes of ``metadata.yaml`` from the metadata of each file of a bag, in order.
+
+    Raises
+    ------
+    FileFormatError
+        If the parts are not what lidarsim noted.
     """
+    from lidarsim import __version__
+
+    try:
+        whole = {**_merged(parts), "custom_data": {WRITTEN_BY: __version__}}
+    except (KeyError, TypeError, IndexError, AttributeError):
+        raise FileFormatError("the notes on the files of a bag are damaged") from None
+    return yaml.safe_dump({"rosbag2_bagfile_information": whole}, sort_keys=False).encode()
+
+
+def _merged(parts: list[Metadata]) -> Metadata:
+    """Return the metadata of a bag of several files from those of each; files without messages have no time."""
     topics: dict[str, Any] = {}
     counts: Counter[str] = Counter()
     for topic in (topic for part in parts for topic in part["topics_with_message_count"]):
@@ -295,14 +324,6 @@ def merged(parts: list[Metadata]) -> Metadata:
 def _span(file: Metadata) -> tuple[int, int]:
     begin = file["starting_time"]["nanoseconds_since_epoch"]
     return begin, begin + file["duration"]["nanoseconds"]
-
-
-def text(metadata: Metadata, *, by_us: bool) -> bytes:
-    """Return the bytes of ``metadata.yaml``."""
-    from lidarsim import __version__
-
-    whole = {**metadata, "custom_data": {WRITTEN_BY: __version__}} if by_us else metadata
-    return yaml.safe_dump({"rosbag2_bagfile_information": whole}, sort_keys=False).encode()
 
 
 @contextmanager

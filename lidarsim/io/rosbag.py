@@ -65,7 +65,7 @@ from lidarsim._files import PathLike, check_name, check_regular, check_suffix, p
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
-from lidarsim.io._storage import check_folder, lost_writes
+from lidarsim.io._storage import METADATA, check_folder, lost_writes, metadata_of, renamed
 from lidarsim.pointcloud import Fields, PointCloud, register_format
 from lidarsim.rig import Rig
 from lidarsim.scan import Scan
@@ -81,7 +81,10 @@ if TYPE_CHECKING:
     from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
 
-__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "Writer", "check_folder", "is_folder", "read"]
+__all__ = [
+    "LAYOUTS", "METADATA", "NAMES", "SUFFIXES", "Message", "Writer", "check_folder", "is_folder", "metadata_of", "read",
+    "renamed",
+]  # fmt: skip
 
 SUFFIXES = (".mcap", ".db3")
 OLDEST = 0, 11
@@ -142,6 +145,11 @@ class Writer:
         Begin a new file in the folder once the messages of a file have this many bytes. Default: never.
     max_duration : float, optional
         Begin a new file in the folder this long after the first message of a file, s. Default: never.
+
+    Attributes
+    ----------
+    metadata : dict
+        What ``metadata.yaml`` says of the first file, once the bag is complete.
 
     Raises
     ------
@@ -209,6 +217,7 @@ class Writer:
             raise ArgumentValueError("sensors", "names of frames other than those of world and body", repr(name))
         self._ros = _typestore()
         self._stack = ExitStack()
+        self.metadata: dict[str, Any] = {}
         self._files: Any = None
         self._open: dict[str, _Open] = {}
         self._ticks: Iterator[int] = iter(())
@@ -232,6 +241,8 @@ class Writer:
         """Give the file its name, unless there was an error."""
         try:
             self._stack.__exit__(kind, error, trace)
+            if kind is None:
+                self.metadata = self._files.metadata[0]
         finally:
             self._files = None
 

@@ -527,7 +527,7 @@ def test_overrides_reach_into_a_rig() -> None:
         ("preset: velodyne-vlp16, name", "name",
          "run.yaml:8: rig.left.sensor: expected one of the keys preset, file, pattern, got none of them"),
         ("    sensor: {preset: velodyne-vlp16, noise: datasheet}\n", "",
-         "run.yaml:4: rig.top: missing key 'sensor' or 'imu'"),
+         "run.yaml:4: rig.top: missing key 'sensor', 'imu' or 'gnss'"),
         ("offset_s: 0.05", "offset_s: late", "run.yaml:11: rig.left.offset_s: expected a number, got 'late'"),
         ("offset_s: 0.05", "offset_s: .inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got inf"),
         ("offset_s: 0.05", "offset_s: -.inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got -inf"),
@@ -538,7 +538,7 @@ def test_overrides_reach_into_a_rig() -> None:
           "determinant 2")),
         ("position_m: [1, 0, 2]", "scale: 2",
          ("run.yaml:6: rig.top.scale: unknown key; expected one of position_m, rotation_deg, matrix, sensor, "
-          "imu, offset_s")),
+          "imu, gnss, offset_s")),
         ("max_range_m: 60", "max_range_m: -1",
          "run.yaml:8: rig.left.sensor.max_range_m: expected a real number >= 0.5, got -1.0"),
     ],
@@ -591,7 +591,7 @@ def test_an_imu_in_a_rig() -> None:
         ("rig.box.offset_s=0.1", "expected none beside an imu"),
         ("rig.box.sensor={preset: velodyne-vlp16}", "expected none beside an imu"),
         ("rig.box.imu={}", "missing key 'rate_hz'"),
-        ("rig={a: {imu: {rate_hz: 200}}}", "expected at least one sensor, got imus only"),
+        ("rig={a: {imu: {rate_hz: 200}}}", "sensors: expected at least one Lidar, got Imu"),
     ],
 )
 def test_bad_imus(assignment: str, message: str) -> None:
