@@ -191,8 +191,8 @@ the error of the latitude by more than 1,000, from 1e-3 rad at the start."""
 
 
 LARGEST = 1e8
-"""Largest coordinate in a projected system, m: beyond the circumference of the Earth, 4e7 m, and any false easting, PROJ
-returns numbers without a meaning."""
+"""Largest coordinate in a projected system, m. Beyond the circumference of the Earth, 4e7 m, and any false easting,
+PROJ returns numbers without a meaning."""
 
 
 def _to_earth(origin: tuple[float, float, float], positions: Floats) -> Floats:

@@ -600,6 +600,42 @@ def test_bad_imus(assignment: str, message: str) -> None:
     assert message in problem
 
 
+ORIGIN = "georeference={origin: {latitude_deg: 48, longitude_deg: 11}}"
+
+
+def test_a_receiver_in_a_rig() -> None:
+    gnss = (
+        "{gnss: {rate_hz: 5, position_sigma_m: [1, 1, 2], drift_sigma_m: 3, drift_time_s: 60}, position_m: [1, 0, 2]}"
+    )
+    run = load(RIG, f"rig.roof={gnss}", ORIGIN)
+    mount = np.eye(4)
+    mount[:3, 3] = 1, 0, 2
+    assert run.receivers == {
+        "roof": ls.Gnss(5.0, mount=mount, position_sigma=(1, 1, 2), drift_sigma=3.0, drift_time=60.0, name="roof")
+    }
+    assert run.georeference == ls.Georeference(origin=(np.radians(48.0), np.radians(11.0), 0.0))
+    assert "roof" not in run.sensor
+    assert load(RIG).receivers == {}
+    wavering = load(WITH_IMU, "rig.box.imu.gyroscope.bias_instability_deg_per_h=2").imus["box"]
+    assert wavering.gyroscope.bias_instability == np.radians(2.0) / 3600
+    projected = load(RIG, f"rig.roof={gnss}", "georeference={crs: EPSG:25832}").georeference
+    assert projected == ls.Georeference(crs="EPSG:25832")
+
+
+@pytest.mark.parametrize(
+    ("roof", "message"),
+    [
+        ("{gnss: {rate_hz: 0}}", "rig.roof.gnss.rate_hz: expected a finite number > 0, got 0.0"),
+        ("{gnss: {rate_hz: 5, position_sigma_m: -1}}", "rig.roof.gnss.position_sigma_m: expected numbers >= 0, got -1"),
+        ("{gnss: {rate_hz: 5}, offset_s: 1}", "rig.roof.offset_s: expected none beside a gnss"),
+        ("{gnss: {rate_hz: 5}, imu: {rate_hz: 5}}", "rig.roof.gnss: expected none beside an imu"),
+        ("{gnss: {rate_hz: 5, crs: 1}}", "rig.roof.gnss.crs: unknown key"),
+    ],
+)
+def test_bad_receivers(roof: str, message: str) -> None:
+    assert message in refusal(RIG, f"rig.roof={roof}", ORIGIN)
+
+
 def test_a_rig_without_sensors_and_a_run_without_either() -> None:
     assert refusal("rig: {}\nscene: []") == "run.yaml:1: rig: sensors: expected at least one, got none"
     assert refusal("rig: 5\nscene: []") == "run.yaml:1: rig: expected a mapping, got 5"
@@ -1008,6 +1044,13 @@ def test_a_document_that_is_no_mapping() -> None:
             "crs: expected a projected system, since coordinates are in m, got WGS 84, whose coordinate",
         ),
         ("crs: EPSG:25832", "expected points in the world, with cloud.frame: world"),
+        ("crs: 25832, origin: {latitude_deg: 1, longitude_deg: 1}", "origin: expected either crs or origin, got both"),
+        ("origin: {latitude_deg: 91, longitude_deg: 1}", "origin.latitude_deg: expected a value <= 90.0, got 91"),
+        (
+            "origin: {latitude_deg: 9, longitude_deg: 1, altitude_m: 1.0e+9}",
+            "origin.altitude_m: expected a finite number",
+        ),
+        ("origin: {latitude_deg: 9}", "origin: missing key 'longitude_deg'"),
         ("start: today", "expected a moment such as 2026-05-01T10:00:00+02:00, got 'today'"),
         ("start: 2026-05-01T10:00:00", "expected a datetime with a time zone, got 2026-05-01T10:00:00; datetime.from"),
         ("start: 1970-01-01T00:00:00Z", "expected a moment since the GPS epoch, 1980-01-06 UTC, got 1970-01-01T00:00"),
