@@ -510,7 +510,8 @@ def _print_others(run: Run) -> None:
                 "misalignment": (errors.misalignment, "rad"),
             }
             told = [f"{what} {value:.4g} {of}".rstrip() for what, (value, of) in named.items() if value]
-            told += [f"range ±{errors.range:.4g} {unit}"] * np.isfinite(errors.range)
+            if np.isfinite(errors.range):
+                told.append(f"range ±{errors.range:.4g} {unit}")
             print_line(f"  {kind}: {', '.join(told) or 'no errors'}")
     for name, gnss in run.receivers.items():
         given = {"noise": gnss.position_sigma, "drift": gnss.drift_sigma}

@@ -231,6 +231,8 @@ OTHERS = """\
       latitude_deg: 48
       gyroscope: {noise_density_deg_per_s_per_sqrt_hz: 0.005, bias_instability_deg_per_h: 2, range_deg_per_s: 450}
   gnss: {gnss: {rate_hz: 5, position_sigma_m: [0.5, 0.5, 1], drift_sigma_m: 2}}
+"""
+MOVING_ON_EARTH = """\
 georeference: {origin: {latitude_deg: 48.1, longitude_deg: 11.6, altitude_m: 520}}
 pose: {position_m: [0, 0, 1], linear_m_per_s: [5, 0, 0]}
 """
@@ -240,9 +242,7 @@ def test_the_other_sensors_of_a_rig_are_told_and_written(capsys: pytest.CaptureF
     document = rig().read_text(encoding="utf-8")
     kept = [line for line in document.splitlines(keepends=True) if not line.startswith("pose:")]
     at = kept.index("rig:\n") + 1
-    Path("rig.yaml").write_text("".join([*kept[:at], OTHERS.split("georeference", maxsplit=1)[0], *kept[at:]]), encoding="utf-8")
-    with Path("rig.yaml").open("a", encoding="utf-8") as file:
-        file.write("georeference" + OTHERS.split("georeference")[1])
+    Path("rig.yaml").write_text("".join([*kept[:at], OTHERS, *kept[at:], MOVING_ON_EARTH]), encoding="utf-8")
     assert lidarsim("check", "rig.yaml") == 0
     printed = capsys.readouterr().out
     for line in (
@@ -288,7 +288,7 @@ def test_the_layout_of_a_bag(capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert lidarsim("scan", "run.yaml", "-o", "b.mcap", "--layout", "pandar") == 2
     assert capsys.readouterr().err.startswith(
-        "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox, laserscan"
+        "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox, livox_cloud, laserscan"
     )
     assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--layout", "livox") == 2
     assert capsys.readouterr().err == "lidarsim: layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
