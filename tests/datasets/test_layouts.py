@@ -554,7 +554,8 @@ def test_bags_have_the_samples_of_all_sensors_and_metadata(tmp_path: Path) -> No
         assert len(samples) == 51
         about = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
         files = sorted(path.name for path in folder.glob("*.mcap"))
-        assert about["relative_file_paths"] == files == ["000000.mcap", "000001.mcap", "000003.mcap"]
+        assert about["relative_file_paths"] == files
+        assert len(files) == 3
         rates, latitudes, clouds = [], [], 0
         with Reader(folder) as bag:
             assert bag.message_count == sum(1 for _ in bag.messages([*bag.connections]))
