@@ -36,6 +36,8 @@ from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
 from lidarsim.io import raster, rosbag
 from lidarsim.io._cuts import WORDS
+from lidarsim.io._storage import check_folder as check_bag_folder
+from lidarsim.io._storage import is_folder
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import is_point_cloud
 from lidarsim.scene import is_scene_file
@@ -238,7 +240,7 @@ def scan(
     print_line(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     for note in filter(None, notes):
         print_line(note)
-    is_bag = place.suffix.lower() in rosbag.SUFFIXES or rosbag.is_folder(place)
+    is_bag = place.suffix.lower() in rosbag.SUFFIXES or is_folder(place)
     bags = place.with_stem(f"{place.stem}_*") if run.legs else place
     paths = (bags if is_bag else run.path_of(place, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
@@ -755,8 +757,8 @@ def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None
         written += [run.path_of(screenshot, name, run.frames.start) for name in run.lidars]
     taken = {os.path.realpath(config).casefold(): config}
     for path in written:
-        if rosbag.is_folder(path):
-            rosbag.check_folder(path)
+        if is_folder(path):
+            check_bag_folder(path)
         else:
             check_folder(path)
         other = taken.setdefault(os.path.realpath(path).casefold(), path)

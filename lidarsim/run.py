@@ -21,6 +21,8 @@ from lidarsim._validation import affine
 from lidarsim.errors import ArgumentValueError, ConfigError, FileFormatError
 from lidarsim.gnss import GnssFixes
 from lidarsim.io import las, rosbag
+from lidarsim.io._storage import check_folder as check_bag_folder
+from lidarsim.io._storage import is_folder
 from lidarsim.pointcloud import check_output
 from lidarsim.rig import Rig
 from lidarsim.scan import check_coverage, moment_and_pose
@@ -665,7 +667,7 @@ def checked_output(output: PathLike) -> Path:
         If the folder does not exist or is not writable, or has files that lidarsim did not write.
     """
     if os.fspath(output).endswith(("/", os.sep)):
-        rosbag.check_folder(output)
+        check_bag_folder(output)
     else:
         check_output(output)
     return Path(output)
@@ -673,7 +675,7 @@ def checked_output(output: PathLike) -> Path:
 
 def _is_bag(output: Path) -> bool:
     """Return whether an output is a bag: a file or a folder."""
-    return output.suffix.lower() in rosbag.SUFFIXES or rosbag.is_folder(output)
+    return output.suffix.lower() in rosbag.SUFFIXES or is_folder(output)
 
 
 def _check_options(
@@ -693,7 +695,7 @@ def _check_options(
             suffixes = ", ".join(rosbag.SUFFIXES)
             raise FileFormatError(f"{argument}: expected a bag ({suffixes}) as output, got {output}")
     for argument, limit in {"max_size": max_size, "max_duration": max_duration}.items():
-        if limit is not None and not rosbag.is_folder(output):
+        if limit is not None and not is_folder(output):
             raise FileFormatError(f"{argument}: expected the folder of a bag, which ends in /, as output, got {output}")
     for argument, value in {"fields": fields, "float32": float32}.items():
         if value is not None and is_bag:

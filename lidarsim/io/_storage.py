@@ -14,10 +14,9 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import yaml
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, parsing, replacing, sync, temporary_folder, writing
@@ -29,16 +28,9 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 __all__ = [
-    "METADATA",
-    "Files",
-    "check_folder",
-    "listed",
-    "lost_writes",
-    "metadata_of",
-    "new_file",
-    "new_folder",
+    "METADATA", "Files", "check_folder", "is_folder", "listed", "lost_writes", "metadata_of", "new_file", "new_folder",
     "renamed",
-]
+]  # fmt: skip
 
 METADATA = "metadata.yaml"
 VERSION = 8
@@ -188,6 +180,11 @@ def new_folder(path: PathLike, ros: Typestore, **limits: int | None) -> Iterator
             raise
 
 
+def is_folder(path: PathLike) -> bool:
+    """Return whether a bag of this path is a folder: it has no suffix, or ends in /."""
+    return os.fspath(path).endswith(("/", os.sep)) or not Path(path).suffix
+
+
 def check_folder(path: PathLike) -> None:
     """Raise an error, before any work, unless a bag can become the folder `path`.
 
@@ -254,6 +251,8 @@ def _read(path: Path) -> Metadata:
 
 def parsed(data: bytes) -> Metadata:
     """Return the information in the bytes of metadata."""
+    import yaml
+
     try:
         found = yaml.safe_load(data)["rosbag2_bagfile_information"]
     except (yaml.YAMLError, TypeError, KeyError, RecursionError, ValueError):
@@ -289,10 +288,10 @@ def metadata_of(parts: list[Metadata]) -> bytes:
     FileFormatError
         If the parts are not what lidarsim noted.
     """
-    from lidarsim import __version__
+    import yaml
 
     try:
-        whole = {**_merged(parts), "custom_data": {WRITTEN_BY: __version__}}
+        whole = {**_merged(parts), "custom_data": {WRITTEN_BY: version("lidarsim")}}
     except (KeyError, TypeError, IndexError, AttributeError):
         raise FileFormatError("the notes on the files of a bag are damaged") from None
     return yaml.safe_dump({"rosbag2_bagfile_information": whole}, sort_keys=False).encode()

@@ -43,7 +43,6 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import os
 import re
 import shutil
 import struct
@@ -65,7 +64,7 @@ from lidarsim._files import PathLike, check_name, check_regular, check_suffix, p
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
-from lidarsim.io._storage import METADATA, check_folder, lost_writes, metadata_of, renamed
+from lidarsim.io._storage import check_folder, is_folder, lost_writes
 from lidarsim.pointcloud import Fields, PointCloud, register_format
 from lidarsim.rig import Rig
 from lidarsim.scan import Scan
@@ -81,10 +80,7 @@ if TYPE_CHECKING:
     from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
 
-__all__ = [
-    "LAYOUTS", "METADATA", "NAMES", "SUFFIXES", "Message", "Writer", "check_folder", "is_folder", "metadata_of", "read",
-    "renamed",
-]  # fmt: skip
+__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "Writer", "read"]
 
 SUFFIXES = (".mcap", ".db3")
 OLDEST = 0, 11
@@ -852,11 +848,6 @@ def _typestore() -> Typestore:
     for name, definition in _CUSTOM_DEFINITIONS.items():
         store.register(typesys.get_types_from_msg(definition, name))
     return store
-
-
-def is_folder(path: PathLike) -> bool:
-    """Return whether a bag of this path is a folder: it has no suffix, or ends in /."""
-    return os.fspath(path).endswith(("/", os.sep)) or not Path(path).suffix
 
 
 def _limits(path: PathLike, size: int | None, duration: float | None) -> dict[str, int | None]:

@@ -19,7 +19,7 @@ from pydantic_core import PydanticCustomError
 from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
 from lidarsim.datasets.samples import Sample
 from lidarsim.gnss import GnssFixes
-from lidarsim.io import rosbag
+from lidarsim.io import _storage, rosbag
 
 if TYPE_CHECKING:
     from lidarsim._files import PathLike
@@ -92,13 +92,13 @@ class Bags(Layout):
         with self._bag(written, run) as bag:
             yield bag
         written.replace(path)
-        about["bag"] = rosbag.renamed(bag.metadata, name)
+        about["bag"] = _storage.renamed(bag.metadata, name)
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the metadata of the bag of each sequence."""
         entries = ((entry["file"].partition("/")[0], entry.get("bag", {})) for entry in summary.files())
         for folder, notes in itertools.groupby(entries, key=lambda entry: entry[0]):
-            files.write(f"{folder}/{rosbag.METADATA}", rosbag.metadata_of([bag for _, bag in notes]))
+            files.write(f"{folder}/{_storage.METADATA}", _storage.metadata_of([bag for _, bag in notes]))
 
 
 def _write_samples(bag: rosbag.Writer, samples: Mapping[str, ImuSamples | GnssFixes], run: Run, frame: int) -> None:
