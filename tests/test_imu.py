@@ -31,8 +31,11 @@ def pose(angle: float, *position: float) -> np.ndarray:
     return RigidTransform.from_components(position, Rotation.from_rotvec([angle, 0.2 * angle, -angle])).as_matrix()
 
 
-def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory) -> tuple[float, float]:
-    """Largest errors of position, m, and orientation, rad, when the samples are integrated by the trapezoidal rule."""
+def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory, earth: np.ndarray) -> tuple[float, float]:
+    """Largest errors of position, m, and orientation, rad, when the samples are integrated by the trapezoidal rule.
+
+    The axes of the world turn with the Earth: the orientation by minus its angle, the velocity by Coriolis.
+    """
     step = np.diff(samples.time)
     rotation = trajectory.at(samples.time[0]).rotation
     position, velocity = trajectory.at(samples.time[0]).translation, trajectory.velocity(samples.time[0])[0]
@@ -40,8 +43,9 @@ def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory) -> tuple[float,
     free_fall = np.array([0.0, 0.0, -GRAVITY])
     places, turns = [position], [rotation]
     for k, h in enumerate(step):
-        after = rotation * Rotation.from_rotvec(h * (rates[k] + rates[k + 1]) / 2)
+        after = Rotation.from_rotvec(-h * earth) * rotation * Rotation.from_rotvec(h * (rates[k] + rates[k + 1]) / 2)
         acceleration = (rotation.apply(forces[k]) + after.apply(forces[k + 1])) / 2 + free_fall
+        acceleration -= 2 * np.cross(earth, velocity + h / 2 * acceleration)
         position = position + h * velocity + h * h / 2 * acceleration
         velocity, rotation = velocity + h * acceleration, after
         places.append(position)
@@ -51,13 +55,16 @@ def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory) -> tuple[float,
     return float(off), float((truth.rotation.inv() * Rotation.concatenate(turns)).magnitude().max())
 
 
-def test_exact_samples_integrate_to_the_trajectory() -> None:
+@pytest.mark.parametrize("latitude", [None, math.radians(48.0)])
+def test_exact_samples_integrate_to_the_trajectory(latitude: float | None) -> None:
     body = flight()
+    earth = np.zeros(3) if latitude is None else EARTH * np.array([0.0, math.cos(latitude), math.sin(latitude)])
     start = body.span[0]
     # All end at the same time. The errors of the trapezoidal rule are c h² + O(h³), from the jumps of the jerk at the
     # poses; here O(h³) is below 5 %.
     rates = 100.0, 200.0, 400.0, 1600.0
-    errors = [strapdown(ls.Imu(rate).measure(body, end=start + 4.0), body) for rate in rates]
+    units = (ls.Imu(rate, latitude=latitude) for rate in rates)
+    errors = [strapdown(imu.measure(body, end=start + 4.0), body, earth) for imu in units]
     for coarse, fine, ratio in ((0, 1, 4), (1, 2, 4), (2, 3, 16)):
         np.testing.assert_allclose(np.divide(errors[coarse], errors[fine]), ratio, rtol=0.05)
     assert errors[3][0] < 1e-3
