@@ -76,7 +76,7 @@ class ImuErrors(Value):
     With the true values x of three axes, a sample is clip((I + S + M)x + b + f + w + n): S the errors of scale, M
     those of alignment, off the diagonal, b the bias, f its flicker noise, w its random walk and n the white noise. The
     Allan deviation of n is noise_density/√τ, that of w random_walk·√(τ/3) (IEEE Std 952-1997, annex C), and that of f
-    is bias_instability within 1 % for τ from 1 s to 50 min.
+    is bias_instability within 1 % for τ from 1 s to 50 min, at 64 Hz and more.
 
     Flicker noise is the sum of twelve stationary first-order Gauss-Markov processes with correlation times of 4ᵏ s, k
     from -3 to 8, and the standard deviation bias_instability each. A process of variance s² and correlation time T has

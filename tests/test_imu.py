@@ -194,6 +194,10 @@ def test_the_floor_of_the_allan_deviation_is_that_of_the_data_sheet() -> None:
         share = 4.0 ** np.arange(-3, 9) / seconds
         allan = 2 * share * (1 - share / 2 * (3 - 4 * np.exp(-1 / share) + np.exp(-2 / share)))
         assert abs(math.sqrt(allan.sum()) - 1) < 0.01, seconds
+    sampled = (
+        flicker_variance(np.array([0]), 64, 64.0)[0] / 2
+    )  # samples do not average what is faster: at 1 s, the most
+    assert abs(math.sqrt(sampled) - 1) < 0.01
 
 
 @pytest.mark.parametrize("kind", ["gyroscope", "accelerometer"])
