@@ -12,12 +12,14 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns
 from lidarsim import viewers as viewers  # registers views
+from lidarsim._georeference import Georeference
 from lidarsim.atmosphere import Atmosphere
 from lidarsim.batch import ScanBatch, scan_many
 from lidarsim.boxes import Boxes
 from lidarsim.cells import Cells
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
+from lidarsim.gnss import Gnss, GnssFixes
 from lidarsim.imu import Imu, ImuErrors, ImuSamples
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
 from lidarsim.laser_scan import LaserScan
@@ -64,6 +66,9 @@ __all__ = [
     "Disk",
     "Disks",
     "Ellipsoid",
+    "Georeference",
+    "Gnss",
+    "GnssFixes",
     "Hits",
     "Imu",
     "ImuErrors",

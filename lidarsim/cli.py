@@ -37,8 +37,10 @@ from lidarsim.config import starter
 from lidarsim.errors import LidarsimError
 from lidarsim.io import packets, raster, rosbag
 from lidarsim.io._cuts import WORDS
+from lidarsim.io._storage import check_folder as check_bag_folder
+from lidarsim.io._storage import is_folder
 from lidarsim.patterns import describe
-from lidarsim.pointcloud import check_output, is_point_cloud
+from lidarsim.pointcloud import is_point_cloud
 from lidarsim.scene import is_scene_file
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
@@ -115,6 +117,10 @@ def _path(text: str) -> Path:
     return Path(text)
 
 
+def _output(text: str) -> str:
+    return text if _path(text) else ""
+
+
 def _option(names: str, metavar: str, text: str, **more: Any) -> Any:
     return typer.Option(*names.split(), metavar=metavar, help=text, show_default=False, **more)
 
@@ -170,9 +176,12 @@ def scan(
     config: Configuration,
     *,
     output: Annotated[
-        Path,
-        _file(
-            "--output -o", "OUT", "Point cloud file, or all frames in a ROS 2 bag (.mcap, .db3) or as packets (.pcap)."
+        str,
+        _option(
+            "--output -o",
+            "OUT",
+            "Point cloud file, all frames in a ROS 2 bag (.mcap, .db3, or a folder, ending in /), or packets (.pcap).",
+            parser=_output,
         ),
     ],
     overrides: Overrides = None,
@@ -204,6 +213,12 @@ def scan(
             "--float32/--float64", help="Type of x, y, z where a format has both; default: that of the format."
         ),
     ] = None,
+    max_bag_size: Annotated[
+        int | None, _option("--max-bag-size", "BYTES", "Split a bag in a folder into files of about this size.")
+    ] = None,
+    max_bag_duration: Annotated[
+        float | None, _option("--max-bag-duration", "SECONDS", "Split a bag in a folder into files of this duration.")
+    ] = None,
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
@@ -218,13 +233,15 @@ def scan(
     this in one file. Packets (.pcap), as the sensors send them, are in one file too; next to it are the poses, the
     times and what decoders need. Strips and stations are numbered; a strip is one LAS or LAZ file.
     """
-    check_output(output, packets.SUFFIXES)
+    from lidarsim.run import checked_output
+
+    place = checked_output(output)
     begins = _cut(cut)
     _check_screenshot(screenshot)
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
-    _check_outputs(run, config, output, screenshot)
+    _check_outputs(run, config, place, screenshot)
     looks["scene"] = run.scene if surfaces else None
     totals = np.zeros(len(ls.Status), np.int64)
     notes: dict[str, None] = {}
@@ -251,18 +268,20 @@ def scan(
             progress.advance(task)
 
         chosen = None if fields is None else list(filter(None, fields.split(",")))
-        run.write(output, layout=layout, cut=begins, variant=variant, fields=chosen, float32=float32, each=tell)
+        options: dict[str, Any] = {"layout": layout, "cut": begins, "max_size": max_bag_size}
+        options |= {"max_duration": max_bag_duration, "variant": variant, "fields": chosen, "float32": float32}
+        run.write(output, each=tell, **options)
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
     paragraph(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     for note in filter(None, notes):
         paragraph(note)
-    whole = output.with_stem(f"{output.stem}_*") if run.legs else output
-    paths = [run.path_of(output, "*", "*")]
-    if output.suffix.lower() in rosbag.SUFFIXES:
+    whole = place.with_stem(f"{place.stem}_*") if run.legs else place
+    paths = [run.path_of(place, "*", "*")]
+    if place.suffix.lower() in rosbag.SUFFIXES or is_folder(place):
         paths = [whole]
-    elif output.suffix.lower() in packets.SUFFIXES:
+    elif place.suffix.lower() in packets.SUFFIXES:
         paths = run.pcap(whole).files
     files = ", ".join(map(str, [*paths, *([run.path_of(screenshot, "*", "*")] if screenshot else [])]))
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
@@ -641,6 +660,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
         _print_sensor(lidar, run.scene.atmosphere)
     for name, lidar in run.lidars.items():
         _print_depth(name, lidar, run.scene)
+    _print_others(run)
     moving = [part.pose for part in run.parts if isinstance(part.pose, ls.Trajectory)]
     pose = [(moving[0].span[0], moving[-1].span[1])] if moving else []
     kinds = {"pose": pose, "objects": [*spans.values()], "all": [*pose, *spans.values()] if pose and spans else []}
@@ -651,6 +671,43 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     legs = [counted(len(run.legs), "strip" if moving else "station")] if run.legs else []
     counts = [counted(len(run.scene), "object"), *legs, counted(len(run.numbers), "frame")]
     paragraph(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
+
+
+def _print_others(run: Run) -> None:
+    """Print the IMUs and GNSS receivers of a rig, with their errors."""
+    units = {"gyroscope": "rad/s", "accelerometer": "m/s²"}
+    for name, imu in run.imus.items():
+        turns = "" if imu.latitude is None else f", Earth rotation at latitude {np.degrees(imu.latitude):.6g}°"
+        print_line(f"{name}: IMU, {imu.rate:g} Hz, {_at(imu.mount)}, gravity {imu.gravity:.7g} m/s²{turns}")
+        for kind, unit in units.items():
+            errors = getattr(imu, kind)
+            named = {
+                "noise density": (errors.noise_density, f"{unit}/√Hz"),
+                "bias instability": (errors.bias_instability, unit),
+                "random walk": (errors.random_walk, f"{unit}/s/√Hz"),
+                "bias": (errors.bias, unit),
+                "scale factor": (errors.scale_factor, ""),
+                "misalignment": (errors.misalignment, "rad"),
+            }
+            told = [f"{what} {value:.4g} {of}".rstrip() for what, (value, of) in named.items() if value]
+            if np.isfinite(errors.range):
+                told.append(f"range ±{errors.range:.4g} {unit}")
+            print_line(f"  {kind}: {', '.join(told) or 'no errors'}")
+    for name, gnss in run.receivers.items():
+        given = {"noise": gnss.position_sigma, "drift": gnss.drift_sigma}
+        told = [f"{what} {_sigmas(sigma)} m" for what, sigma in given.items() if np.any(sigma)]
+        print_line(f"{name}: GNSS receiver, {gnss.rate:g} Hz, {_at(gnss.mount)}, {', '.join(told) or 'no errors'}")
+
+
+def _at(mount: Floats) -> str:
+    """Return where a sensor is on its body."""
+    return f"at {', '.join(f'{value:.4g}' for value in mount[:3, 3].tolist())} m"
+
+
+def _sigmas(values: Any) -> str:
+    """Return the standard deviations of three axes, or the one of all."""
+    told = [f"{value:.4g}" for value in np.broadcast_to(values, 3).tolist()]
+    return told[0] if len(set(told)) == 1 else ", ".join(told)
 
 
 LARGEST, SMALLEST = 20e3, 0.01
@@ -878,7 +935,10 @@ def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None
         written += [run.path_of(screenshot, name, run.frames.start) for name in run.lidars]
     taken = {os.path.realpath(config).casefold(): config}
     for path in written:
-        check_folder(path)
+        if is_folder(path):
+            check_bag_folder(path)
+        else:
+            check_folder(path)
         other = taken.setdefault(os.path.realpath(path).casefold(), path)
         if other is not path:
             raise LidarsimError(f"{path}: expected a file of its own, got the place of {other}")

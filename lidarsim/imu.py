@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import KW_ONLY, dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -30,6 +30,12 @@ EARTH_RATE = 7.292115e-5
 MOST_SAMPLES = 10_000_000
 """Most samples of a measurement, which take 2.5 GB while they are made: 14 hours at 200 Hz."""
 
+FLICKER_TIMES: Floats = 4.0 ** np.arange(-3.0, 9.0)
+"""Correlation times of the Gauss-Markov processes whose sum is the flicker noise of a bias, s."""
+
+BLOCK = 2**15
+"""Samples for which flicker noise is computed at once, in 19 MB."""
+
 HEADER = (
     "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
     "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
@@ -46,6 +52,9 @@ class ImuErrors(Value):
     ----------
     noise_density : float
         White noise (angle or velocity random walk), U/√Hz. The standard deviation of a sample is this times √rate.
+    bias_instability : float
+        Floor of the Allan deviation (in-run bias stability), U: flicker noise of the bias. IEEE's coefficient B, by
+        which some data sheets state it, is 1.505 times the floor, √(π/(2 ln 2)).
     random_walk : float
         Random walk of the bias (rate random walk), U/s/√Hz; it begins at 0.
     bias : float
@@ -64,9 +73,16 @@ class ImuErrors(Value):
 
     Notes
     -----
-    With the true values x of three axes, a sample is clip((I + S + M)x + b + w + n): S the errors of scale, M those
-    of alignment, off the diagonal, b the bias, w its random walk and n the white noise. The Allan deviation of n is
-    noise_density/√τ, that of w random_walk·√(τ/3) (IEEE Std 952-1997, annex C).
+    With the true values x of three axes, a sample is clip((I + S + M)x + b + f + w + n): S the errors of scale, M
+    those of alignment, off the diagonal, b the bias, f its flicker noise, w its random walk and n the white noise. The
+    Allan deviation of n is noise_density/√τ, that of w random_walk·√(τ/3) (IEEE Std 952-1997, annex C), and that of f
+    is bias_instability within 1 % for τ from 1 s to 50 min, at 64 Hz and more.
+
+    Flicker noise is the sum of twelve stationary first-order Gauss-Markov processes with correlation times of 4ᵏ s, k
+    from -3 to 8, and the standard deviation bias_instability each. A process of variance s² and correlation time T has
+    the one-sided spectral density 4s²T/(1 + (2πfT)²). The sum over correlation times that grow by a factor r tends to
+    an integral over ln T, s²/(f ln r), and the Allan variance of a density h/f is 2h ln 2: with r = 4 it is s². As the
+    processes begin in their stationary state, the flicker noise also moves the bias of a run, by bias_instability·√12.
 
     Examples
     --------
@@ -78,6 +94,7 @@ class ImuErrors(Value):
 
     _: KW_ONLY
     noise_density: float = 0.0
+    bias_instability: float = 0.0
     random_walk: float = 0.0
     bias: float = 0.0
     scale_factor: float = 0.0
@@ -86,7 +103,7 @@ class ImuErrors(Value):
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name in ("noise_density", "random_walk", "bias", "scale_factor", "misalignment"):
+        for name in ("noise_density", "bias_instability", "random_walk", "bias", "scale_factor", "misalignment"):
             object.__setattr__(self, name, _validation.real(name, getattr(self, name), at_least=0.0))
         limit = _validation.real("range", self.range, above=0.0, infinite=True)
         object.__setattr__(self, "range", limit)
@@ -158,12 +175,7 @@ class Imu(Value):
         if self.latitude is not None:
             quarter = math.pi / 2
             set_(self, "latitude", _validation.angle("latitude", self.latitude, at_least=-quarter, at_most=quarter))
-        if not isinstance(self.name, str):
-            raise ArgumentTypeError("name", "a text", _validation.shown(self.name))
-        try:
-            self.name.encode()
-        except UnicodeEncodeError:
-            raise ArgumentValueError("name", "text that UTF-8 can encode", ascii(self.name)) from None
+        sensor_name(self.name)
 
     def measure(
         self, trajectory: Trajectory, *, start: float | None = None, end: float | None = None, seed: int = 0
@@ -192,10 +204,8 @@ class Imu(Value):
             If the velocity of the trajectory jumps, it does not cover the times or has no end, or there would be more
             than ten million samples.
         """
-        if not isinstance(trajectory, Trajectory):
-            raise ArgumentTypeError("trajectory", "a Trajectory", _validation.shown(trajectory))
+        times = sample_times(trajectory, self.rate, start, end)
         seed = _validation.integer("seed", seed, at_least=0, at_most=2**64 - 1)
-        times = self._times(trajectory, start, end)
         exact = trajectory @ self.mount
         rotations = exact.at(times).as_matrix()[:, :3, :3]
         velocities, rates = exact.velocity(times)
@@ -207,34 +217,75 @@ class Imu(Value):
             rates += product(to_sensor, earth[:, None])[..., 0]
             accelerations += 2.0 * np.cross(earth, velocities)
         forces = product(to_sensor, accelerations[..., None])[..., 0]
-        # The key has the seed in its lower half and the name in its upper; each kind of sensor has a stream of its own.
-        key = seed | zlib.crc32(self.name.encode()) << 64
+        kinds = enumerate(((rates, self.gyroscope), (forces, self.accelerometer)))
         rates, forces = (
-            _measured(values, errors, self.rate, np.random.Philox(key=key | kind << 96))
-            for kind, (values, errors) in enumerate(((rates, self.gyroscope), (forces, self.accelerometer)))
+            _measured(values, errors, self.rate, *(noise_bits(seed, self.name, kind + of) for of in (0, FLICKER)))
+            for kind, (values, errors) in kinds
         )
         return ImuSamples(times, rates, forces, self)
 
-    def _times(self, trajectory: Trajectory, start: float | None, end: float | None) -> Floats:
-        first, last = trajectory.span
-        if start is not None:
-            first = _validation.real("start", start, at_least=first, at_most=last)
-        elif math.isinf(first):
-            first = 0.0
-        if end is not None:
-            last = _validation.real("end", end, at_least=first, at_most=last)
-        elif math.isinf(last):
-            raise ArgumentValueError("end", "a time, as the trajectory has no end", "none")
-        steps = (last - first) * self.rate
-        if not steps < MOST_SAMPLES:
-            raise ArgumentValueError("rate", f"at most {MOST_SAMPLES:,} samples", f"{steps:.3g} of them")
-        times = (
-            first + np.arange(math.floor(steps) + 2) / self.rate
-        )  # one more than the product, which is rounded, says
-        return times[times <= last]
+
+def sample_times(trajectory: Trajectory, rate: float, start: float | None, end: float | None) -> Floats:
+    """Return the times at which a sensor that is not a lidar samples: start + k/rate, up to the end.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The body's pose.
+    rate : float
+        Samples per second, Hz.
+    start, end : float, optional
+        Time of the first sample and of the last sample at the latest, s. Default: those of the trajectory.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the trajectory does not cover the times or has no end, or there would be more than ten million samples.
+    """
+    if not isinstance(trajectory, Trajectory):
+        raise ArgumentTypeError("trajectory", "a Trajectory", _validation.shown(trajectory))
+    first, last = trajectory.span
+    if start is not None:
+        first = _validation.real("start", start, at_least=first, at_most=last)
+    elif math.isinf(first):
+        first = 0.0
+    if end is not None:
+        last = _validation.real("end", end, at_least=first, at_most=last)
+    elif math.isinf(last):
+        raise ArgumentValueError("end", "a time, as the trajectory has no end", "none")
+    steps = (last - first) * rate
+    if not steps < MOST_SAMPLES:
+        raise ArgumentValueError("rate", f"at most {MOST_SAMPLES:,} samples", f"{steps:.3g} of them")
+    times = first + np.arange(math.floor(steps) + 2) / rate  # one more than the product, which is rounded, says
+    return times[times <= last]
 
 
-def _measured(values: Floats, errors: ImuErrors, rate: float, bits: np.random.Philox) -> Floats:
+GYROSCOPE, ACCELEROMETER, RECEIVER = 0, 1, 4
+"""Streams of random bits of each sensor."""
+
+FLICKER = 2
+"""Distance from the stream of an inertial sensor to that of its flicker noise."""
+
+
+def noise_bits(seed: int, name: str, stream: int) -> np.random.Philox:
+    """Return the random bits of a sensor: the key has the seed in its lower half, the name and stream in its upper."""
+    return np.random.Philox(key=seed | zlib.crc32(name.encode()) << 64 | stream << 96)
+
+
+def sensor_name(name: object) -> str:
+    """Return the name of a sensor; raise an error unless it is a text that UTF-8 can encode."""
+    if not isinstance(name, str):
+        raise ArgumentTypeError("name", "a text", _validation.shown(name))
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise ArgumentValueError("name", "text that UTF-8 can encode", ascii(name)) from None
+    return name
+
+
+def _measured(
+    values: Floats, errors: ImuErrors, rate: float, bits: np.random.Philox, of_flicker: np.random.Philox
+) -> Floats:
     """Return the exact values of three axes, shape (n, 3), with errors as documented in `ImuErrors`."""
     once = normals(bits, (12,))
     matrix = np.eye(3)
@@ -245,11 +296,87 @@ def _measured(values: Floats, errors: ImuErrors, rate: float, bits: np.random.Ph
         noise = normals(bits, (len(values), 2, 3))  # row by row, so that a longer measurement begins like a shorter one
         measured += errors.noise_density * math.sqrt(rate) * noise[:, 0]
         measured[1:] += np.cumsum(errors.random_walk / math.sqrt(rate) * noise[1:, 1], axis=0)
+    if errors.bias_instability:
+        steps = np.divide(1.0 / rate, FLICKER_TIMES)
+        measured += errors.bias_instability * gauss_markov(of_flicker, len(values), steps)
     return np.clip(measured, -errors.range, errors.range)
 
 
+def gauss_markov(bits: np.random.Philox, count: int, steps: Floats) -> Floats:
+    """Return the sums of stationary first-order Gauss-Markov processes of unit variance on three axes.
+
+    A sample is e⁻ˢ times the one before plus √(1 − e⁻²ˢ) times a standard normal number (A. Gelb, Applied Optimal
+    Estimation, 1974, section 3.8).
+
+    Parameters
+    ----------
+    bits : numpy.random.Philox
+        Where the numbers are drawn, sample by sample, so that a longer sum begins like a shorter one.
+    count : int
+        Number of samples.
+    steps : ndarray of float64, shape (k,)
+        For each process s, the time between samples in correlation times; inf is white noise.
+
+    Returns
+    -------
+    ndarray of float64, shape (count, 3)
+        The sums of the k processes.
+    """
+    total = np.zeros((count, 3))
+    kept, fresh = np.exp(-steps)[:, None], np.sqrt(-np.expm1(-2.0 * steps))[:, None]
+    state = None
+    for start in range(0, count, BLOCK):
+        part = total[start : start + BLOCK]
+        values = normals(bits, (len(part), len(steps), 3))
+        for k in range(len(part)):
+            if state is not None:
+                values[k] = fresh * values[k] + kept * state
+            state = values[k]
+        for k in range(len(steps)):
+            part += values[:, k]
+    return total
+
+
+class Samples(Pickled):
+    """Base of what a sensor measures at a fixed rate: arrays with one row per sample, of which one is `time`."""
+
+    __slots__ = ()
+
+    time: Floats
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.time)
+
+    def between(self, start: float, end: float) -> Self:
+        """Return the samples of an interval.
+
+        Parameters
+        ----------
+        start, end : float
+            Its start, included, and its end, excluded, s; they may be infinite.
+
+        Returns
+        -------
+        Self
+            The samples whose times are in it.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a time is not a number.
+        """
+        start, end = (_validation.real(n, v, infinite=True) for n, v in (("start", start), ("end", end)))
+        rows = slice(*np.searchsorted(self.time, (start, end)))
+        contents = self._contents().items()
+        return replace(
+            self,  # type: ignore[type-var]
+            **{name: values[rows] for name, values in contents if isinstance(values, np.ndarray)},
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class ImuSamples(Pickled):
+class ImuSamples(Samples):
     """Samples of an IMU.
 
     Attributes
@@ -268,10 +395,6 @@ class ImuSamples(Pickled):
     angular_rate: Floats
     specific_force: Floats
     imu: Imu | None = None
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.time)
 
     def save(self, path: PathLike) -> None:
         """Write the samples as CSV in the format of the EuRoC MAV data set.

@@ -6,6 +6,7 @@ import dataclasses
 import textwrap
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,15 +15,18 @@ from lidarsim import _validation
 from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, Instances, Transform, frames, integer, items, real, short
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.gnss import Gnss, GnssFixes
+from lidarsim.imu import Imu, ImuSamples
 from lidarsim.scan import check_coverage, sensor_id
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory, mounted
 
 if TYPE_CHECKING:
+    from lidarsim._georeference import Georeference
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
 
-    Part: TypeAlias = tuple[Lidar, Transform | None] | tuple[Lidar, Transform | None, float]
+    Part: TypeAlias = tuple[Lidar | Imu | Gnss, Transform | None] | tuple[Lidar, Transform | None, float]
 
 __all__ = ["Rig", "RigSensor"]
 
@@ -46,22 +50,24 @@ class RigSensor(NamedTuple):
 
 
 class Rig(Pickled, Mapping[str, RigSensor]):
-    """Named sensors on one body: a mapping from their names to `RigSensor`.
+    """Named sensors on one body: a mapping from the names of the lidars to `RigSensor`.
 
-    The name in the rig replaces `Lidar.name`, from which the noise derives: two sensors of one model draw different
-    noise, and ``rig["top"].lidar`` on its own draws the same noise as in the rig.
+    IMUs and GNSS receivers of the rig are in `imus` and `receivers`. The name in the rig replaces that of the sensor,
+    from which the noise derives: two sensors of one model draw different noise, and ``rig["top"].lidar`` on its own
+    draws the same noise as in the rig.
 
     Parameters
     ----------
     sensors : mapping of str to tuple
-        For each name, a tuple of a `Lidar`, its mount and, optionally, its offset. The mount is the sensor's pose on
-        the body (sensor to body): a RigidTransform, an array of shape (4, 4), or None for the identity. The offset
-        shifts the start of the sensor's frames, s.
+        For each name, a tuple of a `Lidar`, an `Imu` or a `Gnss`, its mount and, optionally for a `Lidar`, its offset.
+        The mount is the sensor's pose on the body (sensor to body): a RigidTransform, an array of shape (4, 4), or None
+        for the identity; for an IMU or a receiver, None keeps its own mount. The offset shifts the start of the frames
+        of a lidar, s.
 
     Raises
     ------
     TypeError, ValueError
-        If there are no sensors, a name is empty or cannot be encoded in UTF-8, two names have the same CRC-32 and so
+        If there are no lidars, a name is empty or cannot be encoded in UTF-8, two names have the same CRC-32 and so
         the same noise, or a sensor, mount or offset is invalid.
 
     Examples
@@ -81,6 +87,12 @@ class Rig(Pickled, Mapping[str, RigSensor]):
     ...     print({name: float(scan.range[0, 0]) for name, scan in scans.items()})
     {'left': 10.0, 'right': 9.5}
     {'left': 9.0, 'right': 8.5}
+
+    With an IMU:
+
+    >>> rig = ls.Rig({"left": (lidar, left), "imu": (ls.Imu(200.0), right)})
+    >>> rig.inertial(drive, end=0.1)["imu"].specific_force[0]
+    array([0.     , 0.     , 9.80665])
     """
 
     def __init__(self, sensors: Mapping[str, Part]) -> None:
@@ -88,9 +100,16 @@ class Rig(Pickled, Mapping[str, RigSensor]):
             raise ArgumentTypeError("sensors", "a mapping from names to sensors", type(sensors).__name__)
         if not sensors:
             raise ArgumentValueError("sensors", "at least one", "none")
-        self._sensors = {name: _sensor(name, parts) for name, parts in sensors.items()}
+        members = {name: _member(name, parts) for name, parts in sensors.items()}
+        self._sensors = {name: member for name, member in members.items() if isinstance(member, RigSensor)}
+        self._imus = {name: member for name, member in members.items() if isinstance(member, Imu)}
+        self._receivers = {name: member for name, member in members.items() if isinstance(member, Gnss)}
+        if not self._sensors:
+            raise ArgumentValueError(
+                "sensors", "at least one Lidar", ", ".join(type(m).__name__ for m in members.values())
+            )
         names: dict[int, str] = {}
-        for name in self._sensors:
+        for name in members:
             other = names.setdefault(sensor_id(name), name)
             if other != name:
                 raise ArgumentValueError(
@@ -98,8 +117,18 @@ class Rig(Pickled, Mapping[str, RigSensor]):
                 )
 
     @property
+    def imus(self) -> Mapping[str, Imu]:
+        """The IMUs by name, with their mounts."""
+        return MappingProxyType(self._imus)
+
+    @property
+    def receivers(self) -> Mapping[str, Gnss]:
+        """The GNSS receivers by name, with their mounts."""
+        return MappingProxyType(self._receivers)
+
+    @property
     def rate(self) -> float:
-        """Frame rate of the rig, Hz: the rate of its fastest sensor."""
+        """Frame rate of the rig, Hz: the rate of its fastest lidar."""
         return max(sensor.lidar.pattern.rate for sensor in self._sensors.values())
 
     def scan(
@@ -258,6 +287,67 @@ class Rig(Pickled, Mapping[str, RigSensor]):
             for name, sensor in self.items()
         }
 
+    def inertial(
+        self, trajectory: Trajectory, *, start: float | None = None, end: float | None = None, seed: int = 0
+    ) -> dict[str, ImuSamples]:
+        """Return the samples of all IMUs along a trajectory.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            The body's pose, body to world, as a spline or a constant twist.
+        start, end : float, optional
+            Time of the first sample and of the last sample at the latest, s; see `Imu.measure`.
+        seed : int
+            Seed of the errors.
+
+        Returns
+        -------
+        dict of str to ImuSamples
+            The samples by name of the IMU.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for `Imu.measure`.
+        """
+        return {name: imu.measure(trajectory, start=start, end=end, seed=seed) for name, imu in self._imus.items()}
+
+    def fixes(
+        self,
+        trajectory: Trajectory,
+        georeference: Georeference,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+        seed: int = 0,
+    ) -> dict[str, GnssFixes]:
+        """Return the fixes of all GNSS receivers along a trajectory.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            The body's pose, body to world.
+        georeference : Georeference
+            Where the world is on the Earth.
+        start, end : float, optional
+            Time of the first fix and of the last fix at the latest, s; see `Gnss.measure`.
+        seed : int
+            Seed of the errors.
+
+        Returns
+        -------
+        dict of str to GnssFixes
+            The fixes by name of the receiver.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for `Gnss.measure`.
+        """
+        between: dict[str, Any] = {"start": start, "end": end, "seed": seed}
+        return {name: gnss.measure(trajectory, georeference, **between) for name, gnss in self._receivers.items()}
+
     def span(self, count: int, *, first: int = 0) -> tuple[float, float]:
         """Return the time interval that `frames` covers.
 
@@ -289,29 +379,30 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         return range(*(-(-frame * rate.numerator // rate.denominator) for frame in (start, stop)))
 
     def __getitem__(self, name: str) -> RigSensor:
-        """Return the sensor with this name."""
+        """Return the lidar with this name."""
         return self._sensors[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Iterate over the names."""
+        """Iterate over the names of the lidars."""
         return iter(self._sensors)
 
     def __len__(self) -> int:
-        """Return the number of sensors."""
+        """Return the number of lidars."""
         return len(self._sensors)
 
     def _contents(self) -> dict[str, Any]:
-        return {"_sensors": self._sensors}
+        return {"_sensors": self._sensors, "_imus": self._imus, "_receivers": self._receivers}
 
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 
     def __repr__(self) -> str:
         """Return the names and the rate."""
-        return f"Rig({textwrap.shorten(', '.join(self), 200, placeholder=' …')} at {self.rate:g} Hz)"
+        names = ", ".join([*self, *self._imus, *self._receivers])
+        return f"Rig({textwrap.shorten(names, 200, placeholder=' …')} at {self.rate:g} Hz)"
 
 
-def _sensor(name: str, parts: Part) -> RigSensor:
+def _member(name: str, parts: Part) -> RigSensor | Imu | Gnss:
     if not isinstance(name, str):
         raise ArgumentTypeError("sensors", "strings as names", repr(name))
     if not name:
@@ -322,8 +413,16 @@ def _sensor(name: str, parts: Part) -> RigSensor:
     if not isinstance(parts, tuple) or len(parts) not in (2, 3):
         raise ArgumentTypeError(what, "(lidar, mount) or (lidar, mount, offset)", _what(parts))
     lidar, mount, offset = (*parts, 0.0)[:3]
+    if isinstance(lidar, Imu | Gnss):
+        kind = type(lidar).__name__
+        if len(parts) == 3:
+            raise ArgumentValueError(f"{what}, offset", f"none beside {kind}", repr(offset))
+        own = lidar.mount if mount is None else _pose(f"{what}, mount", mount)
+        if mount is not None and (lidar.mount != np.eye(4)).any():
+            raise ArgumentValueError(f"{what}, mount", f"None, as the {kind} has a mount", "another mount")
+        return dataclasses.replace(lidar, name=name, mount=own)
     if not isinstance(lidar, Lidar):
-        raise ArgumentTypeError(what, "a Lidar first", type(lidar).__name__)
+        raise ArgumentTypeError(what, "a Lidar, an Imu or a Gnss first", type(lidar).__name__)
     matrix = _pose(f"{what}, mount", mount)
     matrix.setflags(write=False)
     return RigSensor(dataclasses.replace(lidar, name=name), matrix, real(f"{what}, offset", offset))

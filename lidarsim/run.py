@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import copy
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -15,9 +16,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 import numpy as np
 
 from lidarsim._files import atomic_writer
+from lidarsim._georeference import Georeference
 from lidarsim._validation import affine
-from lidarsim.errors import ConfigError, FileFormatError
+from lidarsim.errors import ArgumentValueError, ConfigError, FileFormatError
+from lidarsim.gnss import GnssFixes
 from lidarsim.io import las, packets, rosbag
+from lidarsim.io._storage import check_folder as check_bag_folder
+from lidarsim.io._storage import is_folder
 from lidarsim.pointcloud import check_output
 from lidarsim.rig import Rig
 from lidarsim.scan import check_coverage, moment_and_pose
@@ -28,6 +33,7 @@ if TYPE_CHECKING:
 
     from lidarsim._files import PathLike
     from lidarsim._validation import Floats
+    from lidarsim.gnss import Gnss
     from lidarsim.imu import Imu, ImuSamples
     from lidarsim.io._cuts import Cut
     from lidarsim.io.scenes import Imported
@@ -36,7 +42,7 @@ if TYPE_CHECKING:
     from lidarsim.scene import Scene
     from lidarsim.sensor import Lidar
 
-__all__ = ["CloudArguments", "Deskew", "Leg", "Run", "RunFrame"]
+__all__ = ["CloudArguments", "Deskew", "Leg", "Run", "RunFrame", "checked_output"]
 
 
 Deskew = bool | Literal["start", "middle", "end"] | float
@@ -131,8 +137,9 @@ class Run:
         Coordinate reference system of the world, for LAS and LAZ files in world coordinates; see `PointCloud.save`.
     start : float or datetime
         Moment at which the clock of the run is 0, for the gps_time of LAS and LAZ files.
-    imus : dict of str to Imu
-        The IMUs on the rig's body, by name.
+    origin : tuple of 3 floats, optional
+        Geodetic latitude and longitude, rad, and height, m, of the world's origin, for GNSS receivers; see
+        `Georeference`.
     legs : tuple of Leg
         The strips of a flight or the stations of a survey, in order of their frames. Default: none; `pose` is that of
         all frames.
@@ -147,7 +154,7 @@ class Run:
     imports: tuple[Imported, ...] = ()
     crs: int | str | None = None
     start: float | datetime = 0.0
-    imus: Mapping[str, Imu] = field(default_factory=dict)
+    origin: tuple[float, float, float] | None = None
     legs: tuple[Leg, ...] = ()
 
     @property
@@ -209,6 +216,23 @@ class Run:
         return {"": self.sensor}
 
     @property
+    def imus(self) -> Mapping[str, Imu]:
+        """The IMUs of the rig by name."""
+        return self.sensor.imus if isinstance(self.sensor, Rig) else {}
+
+    @property
+    def receivers(self) -> Mapping[str, Gnss]:
+        """The GNSS receivers of the rig by name."""
+        return self.sensor.receivers if isinstance(self.sensor, Rig) else {}
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """Where the world is on the Earth, if that is known."""
+        if self.origin is None and self.crs is None:
+            return None
+        return Georeference(origin=self.origin, crs=self.crs)
+
+    @property
     def rate(self) -> float:
         """Frame rate, Hz."""
         return self.sensor.rate if isinstance(self.sensor, Rig) else self.sensor.pattern.rate
@@ -248,14 +272,42 @@ class Run:
         ValueError
             If the trajectory does not cover the frames, or its velocity jumps, as with linear interpolation.
         """
-        if not self.imus:
+        if not isinstance(self.sensor, Rig) or not self.imus:
             return {}
+        body, between = self._moving
+        return self.sensor.inertial(body, **between)
+
+    def fixes(self) -> dict[str, GnssFixes]:
+        """Return the fixes of the GNSS receivers from the start of the first frame to the end of the last.
+
+        Returns
+        -------
+        dict of str to GnssFixes
+            The fixes by name of the receiver.
+
+        Raises
+        ------
+        ValueError
+            If the run has no georeference, or the trajectory does not cover the frames.
+        """
+        if not isinstance(self.sensor, Rig) or not self.receivers:
+            return {}
+        if self.georeference is None:
+            name = next(iter(self.receivers))
+            raise ArgumentValueError("georeference", f"the origin or crs of the world, for the receiver {name}", "none")
+        body, between = self._moving
+        return self.sensor.fixes(body, self.georeference, **between)
+
+    def samples(self) -> dict[str, ImuSamples | GnssFixes]:
+        """Return the samples of the IMUs and the fixes of the GNSS receivers by name."""
+        return {**self.inertial(), **self.fixes()}
+
+    @property
+    def _moving(self) -> tuple[Trajectory, dict[str, Any]]:
+        """The trajectory of the body, and the arguments of a measurement along it during the frames."""
         body = self.pose if isinstance(self.pose, Trajectory) else Trajectory.from_twist(self.pose)
         (start, end), (first, last) = self.span, body.span
-        return {
-            name: imu.measure(body, start=max(start, first), end=min(end, last), seed=self.seed)
-            for name, imu in self.imus.items()
-        }
+        return body, {"start": max(start, first), "end": min(end, last), "seed": self.seed}
 
     def body_pose(self, moment: float) -> Floats:
         """Return the pose of the rig's body, or of the sensor without a rig.
@@ -355,18 +407,22 @@ class Run:
         poses = {name: pose for name, (_, pose) in placed.items()}
         return RunFrame(number, found, clouds, moments, poses, self.cloud["frame"], seconds)
 
-    def bag(self, output: PathLike, *, layout: str | None = None, cut: Cut = "pattern") -> rosbag.Writer:
+    def bag(
+        self, output: PathLike, *, layout: str | None = None, cut: Cut = "pattern", **limits: float | None
+    ) -> rosbag.Writer:
         """Return a writer of a ROS 2 bag for scans of this run, with its sensors and its trajectory.
 
         Parameters
         ----------
         output : path-like
-            The file, ``.mcap`` or ``.db3``.
+            The file, ``.mcap`` or ``.db3``, or a folder, whose name has no dot.
         layout : str, optional
             Layout of the points, one of `lidarsim.io.rosbag.NAMES`. Default: the layout of each sensor's vendor.
         cut : {"pattern", "driver"} or float
             Where messages begin: with each frame of the pattern, where the driver of the layout cuts, or at an azimuth,
             rad; see `lidarsim.io.rosbag.Writer`.
+        **limits : int or float, optional
+            `max_size` and `max_duration` of the files in a folder, as in `lidarsim.io.rosbag.Writer`.
 
         Returns
         -------
@@ -378,8 +434,9 @@ class Run:
         FileFormatError, MissingExtraError, TypeError, ValueError
             As in `lidarsim.io.rosbag.Writer`.
         """
-        sensors: dict[str, Any] | None = {**self.sensor, **self.imus} if isinstance(self.sensor, Rig) else None
-        return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, layout=layout, cut=cut)
+        options: dict[str, Any] = {"layout": layout, "cut": cut, **limits}
+        sensors = self.sensor if isinstance(self.sensor, Rig) else None
+        return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, **options)
 
     def pcap(self, output: PathLike, *, variant: str | None = None) -> packets.Writer:
         """Return a writer of the packets that the sensors of this run send.
@@ -412,16 +469,18 @@ class Run:
         variant: str | None = None,
         fields: Sequence[str] | None = None,
         float32: bool | None = None,
+        max_size: int | None = None,
+        max_duration: float | None = None,
         each: Callable[[RunFrame], object] | None = None,
     ) -> list[Path]:
         """Scan all frames, and write point clouds, a ROS 2 bag or packets.
 
-        A bag holds all frames in one file, and so do packets (``.pcap``), next to which are the files that decoders
-        need. Both hold what the sensors measure, whatever `cloud` is. Otherwise each point cloud gets its own file,
-        numbered if there are several frames, and with the sensor's name if there is a rig. With several frames, the
-        poses of each sensor at its moments (OUTPUT_poses.tum) and the start times of its scans (OUTPUT_times.txt) are
-        written next to all but bags. The samples of an IMU are messages of the bag, or a file of their own
-        (OUTPUT_NAME.csv, as `ImuSamples.save`).
+        A bag holds all frames, in one file or in a folder, and so do packets (``.pcap``), next to which are the files
+        that decoders need. Both hold what the sensors measure, whatever `cloud` is. Otherwise each point cloud gets its
+        own file, numbered if there are several frames, and with the sensor's name if there is a rig. With several
+        frames, the poses of each sensor at its moments (OUTPUT_poses.tum) and the start times of its scans
+        (OUTPUT_times.txt) are written next to all but bags. The samples of an IMU and the fixes of a GNSS receiver are
+        messages of the bag, or a file of their own (OUTPUT_NAME.csv, as `ImuSamples.save` and `GnssFixes.save`).
 
         With `legs`, the number of the strip or station precedes these in the names, and each gets a bag, or a file
         of packets, of its own. A
@@ -431,7 +490,7 @@ class Run:
         Parameters
         ----------
         output : path-like
-            The file; its suffix determines the format.
+            The file; its suffix determines the format. A text that ends in / is the folder of a bag.
         layout : str, optional
             Layout of the points in a bag, as in `bag`.
         cut : {"pattern", "driver"} or float
@@ -442,6 +501,9 @@ class Run:
             Fields of the points to write besides `xyz`, as in `PointCloud.save`.
         float32 : bool, optional
             Write `xyz` as float32, as in `PointCloud.save`.
+        max_size, max_duration : int and float, optional
+            Bytes, and time in s, after which a new file begins in the folder of a bag, as in
+            `lidarsim.io.rosbag.Writer`.
         each : callable, optional
             Called with each `RunFrame` after it has been written.
 
@@ -461,25 +523,24 @@ class Run:
             If the trajectory does not cover the frames, or the points are in the sensor frame and the run has a
             coordinate reference system.
         """
-        output = Path(output)
-        check_output(output, packets.SUFFIXES)
+        output = checked_output(output)
         is_bag = _is_bag(output)
-        _check_options(output, layout=layout, cut=cut, variant=variant, fields=fields, float32=float32)
+        options: dict[str, Any] = {"layout": layout, "cut": cut, "variant": variant, "fields": fields}
+        options |= {"float32": float32, "max_size": max_size, "max_duration": max_duration}
+        _check_options(output, **options)
         if _is_packets(output) and self.cloud != _RAW:
             return replace(self, cloud=_RAW).write(output, variant=variant, each=each)
         if self.legs:
             self.check_coverage()
-        options: dict[str, Any] = {"layout": layout, "cut": cut, "variant": variant}
-        options |= {"fields": fields, "float32": float32}
         written: dict[Path, None] = {}
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
-        parts = [(part, part.inertial()) for part in self.parts]
-        for number, (part, inertial) in zip([leg.number for leg in self.legs] or [0], parts, strict=True):
+        parts = [(part, part.samples()) for part in self.parts]
+        for number, (part, samples) in zip([leg.number for leg in self.legs] or [0], parts, strict=True):
             place = _named(output, str(number)) if number else output
             with ExitStack() as stack:
-                save = part._saver(place, stack, number, inertial, **options)
+                save = part._saver(place, stack, number, samples, **options)
                 if not is_bag:
-                    written.update(dict.fromkeys(_save_inertial(inertial, place)))
+                    written.update(dict.fromkeys(_save_samples(samples, place)))
                 for frame in part.measured():
                     written.update(dict.fromkeys(save(frame)))
                     if not is_bag:
@@ -516,8 +577,8 @@ class Run:
             files = [first._strip_path(place, name) for name in self.lidars]
         else:
             files = [first.path_of(place, name, first.frames.start) for name in self.lidars]
-        inertial = [_inertial_path(place, name) for name in self.imus]
-        return inertial + files + (tracks if len(self.frames) > 1 else [])
+        samples = [_samples_path(place, name) for name in [*self.imus, *self.receivers]]
+        return samples + files + (tracks if len(self.frames) > 1 else [])
 
     def path_of(self, output: Path, name: str, number: int | str) -> Path:
         """Return the path of the output of one sensor and frame.
@@ -546,17 +607,20 @@ class Run:
         output: Path,
         stack: ExitStack,
         number: int,
-        inertial: Mapping[str, ImuSamples],
+        samples: Mapping[str, ImuSamples | GnssFixes],
         *,
         layout: str | None,
         cut: Cut,
         variant: str | None,
         fields: Sequence[str] | None,
         float32: bool | None,
+        max_size: int | None,
+        max_duration: float | None,
     ) -> Callable[[RunFrame], Iterable[Path]]:
         """Return a function that writes a frame and returns the files; `number` is that of a leg, or 0."""
         if _is_bag(output):
-            return self._into_bag(output, stack, inertial, layout, cut)
+            bag = self.bag(output, layout=layout, cut=cut, max_size=max_size, max_duration=max_duration)
+            return self._into_bag(output, stack, samples, bag)
         if _is_packets(output):
             return self._into_packets(output, stack, variant)
         if number and self._fits_strip(output):
@@ -567,17 +631,16 @@ class Run:
         self,
         output: Path,
         stack: ExitStack,
-        inertial: Mapping[str, ImuSamples],
-        layout: str | None,
-        cut: Cut,
+        samples: Mapping[str, ImuSamples | GnssFixes],
+        writer: rosbag.Writer,
     ) -> Callable[[RunFrame], Iterable[Path]]:
-        """Return a function that writes a frame into a bag, raw, as drivers publish scans, whatever `cloud` is.
-
-        The samples of IMUs are written at once.
-        """
-        bag = stack.enter_context(self.bag(output, layout=layout, cut=cut))
-        for samples in inertial.values():
-            bag.write_imu(samples)
+        """Return a function that writes a frame into a bag, raw, as drivers publish scans, whatever `cloud` is."""
+        bag = stack.enter_context(writer)
+        for values in samples.values():
+            if isinstance(values, GnssFixes):
+                bag.write_gnss(values)
+            else:
+                bag.write_imu(values)
 
         def save(frame: RunFrame) -> Iterable[Path]:
             bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])
@@ -649,8 +712,36 @@ class Run:
 _RAW: CloudArguments = {"frame": "sensor", "deskew": False}
 
 
+def checked_output(output: PathLike) -> Path:
+    """Return the path of the output of a run, after checking, before any work, that it can be written.
+
+    Parameters
+    ----------
+    output : path-like
+        A file of a known suffix, or, as a text that ends in /, the folder of a bag.
+
+    Returns
+    -------
+    Path
+        The path; that of a folder has no suffix.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is unknown, or the name of a folder has one.
+    OSError
+        If the folder does not exist or is not writable, or has files that lidarsim did not write.
+    """
+    if os.fspath(output).endswith(("/", os.sep)):
+        check_bag_folder(output)
+    else:
+        check_output(output, packets.SUFFIXES)
+    return Path(output)
+
+
 def _is_bag(output: Path) -> bool:
-    return output.suffix.lower() in rosbag.SUFFIXES
+    """Return whether an output is a bag: a file or a folder."""
+    return output.suffix.lower() in rosbag.SUFFIXES or is_folder(output)
 
 
 def _is_packets(output: Path) -> bool:
@@ -665,16 +756,20 @@ def _check_options(
     variant: str | None,
     fields: Sequence[str] | None,
     float32: bool | None,
+    max_size: int | None,
+    max_duration: float | None,
 ) -> None:
     """Check that the format of `output` has the given options."""
     bag = f"a bag ({', '.join(rosbag.SUFFIXES)})"
     pcap = f"packets ({', '.join(packets.SUFFIXES)})"
     is_bag, is_packets = _is_bag(output), _is_packets(output)
     got = f"the bag {output}" if is_bag else f"the packets {output}" if is_packets else str(output)
-    cloud = "a point cloud file"
+    cloud, folder = "a point cloud file", "the folder of a bag, which ends in /,"
     for argument, given, expected, fits in (
         ("layout", layout is not None, bag, is_bag),
         ("cut", cut != "pattern", bag, is_bag),
+        ("max_size", max_size is not None, folder, is_folder(output)),
+        ("max_duration", max_duration is not None, folder, is_folder(output)),
         ("variant", variant is not None, pcap, is_packets),
         ("fields", fields is not None, cloud, not (is_bag or is_packets)),
         ("float32", float32 is not None, cloud, not (is_bag or is_packets)),
@@ -694,15 +789,15 @@ def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]
     yield times
 
 
-def _save_inertial(inertial: Mapping[str, ImuSamples], output: Path) -> Iterator[Path]:
-    """Write the samples of IMUs into files next to `output`; yield the paths."""
-    for name, samples in inertial.items():
-        samples.save(_inertial_path(output, name))
-        yield _inertial_path(output, name)
+def _save_samples(samples: Mapping[str, ImuSamples | GnssFixes], output: Path) -> Iterator[Path]:
+    """Write the samples of IMUs and receivers into files next to `output`; yield the paths."""
+    for name, values in samples.items():
+        values.save(_samples_path(output, name))
+        yield _samples_path(output, name)
 
 
-def _inertial_path(output: Path, name: str) -> Path:
-    """Return the path of the samples of an IMU."""
+def _samples_path(output: Path, name: str) -> Path:
+    """Return the path of the samples of an IMU or a receiver."""
     return _named(output, name).with_suffix(".csv")
 
 

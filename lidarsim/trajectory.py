@@ -33,6 +33,7 @@ __all__ = [
     "product",
     "register_trajectory_format",
     "register_trajectory_tables",
+    "sigmas_of_axes",
 ]
 
 INTERPOLATIONS = ("linear", "spline")
@@ -610,7 +611,7 @@ class Trajectory(Immutable):
         from scipy.spatial.transform import Rotation
 
         position, orientation = (
-            _sigmas(name, given)
+            sigmas_of_axes(name, given)
             for name, given in (("position_sigma", position_sigma), ("orientation_sigma", orientation_sigma))
         )
         scale = _validation.real("correlation_time", correlation_time, above=0.0, infinite=True)
@@ -697,7 +698,7 @@ MOST_POSES = 10_000_000
 """Most poses of a perturbed trajectory: 1.3 GB."""
 
 
-def _sigmas(name: str, value: npt.ArrayLike) -> Floats:
+def sigmas_of_axes(name: str, value: npt.ArrayLike) -> Floats:
     """Return the standard deviations of three axes, given as one or three."""
     given = np.broadcast_to(_validation.one_or_each(name, value, 3), 3)
     if (given < 0.0).any():

@@ -225,6 +225,44 @@ def test_a_rig_is_checked_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert film("rig.png") == ((320, 200), 1)
 
 
+OTHERS = """\
+  imu:
+    position_m: [0.1, 0, 0.5]
+    imu:
+      rate_hz: 200
+      latitude_deg: 48
+      gyroscope: {noise_density_deg_per_s_per_sqrt_hz: 0.005, bias_instability_deg_per_h: 2, range_deg_per_s: 450}
+  gnss: {gnss: {rate_hz: 5, position_sigma_m: [0.5, 0.5, 1], drift_sigma_m: 2}}
+"""
+MOVING_ON_EARTH = """\
+georeference: {origin: {latitude_deg: 48.1, longitude_deg: 11.6, altitude_m: 520}}
+pose: {position_m: [0, 0, 1], linear_m_per_s: [5, 0, 0]}
+"""
+
+
+def test_the_other_sensors_of_a_rig_are_told_and_written(capsys: pytest.CaptureFixture[str]) -> None:
+    document = rig().read_text(encoding="utf-8")
+    kept = [line for line in document.splitlines(keepends=True) if not line.startswith("pose:")]
+    at = kept.index("rig:\n") + 1
+    Path("rig.yaml").write_text("".join([*kept[:at], OTHERS, *kept[at:], MOVING_ON_EARTH]), encoding="utf-8")
+    assert lidarsim("check", "rig.yaml") == 0
+    printed = capsys.readouterr().out
+    for line in (
+        "imu: IMU, 200 Hz, at 0.1, 0, 0.5 m, gravity 9.80665 m/s², Earth rotation at latitude 48°",
+        "  gyroscope: noise density 8.727e-05 rad/s/√Hz, bias instability 9.696e-06 rad/s, range ±7.854 rad/s",
+        "  accelerometer: no errors",
+        "gnss: GNSS receiver, 5 Hz, at 0, 0, 0 m, noise 0.5, 0.5, 1 m, drift 2 m",
+    ):
+        assert f"{line}\n" in printed
+    assert lidarsim("scan", "rig.yaml", "-o", "drive/", "--max-bag-duration", "0.1") == 0
+    assert capsys.readouterr().out.endswith(" s: drive\n")
+    assert {path.name for path in Path("drive").iterdir()} >= {"metadata.yaml", "drive_0.mcap", "drive_1.mcap"}
+    assert lidarsim("scan", "rig.yaml", "-o", "drive/") == 0  # it takes the place of the first
+    assert {path.name for path in Path("drive").iterdir()} == {"metadata.yaml", "drive_0.mcap"}
+    assert lidarsim("scan", "rig.yaml", "-o", "a.pcd") == 0
+    assert {"a_imu.csv", "a_gnss.csv"} <= {path.name for path in Path().glob("a_*")}
+
+
 def test_a_rig_is_checked_for_its_moments(capsys: pytest.CaptureFixture[str]) -> None:
     rig()
     for command in ("check rig.yaml", "scan rig.yaml -o a.pcd"):
@@ -252,7 +290,7 @@ def test_the_layout_of_a_bag(capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert lidarsim("scan", "run.yaml", "-o", "b.mcap", "--layout", "pandar") == 2
     assert capsys.readouterr().err.startswith(
-        "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox, laserscan"
+        "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox, livox_cloud, laserscan"
     )
     assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--layout", "livox") == 2
     assert capsys.readouterr().err == "lidarsim: layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
@@ -709,6 +747,17 @@ MISTAKES = {
     # outputs
     "scan run.yaml -o a.fls": f"a.fls: unknown extension '.fls', expected {FORMATS}",
     "scan run.yaml -o a": f"a: no extension, expected {FORMATS}",
+    "scan run.yaml -o a.b/": "a.b/: expected the name of a folder for a bag, without a dot",
+    "scan run.yaml -o gone/a/": "gone/a/: the folder gone does not exist",
+    "scan run.yaml -o kept/": (
+        "kept/: expected a new folder, or one with a bag that lidarsim wrote, got one with 'notes.txt'; "
+        "remove it or choose another name"
+    ),
+    "scan run.yaml -o a.mcap --max-bag-size 1000": (
+        "max_size: expected the folder of a bag, which ends in /, as output, got a.mcap"
+    ),
+    "scan run.yaml -o a/ --max-bag-duration 0": "max_duration: expected a finite number > 0, got 0.0",
+    "scan run.yaml -o a/ --fields label": "fields: expected a point cloud file as output, got the bag a",
     "scan run.yaml -o gone/a.pcd": "gone/a.pcd: the folder gone does not exist",
     "scan run.yaml -o run.yaml/a.pcd": "run.yaml/a.pcd: run.yaml is not a folder",
     "scan run.yaml -o folder.pcd": "folder.pcd: expected a file to write, got a folder",
@@ -742,6 +791,8 @@ MISTAKES = {
 @pytest.mark.parametrize(("arguments", "message"), MISTAKES.items(), ids=[text[:50] for text in MISTAKES])
 def test_a_mistake_gets_one_line(arguments: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("folder.pcd").mkdir()
+    Path("kept").mkdir()
+    Path("kept/notes.txt").touch()
     Path("moving.yaml").write_text(MOVING, encoding="utf-8")
     Path("broken.yaml").write_text("sensor: {preset: velodyne-vlp16}\nscene: [{shape: sphere, radius: 1}]")
     Path("cloud.xyz").write_text("1 2 3\n")

@@ -31,8 +31,11 @@ def pose(angle: float, *position: float) -> np.ndarray:
     return RigidTransform.from_components(position, Rotation.from_rotvec([angle, 0.2 * angle, -angle])).as_matrix()
 
 
-def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory) -> tuple[float, float]:
-    """Largest errors of position, m, and orientation, rad, when the samples are integrated by the trapezoidal rule."""
+def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory, earth: np.ndarray) -> tuple[float, float]:
+    """Largest errors of position, m, and orientation, rad, when the samples are integrated by the trapezoidal rule.
+
+    The axes of the world turn with the Earth: the orientation by minus its angle, the velocity by Coriolis.
+    """
     step = np.diff(samples.time)
     rotation = trajectory.at(samples.time[0]).rotation
     position, velocity = trajectory.at(samples.time[0]).translation, trajectory.velocity(samples.time[0])[0]
@@ -40,8 +43,9 @@ def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory) -> tuple[float,
     free_fall = np.array([0.0, 0.0, -GRAVITY])
     places, turns = [position], [rotation]
     for k, h in enumerate(step):
-        after = rotation * Rotation.from_rotvec(h * (rates[k] + rates[k + 1]) / 2)
+        after = Rotation.from_rotvec(-h * earth) * rotation * Rotation.from_rotvec(h * (rates[k] + rates[k + 1]) / 2)
         acceleration = (rotation.apply(forces[k]) + after.apply(forces[k + 1])) / 2 + free_fall
+        acceleration -= 2 * np.cross(earth, velocity + h / 2 * acceleration)
         position = position + h * velocity + h * h / 2 * acceleration
         velocity, rotation = velocity + h * acceleration, after
         places.append(position)
@@ -51,13 +55,16 @@ def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory) -> tuple[float,
     return float(off), float((truth.rotation.inv() * Rotation.concatenate(turns)).magnitude().max())
 
 
-def test_exact_samples_integrate_to_the_trajectory() -> None:
+@pytest.mark.parametrize("latitude", [None, math.radians(48.0)])
+def test_exact_samples_integrate_to_the_trajectory(latitude: float | None) -> None:
     body = flight()
+    earth = np.zeros(3) if latitude is None else EARTH * np.array([0.0, math.cos(latitude), math.sin(latitude)])
     start = body.span[0]
     # All end at the same time. The errors of the trapezoidal rule are c h² + O(h³), from the jumps of the jerk at the
     # poses; here O(h³) is below 5 %.
     rates = 100.0, 200.0, 400.0, 1600.0
-    errors = [strapdown(ls.Imu(rate).measure(body, end=start + 4.0), body) for rate in rates]
+    units = (ls.Imu(rate, latitude=latitude) for rate in rates)
+    errors = [strapdown(imu.measure(body, end=start + 4.0), body, earth) for imu in units]
     for coarse, fine, ratio in ((0, 1, 4), (1, 2, 4), (2, 3, 16)):
         np.testing.assert_allclose(np.divide(errors[coarse], errors[fine]), ratio, rtol=0.05)
     assert errors[3][0] < 1e-3
@@ -164,6 +171,68 @@ def test_allan_variance_of_the_noise(kind: str) -> None:
         assert abs(got / (walk**2 * m / rate / 3 * discrete) - 1) < 5 * math.sqrt(3 / count)
     both = noise(noise_density=density, random_walk=walk)
     np.testing.assert_allclose(both, white + drift, rtol=0, atol=1e-12)
+
+
+def flicker_variance(lags: np.ndarray, m: int, rate: float) -> np.ndarray:
+    """Covariance of differences of adjacent cluster means of m samples, `lags` clusters apart, of flicker of floor 1.
+
+    The twelve processes have the autocovariance exp(-|t|/T), T = 4^k s. The covariance of two cluster means l apart is
+    the sum over j of (m - |j|) exp(-|l m + j|/(rate T))/m², and that of their differences is 2 c(l) - c(l-1) - c(l+1).
+    """
+    j = np.arange(-m + 1, m)
+    near = np.unique(np.abs(np.concatenate([lags - 1, lags, lags + 1])))
+    means = np.zeros(near.max() + 1)
+    for time in 4.0 ** np.arange(-3, 9):
+        for lag in near:
+            means[lag] += ((m - np.abs(j)) * np.exp(-np.abs(lag * m + j) / (rate * time))).sum() / m**2
+    return 2 * means[np.abs(lags)] - means[np.abs(lags - 1)] - means[np.abs(lags + 1)]
+
+
+def test_the_floor_of_the_allan_deviation_is_that_of_the_data_sheet() -> None:
+    # The Allan variance of a Gauss-Markov process of correlation time T (IEEE Std 952, annex C.1.5), of variance 1.
+    for seconds in np.geomspace(1.0, 3000.0, 50):
+        share = 4.0 ** np.arange(-3, 9) / seconds
+        allan = 2 * share * (1 - share / 2 * (3 - 4 * np.exp(-1 / share) + np.exp(-2 / share)))
+        assert abs(math.sqrt(allan.sum()) - 1) < 0.01, seconds
+    sampled = (
+        flicker_variance(np.array([0]), 64, 64.0)[0] / 2
+    )  # samples do not average what is faster: at 1 s, the most
+    assert abs(math.sqrt(sampled) - 1) < 0.01
+
+
+@pytest.mark.parametrize("kind", ["gyroscope", "accelerometer"])
+@pytest.mark.parametrize("m", [4, 64, 512])
+def test_allan_variance_of_the_bias_instability(kind: str, m: int) -> None:
+    rate, floor = 4.0, math.radians(2.0 / 3600)
+    imu = ls.Imu(rate, **{kind: ls.ImuErrors(bias_instability=floor)})
+    field = {"gyroscope": "angular_rate", "accelerometer": "specific_force"}[kind]
+    values = getattr(imu.measure(STILL, end=16_384.0, seed=5), field) - getattr(
+        ls.Imu(rate).measure(STILL, end=16_384.0), field
+    )
+    got, count = allan_variance(values, m)
+    # The mean of squares of n normal numbers of covariances c(i - j) has the variance 2/n² of the sum of all c². The
+    # covariance of the differences falls as the lag to the power of -2: beyond 8 lags, c² adds less than 1e-3.
+    lags = np.arange(-8, 9)
+    covariance = flicker_variance(lags, m, rate)
+    want = covariance[8] / 2 * floor**2
+    sigma = math.sqrt(2 / count * (covariance**2).sum()) / 2 * floor**2
+    assert abs(got - want) < 4 * sigma
+    assert sigma < 0.25 * want
+
+
+def test_flicker_goes_on_from_block_to_block_and_draws_nothing_else() -> None:
+    wavering = ls.Imu(1000.0, gyroscope=ls.ImuErrors(bias_instability=1.0))
+    values = wavering.measure(STILL, end=70.0).angular_rate  # three blocks of 32,768 samples
+    np.testing.assert_array_equal(values[:1001], wavering.measure(STILL, end=1.0).angular_rate)
+    step = np.abs(np.diff(values, axis=0)).max(axis=1)
+    assert step[[32_767, 65_535]].max() < step.max()  # a process that began anew would jump by 12 draws: 5 or so
+    assert step.max() < 5 * math.sqrt(2 * 12 * 64e-3)
+    white = ls.ImuErrors(noise_density=1.0)
+    both = ls.ImuErrors(noise_density=1.0, bias_instability=1.0)
+    one, two = (ls.Imu(10.0, gyroscope=e).measure(STILL, end=9.0).angular_rate for e in (white, both))
+    alone = ls.Imu(10.0, gyroscope=ls.ImuErrors(bias_instability=1.0)).measure(STILL, end=9.0)
+    np.testing.assert_allclose(two, one + alone.angular_rate, rtol=0, atol=20 * 2.0**-52)
+    assert (alone.specific_force == [0, 0, GRAVITY]).all()
 
 
 def test_constant_errors_have_their_standard_deviations() -> None:

@@ -77,6 +77,8 @@ def everything() -> dict[str, Any]:
         "Hits": scene.cast([[0, 0, 3]] * 2, [[0, 0, -1], [0, 0, 1]]),
         "Lidar": lidar,
         "Rig": ls.Rig({"left": (lidar, POSE), "right": (lidar, None, 0.05)}),
+        "Rig of all kinds": ls.Rig({"top": (lidar, POSE), "imu": (ls.Imu(100.0), POSE), "gnss": (ls.Gnss(5.0), None)}),
+        "Georeference": ls.Georeference(origin=(0.8, 0.2, 500.0)),
         "Trajectory": DRIVE @ POSE,
         "Trajectory, spline": ls.Trajectory([0, 1, 2], np.stack([np.eye(4), POSE, POSE]), interpolation="spline"),
         "Trajectory, twist": ls.Trajectory.from_twist(POSE, (1, 2, 3), (0, 0, 1)),

@@ -224,7 +224,11 @@ def test_copies_of_rigs_scan_alike(again: Callable[[ls.Rig], ls.Rig]) -> None:
         ({"": (sensor(), None)}, ValueError, "sensors: expected names, got an empty one"),
         ({"a": sensor()}, TypeError, "sensors['a']: expected (lidar, mount) or (lidar, mount, offset), got Lidar"),
         ({"a": (sensor(),)}, TypeError, "sensors['a']: expected (lidar, mount) or (lidar, mount, offset), got a tuple"),
-        ({"a": (TOP, sensor())}, TypeError, "sensors['a']: expected a Lidar first, got RigidTransform"),
+        (
+            {"a": (TOP, sensor())},
+            TypeError,
+            "sensors['a']: expected a Lidar, an Imu or a Gnss first, got RigidTransform",
+        ),
         ({"a": (sensor(), np.eye(3))}, ValueError, "sensors['a'], mount: expected shape (4, 4), got (3, 3)"),
         (
             {"a": (sensor(), np.diag([1, 1, 2, 1]))},
@@ -303,3 +307,45 @@ def test_one_frame_is_the_scan_of_each_sensor() -> None:
         rig.scan(scene, np.eye(3))
     with pytest.raises(ValueError, match=r"ignore: .* got 99"):
         rig.scan(scene, ignore=[99])
+
+
+def test_imus_and_receivers_are_members() -> None:
+    imu = ls.Imu(100.0, gyroscope=ls.ImuErrors(bias=0.1))
+    gnss = ls.Gnss(5.0, mount=TOP, position_sigma=1.0)
+    rig = ls.Rig({"imu": (imu, LEFT), "top": (sensor(), TOP), "roof": (gnss, None)})
+    assert list(rig) == ["top"]
+    assert repr(rig) == "Rig(top, imu, roof at 10 Hz)"
+    assert rig.imus == {"imu": dataclasses.replace(imu, mount=LEFT, name="imu")}
+    assert rig.receivers == {"roof": dataclasses.replace(gnss, name="roof")}
+    drive = ls.Trajectory.from_twist(np.eye(4), (5, 0, 0), (0, 0, 0.1))
+    assert [list(scans) for scans in rig.frames(ls.Scene(), drive, 2)] == [["top"], ["top"]]
+    (samples,) = rig.inertial(drive, end=0.5, seed=3).values()
+    same = rig.imus["imu"].measure(drive, end=0.5, seed=3)
+    np.testing.assert_array_equal(samples.angular_rate, same.angular_rate)
+    other = ls.Rig({"imu": (imu, LEFT), "second": (imu, LEFT), "top": (sensor(), TOP)}).inertial(drive, end=0.5, seed=3)
+    np.testing.assert_array_equal(other["imu"].angular_rate, samples.angular_rate)
+    assert (other["second"].angular_rate != samples.angular_rate).all()
+    world = ls.Georeference(origin=(0.8, 0.2, 500.0))
+    (fixes,) = rig.fixes(drive, world, end=0.5, seed=3).values()
+    np.testing.assert_array_equal(fixes.altitude, rig.receivers["roof"].measure(drive, world, end=0.5, seed=3).altitude)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "message"),
+    [
+        ({"a": (ls.Imu(100.0), None)}, "sensors: expected at least one Lidar, got Imu"),
+        ({"a": (ls.Imu(100.0), None, 0.1)}, "sensors['a'], offset: expected none beside Imu, got 0.1"),
+        (
+            {"a": (ls.Gnss(5.0, mount=TOP), LEFT)},
+            "sensors['a'], mount: expected None, as the Gnss has a mount, got another",
+        ),
+        ({"a": (ls.Imu(100.0), np.zeros((4, 4)))}, "sensors['a'], mount: expected a last row of"),
+        (
+            {"plumless": (sensor(), None), "buckeroo": (ls.Imu(100.0), None)},
+            "sensors: expected names of different CRC-32, by which noise is drawn, got 'plumless' and 'buckeroo'",
+        ),
+    ],
+)
+def test_bad_members(sensors: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        ls.Rig(sensors)

@@ -74,6 +74,42 @@ def test_samples_of_an_imu_are_written_beside_the_clouds_or_into_the_bag() -> No
     assert counts["/low/points"] == 3
 
 
+WITH_GNSS = "rig: {gnss: {gnss: {rate_hz: 20, position_sigma_m: 0.5}, position_m: [1, 0, 0.5]}, "
+ORIGIN = "georeference={origin: {latitude_deg: 48, longitude_deg: 11, altitude_m: 500}}"
+
+
+def test_fixes_of_a_receiver_are_written_beside_the_clouds_or_into_a_bag() -> None:
+    Path("gnss.yaml").write_text(RIG.replace("rig: {", WITH_GNSS, 1), encoding="utf-8")
+    run = ls.config.load("gnss.yaml", [ORIGIN])
+    assert run.origin == (np.radians(48.0), np.radians(11.0), 500.0)
+    assert list(run.sensor) == ["top", "low"]
+    written = run.write("a.pcd")
+    assert run.files_of_a_frame(Path("a.pcd"))[0] == written[0] == Path("a_gnss.csv")
+    fixes = ls.GnssFixes.load("a_gnss.csv")
+    np.testing.assert_array_equal(fixes.time, [0.0, 0.05, 0.1])  # 0.1 s are three frames of the faster lidar
+    (again,) = run.fixes().values()
+    np.testing.assert_allclose(fixes.latitude, again.latitude, rtol=2 * 2.0**-52)
+    assert run.write("drive/", max_duration=0.05) == [Path("drive")]
+    with Reader(Path("drive")) as bag:
+        counts = {connection.topic: connection.msgcount for connection in bag.connections}
+        assert len(bag.storage.files) == 3  # the last has what is at 0.1 s
+    assert counts["/gnss/fix"] == 3
+    assert counts["/low/points"] == 3
+
+
+def test_a_receiver_needs_a_georeference() -> None:
+    Path("gnss.yaml").write_text(RIG.replace("rig: {", WITH_GNSS, 1), encoding="utf-8")
+    with pytest.raises(
+        ConfigError, match=r"rig\.gnss\.gnss: expected a georeference with the origin or the crs of the"
+    ):
+        ls.config.load("gnss.yaml")
+    run = dataclasses.replace(ls.config.load("gnss.yaml", [ORIGIN]), origin=None)
+    expected = r"^georeference: expected the origin or crs of the world, for the receiver gnss, got none"
+    with pytest.raises(ValueError, match=expected):
+        run.write("a.pcd")
+    assert not list(Path().glob("a*"))
+
+
 def test_each_frame_is_told_after_it_was_written() -> None:
     told: list[int] = []
 

@@ -37,8 +37,6 @@ from lidarsim.sensor import HEAD, PRESETS, Lidar, preset_path
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
-    from lidarsim.imu import Imu
-
 
 M = TypeVar("M", bound=Model)
 
@@ -78,11 +76,16 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
     config, place = checked(Config, root), Place(root, (), {} if loaded is None else loaded)
     if config.first_frame + config.frames > 2**32:
         raise (place / "frames").error(f"expected at most 4294967296 with first_frame, got {config.frames}")
-    crs, start = config.georeference.build(place / "georeference")
-    if crs is not None and config.cloud.frame != "world":
-        raise (place / "georeference" / "crs").error("expected points in the world, with cloud.frame: world")
+    where = place / "georeference"
+    crs, start = config.georeference.build(where)
+    origin = None if config.georeference.origin is None else config.georeference.origin.build(where / "origin")
     scene = _scene(config, place)
-    sensor, imus = _sensor_or_rig(config, place)
+    sensor = _sensor_or_rig(config, place)
+    receivers = sensor.receivers if isinstance(sensor, Rig) else {}
+    if crs is not None and config.cloud.frame != "world" and not receivers:
+        raise (where / "crs").error("expected points in the world, with cloud.frame: world")
+    for name in receivers if crs is None and origin is None else ():
+        raise (place / "rig" / name / "gnss").error("expected a georeference with the origin or the crs of the world")
     frames = range(config.first_frame, config.first_frame + config.frames)
     legs = _legs(config, sensor, frames, place)
     if isinstance(config.pose, Strips | Stations):
@@ -99,7 +102,7 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
         imports=place.loaded(Imported),
         crs=crs,
         start=start,
-        imus=imus,
+        origin=origin,
         legs=legs,
     )
 
@@ -135,13 +138,13 @@ def read_scene(path: Path) -> Scene:
     return _scene(checked(Config, root), Place(root))
 
 
-def _sensor_or_rig(config: Config, place: Place) -> tuple[Lidar | Rig, dict[str, Imu]]:
+def _sensor_or_rig(config: Config, place: Place) -> Lidar | Rig:
     if config.sensor is not None and config.rig is not None:
         raise (place / "rig").error("expected either sensor or rig, got both")
     if config.rig is not None:
         return build_rig(config.rig, place / "rig")
     if config.sensor is not None:
-        return config.sensor.build(place / "sensor"), {}
+        return config.sensor.build(place / "sensor")
     raise place.error("missing key 'sensor' or 'rig'")
 
 

@@ -26,12 +26,14 @@ from scipy.spatial.transform import Rotation
 
 from lidarsim import _validation, patterns, shapes
 from lidarsim._files import check_names, load_array, name_problem
+from lidarsim._georeference import Georeference as OnEarth
+from lidarsim._georeference import gps_time, projected
 from lidarsim._shown import plain
 from lidarsim._validation import pose as rigid
 from lidarsim.atmosphere import Atmosphere
+from lidarsim.gnss import Gnss
 from lidarsim.imu import GRAVITY, Imu, ImuErrors
 from lidarsim.io import raster, scenes
-from lidarsim.io._georeference import gps_time, projected
 from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
 from lidarsim.pointcloud import PointCloud
@@ -65,6 +67,7 @@ UNITS: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
     "m_per_s3_per_sqrt_hz": ("", np.positive),
     "m_per_s2": ("", np.positive),
     "deg_per_s": ("rad/s", np.radians),
+    "deg_per_h": ("rad/s", lambda value: np.radians(value) / 3600.0),
     "m_per_s": ("", np.positive),
     "per_m": ("", np.positive),
     "per_m_sr": ("", np.positive),
@@ -830,6 +833,7 @@ class Gyroscope(Model):
     """Errors of the gyroscopes of an IMU."""
 
     noise_density_deg_per_s_per_sqrt_hz: float = 0.0
+    bias_instability_deg_per_h: float = 0.0
     random_walk_deg_per_s2_per_sqrt_hz: float = 0.0
     bias_deg_per_s: float = 0.0
     scale_factor: float = 0.0
@@ -845,6 +849,7 @@ class Accelerometer(Model):
     """Errors of the accelerometers of an IMU."""
 
     noise_density_m_per_s2_per_sqrt_hz: float = 0.0
+    bias_instability_m_per_s2: float = 0.0
     random_walk_m_per_s3_per_sqrt_hz: float = 0.0
     bias_m_per_s2: float = 0.0
     scale_factor: float = 0.0
@@ -875,35 +880,49 @@ class InertialUnit(Model):
         return construct(Imu, self, keys, place, name=name, mount=mount, **errors)
 
 
+class Receiver(Model):
+    """A GNSS receiver."""
+
+    rate_hz: float
+    position_sigma_m: float | Vector = 0.0
+    drift_sigma_m: float | Vector = 0.0
+    drift_time_s: float = 300.0
+
+    def build(self, place: Place, name: str, mount: Floats) -> Gnss:
+        """Return the receiver of this name and pose on the body."""
+        return construct(Gnss, self, type(self).model_fields, place, name=name, mount=mount)
+
+
 class Mounted(Placement):
-    """A lidar or an IMU of a rig: its placement on the body, and the delay of a lidar's frames."""
+    """A lidar, an IMU or a GNSS receiver of a rig: its placement on the body, and the delay of a lidar's frames."""
 
     sensor: AnySensor | None = None
     imu: InertialUnit | None = None
+    gnss: Receiver | None = None
     offset_s: Finite | None = None
 
-
-def build_rig(sensors: dict[str, Mounted], place: Place) -> tuple[Rig, dict[str, Imu]]:
-    """Return the rig of the lidars, and the IMUs by name."""
-    parts, imus = {}, {}
-    for name, member in sensors.items():
-        there = place / name
+    def build(self, place: Place, name: str) -> tuple[Any, ...]:
+        """Return the member of the rig of this name."""
         if expected := name_problem(name):  # files get this name
-            raise there.error(f"expected {expected}")
-        mount = _rigid(member, there)
-        if member.imu is not None:
-            for key in member.model_fields_set & {"sensor", "offset_s"}:
-                raise (there / key).error("expected none beside an imu")
-            imus[name] = member.imu.build(there / "imu", name, mount)
-        elif member.sensor is not None:
-            parts[name] = member.sensor.build(there / "sensor"), mount, member.offset_s or 0.0
-        else:
-            raise there.error("missing key 'sensor' or 'imu'")
-    if imus and not parts:
-        raise place.error("expected at least one sensor, got imus only")
+            raise place.error(f"expected {expected}")
+        mount = _rigid(self, place)
+        kinds = [kind for kind in ("imu", "gnss", "sensor") if getattr(self, kind) is not None]
+        if not kinds:
+            raise place.error("missing key 'sensor', 'imu' or 'gnss'")
+        kind, *more = kinds
+        for key in [*more, *(["offset_s"] if "offset_s" in self.model_fields_set and kind != "sensor" else [])]:
+            raise (place / key).error(f"expected none beside {'an imu' if kind == 'imu' else 'a gnss'}")
+        if self.sensor is not None:
+            return self.sensor.build(place / "sensor"), mount, self.offset_s or 0.0
+        return getattr(self, kind).build(place / kind, name, mount), None
+
+
+def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
+    """Return the rig of these sensors."""
+    parts = {name: member.build(place / name, name) for name, member in sensors.items()}
     with place.refusals():
-        check_names("sensors", [*parts, *imus])
-        return Rig(parts), imus
+        check_names("sensors", parts)
+        return Rig(parts)
 
 
 class Cloud(Model):
@@ -930,15 +949,33 @@ class Cloud(Model):
         return {"frame": self.frame, "deskew": self.deskew_s}
 
 
+class Origin(Model):
+    """Where the origin of a world is on the Earth."""
+
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    longitude_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    altitude_m: float = 0.0
+
+    def build(self, place: Place) -> tuple[float, float, float]:
+        """Return latitude and longitude, rad, and altitude, m."""
+        origin = math.radians(self.latitude_deg), math.radians(self.longitude_deg), self.altitude_m
+        with place.refusals({"origin[2]": ("altitude_m", "")}):
+            OnEarth(origin=origin)
+        return origin
+
+
 class Georeference(Model):
-    """Coordinate reference system and start of the run, for files that hold them."""
+    """Where the world is on the Earth, and the start of the run, for GNSS receivers and for files that hold them."""
 
     crs: int | str | None = None
+    origin: Origin | None = None
     start: str | None = None
 
     def build(self, place: Place) -> tuple[int | str | None, float | datetime]:
         """Return the system and the start, after checking them."""
         if self.crs is not None:
+            if self.origin is not None:
+                raise (place / "origin").error("expected either crs or origin, got both")
             with (place / "crs").refusals():
                 projected(self.crs)
         if self.start is None:

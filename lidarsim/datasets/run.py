@@ -94,7 +94,14 @@ def _finish(plan: Plan, pictures: int) -> None:
     names = {label: class_name(label, {}) for label in sorted(boxed.union(labels)) if label} | recipe.class_names
     tables = Files(plan.store)
     splits = recipe.splits.sequences(recipe.sequences)
-    summary = Summary(lambda: manifest.records(plan), dict(labels), names, plan.head.recipe, splits)
+    summary = Summary(
+        lambda: manifest.records(plan),
+        dict(labels),
+        names,
+        plan.head.recipe,
+        splits,
+        lambda: (entry.model_dump() for part in manifest.parts(plan) for entry in part.files),
+    )
     recipe.layout.finish(tables, summary)
     card.write(plan, summary, ranges.tolist(), pictures)
     manifest.finish(plan, tables.entries)

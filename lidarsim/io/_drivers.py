@@ -43,6 +43,9 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
             "itemsize": 20,  # CDR aligns the next point to 4 bytes; the last one ends after 19
         }
     ),
+    "livox_cloud": np.dtype(
+        [*_XYZ, ("intensity", "<f4"), ("tag", "u1"), ("line", "u1"), ("timestamp", "<f8")]  # packed, 26 bytes
+    ),
 }
 """Point layouts by driver."""
 
@@ -72,7 +75,7 @@ class _Points(NamedTuple):
 
     @property
     def reflectivity(self) -> npt.NDArray[np.uint8]:
-        return reflectivity(self.fields["intensity"], 150 if self.layout == "livox" else 100)
+        return reflectivity(self.fields["intensity"], 150 if self.layout.startswith("livox") else 100)
 
     def whole(self, name: str, values: npt.NDArray[Any], column: str) -> npt.NDArray[Any]:
         """Return integers after checking that they fit in a column of the layout."""
@@ -91,6 +94,13 @@ def _return_types(points: _Points) -> npt.NDArray[Any]:
     return np.full(len(number), {"strongest": STRONGEST, "first": FIRST, "last": LAST}.get(returns or "", 0))
 
 
+def _absolute(points: _Points) -> npt.NDArray[np.float64]:
+    """Return times since 1970, in s; those of Livox in ns, of which a float64 has steps of 256."""
+    since: npt.NDArray[np.float64] = points.stamp % 10**9 + points.nanoseconds
+    whole = points.stamp // 10**9
+    return float(whole * 10**9) + since if points.layout == "livox_cloud" else whole + since / 1e9
+
+
 _COLUMNS: dict[str, Callable[[_Points], npt.NDArray[Any]]] = {
     "x": lambda points: points.fields["xyz"][:, 0],
     "y": lambda points: points.fields["xyz"][:, 1],
@@ -104,8 +114,7 @@ _COLUMNS: dict[str, Callable[[_Points], npt.NDArray[Any]]] = {
     "t": lambda points: points.whole("time in ns", points.nanoseconds, "t"),
     "time_stamp": lambda points: points.whole("time in ns", points.nanoseconds, "time_stamp"),
     "offset_time": lambda points: points.whole("time in ns", points.nanoseconds, "offset_time"),
-    # Whole seconds are added last: a float64 of nanoseconds since 1970 has steps of 256 ns.
-    "timestamp": lambda points: points.stamp // 10**9 + (points.stamp % 10**9 + points.nanoseconds) / 1e9,
+    "timestamp": _absolute,
     "range": lambda points: points.whole("range in mm", np.rint(points.fields["range"] * 1e3), "range"),
     "ambient": lambda points: np.zeros(len(points.fields["xyz"]), np.uint16),
     "azimuth": lambda points: np.arctan2(points.fields["xyz"][:, 1], points.fields["xyz"][:, 0]),

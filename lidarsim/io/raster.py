@@ -23,11 +23,11 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import atomic_writer, check_regular, check_suffix, unquoted
+from lidarsim._georeference import projected
 from lidarsim._validation import Floats, array, integer, short
 from lidarsim._views import register_view
 from lidarsim.cells import Cells
 from lidarsim.errors import ArgumentError, ArgumentValueError, FileFormatError, MissingExtraError
-from lidarsim.io._georeference import projected
 from lidarsim.scene import Scene, register_scene_reader
 from lidarsim.shapes import TriangleMesh
 from lidarsim.shapes.triangle_mesh import Raster

@@ -1,21 +1,23 @@
 """ROS 2 bags (``.mcap``, ``.db3``): point clouds as the drivers of real sensors publish them; ROS is not needed.
 
-One file is a complete bag, without the folder and metadata.yaml of ROS's recorder. Besides the clouds it holds
-``/clock``, the extrinsics of the sensors (``/tf_static``) and, if the body's trajectory is known, its true pose and
-velocity (``/tf``, ``/odom``). Samples of IMUs are ``sensor_msgs/msg/Imu``.
+One file is a complete bag. A path that ends in / becomes a folder with one or several files and ``metadata.yaml``, as
+ROS's recorder makes it. Besides the clouds, a bag holds ``/clock``, the extrinsics of the sensors (``/tf_static``) and,
+if the body's trajectory is known, its true pose and velocity (``/tf``, ``/odom``). Samples of IMUs are
+``sensor_msgs/msg/Imu`` and fixes of GNSS receivers ``sensor_msgs/msg/NavSatFix``.
 
 Each cloud is written in one of these layouts, chosen by the sensor's model or by the caller:
 
-=========  ==========================================================================================================
-layout     fields with their NumPy types
-=========  ==========================================================================================================
-velodyne   x y z intensity f4, ring u2, time f4 (s since the stamp); also for all other vendors
-ouster     x y z intensity f4, t u4 (ns since the stamp), reflectivity ring ambient u2, range u4 (mm)
-hesai      x y z intensity f4, ring u2, timestamp f8 (s, absolute); RoboSense's driver uses the same
-autoware   x y z f4, intensity return_type u1, channel u2, azimuth elevation distance f4, time_stamp u4 (ns)
-livox      offset_time u4 (ns), x y z f4, reflectivity tag line u1: ``livox_ros_driver2/msg/CustomMsg``, no PointCloud2
-laserscan  ranges intensities f4 of a 2D lidar: ``sensor_msgs/msg/LaserScan``, as `Scan.laser_scan` has it
-=========  ==========================================================================================================
+===========  ========================================================================================================
+layout       fields with their NumPy types
+===========  ========================================================================================================
+velodyne     x y z intensity f4, ring u2, time f4 (s since the stamp); also for all other vendors
+ouster       x y z intensity f4, t u4 (ns since the stamp), reflectivity ring ambient u2, range u4 (mm)
+hesai        x y z intensity f4, ring u2, timestamp f8 (s, absolute); RoboSense's driver uses the same
+autoware     x y z f4, intensity return_type u1, channel u2, azimuth elevation distance f4, time_stamp u4 (ns)
+livox        offset_time u4 (ns), x y z f4, reflectivity tag line u1: ``livox_ros_driver2/msg/CustomMsg``
+livox_cloud  x y z intensity f4, tag line u1, timestamp f8 (ns, absolute): the driver's PointCloud2 (xfer_format 0)
+laserscan    ranges intensities f4 of a 2D lidar: ``sensor_msgs/msg/LaserScan``, as `Scan.laser_scan` has it
+===========  ========================================================================================================
 
 Clouds are dense, without NaN, in firing order; each point is in the frame of the sensor at its own firing. The stamp is
 the start of the message, and the recording time is that of its last point. A message is a frame of the pattern, or what
@@ -39,13 +41,13 @@ https://github.com/HesaiTechnology/HesaiLidar_ROS_2.0, https://github.com/autowa
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import re
 import shutil
-import sqlite3
 import struct
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
@@ -58,20 +60,21 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing, replacing
+from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
-from lidarsim.io import _cuts, _mcap
+from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
+from lidarsim.io._storage import check_folder, is_folder, lost_writes
 from lidarsim.pointcloud import Fields, PointCloud, register_format
+from lidarsim.rig import Rig
 from lidarsim.scan import Scan
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from rosbags import rosbag2
-    from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
 
     from lidarsim._validation import Transform
+    from lidarsim.gnss import Gnss, GnssFixes
     from lidarsim.imu import Imu, ImuSamples
     from lidarsim.io._cuts import Cut
     from lidarsim.rig import RigSensor
@@ -86,7 +89,9 @@ OLDEST = 0, 11
 _START = 1_577_836_800.0  # 2020-01-01T00:00:00Z; ROS treats a stamp of 0 as unset
 _CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # in sensor_msgs/msg/PointField
 _CLOUD, _CUSTOM = "sensor_msgs/msg/PointCloud2", "livox_ros_driver2/msg/CustomMsg"
-_LASER, _IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
+_LASER, _IMU, _FIX = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
+_STATUS_FIX, _SERVICE_GPS = 0, 1  # in sensor_msgs/msg/NavSatStatus
+_COVARIANCE_UNKNOWN, _COVARIANCE_DIAGONAL_KNOWN = 0, 2  # in sensor_msgs/msg/NavSatFix
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _LASER_LAYOUT = "laserscan"
 NAMES = *LAYOUTS, _LASER_LAYOUT
@@ -102,16 +107,19 @@ _CUSTOM_DEFINITIONS = {
 class Writer:
     """Write scans into a ROS 2 bag, one by one.
 
-    A context manager: the file appears under its name when the block ends without an error.
+    A context manager: the file or folder appears under its name when the block ends without an error.
 
     Parameters
     ----------
     path : path-like
-        The file: ``.mcap``, or ``.db3`` for the older storage, SQLite.
+        The file: ``.mcap``, or ``.db3`` for the older storage, SQLite. Or a folder, with a name that has no dot:
+        ``drive`` gets ``drive_0.mcap`` and ``metadata.yaml``. It may exist only if it is empty, or if it is a bag that
+        lidarsim wrote, which is replaced.
     sensors : mapping of str to pose, or to an object with a pose as `mount`, optional
-        Name and mount of each sensor. The name is also the frame_id, and the topic is ``/<name>/points``,
-        ``/<name>/scan`` for a LaserScan, or ``/<name>/data_raw`` for an `Imu`; the mount maps sensor to body, as a
-        RigidTransform or (4, 4) array_like. Default: one "lidar" at the body's origin.
+        Name and mount of each sensor; a `Rig` with all of its sensors. The name is also the frame_id, and the topic is
+        ``/<name>/points``, ``/<name>/scan`` for a LaserScan, ``/<name>/data_raw`` for an `Imu` or ``/<name>/fix`` for a
+        `Gnss`; the mount maps sensor to body, as a RigidTransform or (4, 4) array_like. Default: one "lidar" at the
+        body's origin.
     trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
         The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
     layout : str or mapping of str to str, optional
@@ -130,6 +138,15 @@ class Writer:
         and of less than a full turn, stay whole.
     world, body : str
         frame_id of the world and of the body.
+    max_size : int, optional
+        Begin a new file in the folder once the messages of a file have this many bytes. Default: never.
+    max_duration : float, optional
+        Begin a new file in the folder this long after the first message of a file, s. Default: never.
+
+    Attributes
+    ----------
+    metadata : dict
+        What ``metadata.yaml`` says of the first file, once the bag is complete.
 
     Raises
     ------
@@ -163,7 +180,7 @@ class Writer:
         self,
         path: PathLike,
         *,
-        sensors: Mapping[str, Transform | RigSensor | Imu] | None = None,
+        sensors: Mapping[str, Transform | RigSensor | Imu | Gnss] | None = None,
         trajectory: Trajectory | Transform | None = None,
         layout: str | Mapping[str, str] | None = None,
         start: float = _START,
@@ -171,10 +188,15 @@ class Writer:
         cut: Cut = "pattern",
         world: str = "map",
         body: str = "base_link",
+        max_size: int | None = None,
+        max_duration: float | None = None,
     ) -> None:
-        self._suffix = check_suffix(path, SUFFIXES)
+        self._limits = _limits(path, max_size, max_duration)
+        self._suffix = "" if is_folder(path) else check_suffix(path, SUFFIXES)
         self._path = path
         given: Mapping[str, Any] = {"lidar": np.eye(4)} if sensors is None else sensors
+        if isinstance(given, Rig):
+            given = {**given, **given.imus, **given.receivers}
         self._mounts = {
             _name("sensors", name): _validation.pose(f"sensors[{name!r}]", getattr(mount, "mount", mount))
             for name, mount in given.items()
@@ -192,15 +214,21 @@ class Writer:
             raise ArgumentValueError("sensors", "names of frames other than those of world and body", repr(name))
         self._ros = _typestore()
         self._stack = ExitStack()
-        self._bag: Any = None
-        self._topics: dict[str, Connection] = {}
+        self.metadata: dict[str, Any] = {}
+        self._files: Any = None
         self._open: dict[str, _Open] = {}
         self._ticks: Iterator[int] = iter(())
         self._next = -1
+        self._pending: list[tuple[int, int, Iterator[_Sample]]] = []
+        self._numbers = itertools.count()
 
     def __enter__(self) -> Self:
-        """Open a temporary bag beside the final file."""
-        self._bag = self._stack.enter_context(_new_bag(self._path, self._suffix))
+        """Open a temporary bag beside the final one."""
+        if self._suffix:
+            files = _storage.new_file(self._path, self._suffix, self._ros)
+        else:
+            files = _storage.new_folder(self._path, self._ros, **self._limits)
+        self._files = self._stack.enter_context(files)
         self._stack.push(self._complete)
         return self
 
@@ -210,8 +238,10 @@ class Writer:
         """Give the file its name, unless there was an error."""
         try:
             self._stack.__exit__(kind, error, trace)
+            if kind is None:
+                self.metadata = self._files.metadata[0]
         finally:
-            self._bag = None
+            self._files = None
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:
         """Write a scan, or the scans of several sensors.
@@ -255,13 +285,13 @@ class Writer:
         )
         first = self._stamp(scan.time + float(scan.pulses.time[0]))
         last = self._stamp(scan.time + float(scan.pulses.time[-1]))
-        with _lost_writes():
+        with lost_writes():
             self._advance(first, last)
             data = self._ros.serialize_cdr(message, _LASER, little_endian=True)
             self._send(f"/{name}/scan", _LASER, last, data)
 
     def _check_open(self) -> None:
-        if self._bag is None:
+        if self._files is None:
             raise ValueError(f"{self._path}: expected to be written in a with block")
 
     def write_cloud(
@@ -317,7 +347,8 @@ class Writer:
         """Write the samples of an IMU.
 
         The messages are those of drivers that do not estimate an orientation (REP 145): ``orientation_covariance[0]``
-        is -1, and the other covariances are those of the white noise; 0 stands for unknown.
+        is -1, and the other covariances are those of the white noise; 0 stands for unknown. Samples are written in
+        order of time with the clouds: keep on writing those, or close the bag.
 
         Parameters
         ----------
@@ -331,33 +362,90 @@ class Writer:
         ValueError
             If no sensor has that name, the bag is not open, or a time is not on the clock of the bag.
         """
-        self._check_open()
         imu = samples.imu
-        name = sensor if sensor is not None else self._only() if imu is None else imu.name
-        if name not in self._mounts:
-            raise ArgumentValueError("sensor", f"one of {', '.join(self._mounts)}", repr(name))
-        new, identity, unknown = self._ros.types, (0.0, 0.0, 0.0, 1.0), np.zeros(9)
+        name = self._sensor(sensor, imu)
+        unknown = np.zeros(9)
         unknown[0] = -1.0
         densities = (0.0, 0.0) if imu is None else (imu.gyroscope.noise_density, imu.accelerometer.noise_density)
         of_rate, of_force = (np.eye(3).ravel() * density**2 * (imu.rate if imu else 0.0) for density in densities)
-        stamps = [self._stamp(time) for time in samples.time.tolist()]
-        rows = zip(stamps, samples.angular_rate.tolist(), samples.specific_force.tolist(), strict=True)
-        with _lost_writes():
-            if stamps:
-                self._advance(stamps[0], stamps[-1])
-            for stamp, rate, force in rows:
-                self._send_new(
-                    f"/{name}/data_raw",
-                    _IMU,
-                    stamp,
-                    header=self._header(stamp, name),
-                    orientation=new["geometry_msgs/msg/Quaternion"](*identity),
-                    orientation_covariance=unknown,
-                    angular_velocity=new["geometry_msgs/msg/Vector3"](*rate),
-                    angular_velocity_covariance=of_rate,
-                    linear_acceleration=new["geometry_msgs/msg/Vector3"](*force),
-                    linear_acceleration_covariance=of_force,
-                )
+        new = self._ros.types
+        vector = new["geometry_msgs/msg/Vector3"]
+
+        def send(stamp: int, rate: list[float], force: list[float]) -> None:
+            self._send_new(
+                f"/{name}/data_raw",
+                _IMU,
+                stamp,
+                header=self._header(stamp, name),
+                orientation=new["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+                orientation_covariance=unknown,
+                angular_velocity=vector(*rate),
+                angular_velocity_covariance=of_rate,
+                linear_acceleration=vector(*force),
+                linear_acceleration_covariance=of_force,
+            )
+
+        rows = zip(samples.angular_rate.tolist(), samples.specific_force.tolist(), strict=True)
+        self._await(samples.time, (partial(send, rate=rate, force=force) for rate, force in rows))
+
+    def write_gnss(self, fixes: GnssFixes, *, sensor: str | None = None) -> None:
+        """Write the fixes of a GNSS receiver.
+
+        The covariance is that of the receiver's errors, and unknown if it has none. Fixes are written in order of time
+        with the clouds: keep on writing those, or close the bag.
+
+        Parameters
+        ----------
+        fixes : GnssFixes
+            The fixes.
+        sensor : str, optional
+            Name of the sensor. Default: the name of the receiver.
+
+        Raises
+        ------
+        ValueError
+            If no sensor has that name, the bag is not open, or a time is not on the clock of the bag.
+        """
+        gnss = fixes.gnss
+        name = self._sensor(sensor, gnss)
+        variance = np.zeros(3)
+        if gnss is not None:
+            variance = np.square(gnss.position_sigma) + np.square(gnss.drift_sigma)
+        covariance = np.diag(variance).ravel()
+        status = self._ros.types["sensor_msgs/msg/NavSatStatus"](_STATUS_FIX, _SERVICE_GPS)
+
+        def send(stamp: int, latitude: float, longitude: float, altitude: float) -> None:
+            self._send_new(
+                f"/{name}/fix",
+                _FIX,
+                stamp,
+                header=self._header(stamp, name),
+                status=status,
+                latitude=latitude,
+                longitude=longitude,
+                altitude=altitude,
+                position_covariance=covariance,
+                position_covariance_type=_COVARIANCE_DIAGONAL_KNOWN if variance.any() else _COVARIANCE_UNKNOWN,
+            )
+
+        degrees = np.degrees(fixes.latitude).tolist(), np.degrees(fixes.longitude).tolist()
+        rows = zip(*degrees, fixes.altitude.tolist(), strict=True)
+        self._await(fixes.time, (partial(send, latitude=n, longitude=e, altitude=up) for n, e, up in rows))
+
+    def _sensor(self, name: str | None, sensor: Imu | Gnss | None) -> str:
+        """Return the name under which samples are written, given one or taken from their sensor."""
+        self._check_open()
+        found = name if name is not None else self._only() if sensor is None else sensor.name
+        if found not in self._mounts:
+            raise ArgumentValueError("sensor", f"one of {', '.join(self._mounts)}", repr(found))
+        return found
+
+    def _await(self, times: npt.NDArray[np.float64], sends: Iterator[Callable[[int], None]]) -> None:
+        """Write samples at their times, among the messages that come in the meantime."""
+        stamps = [self._stamp(time) for time in times.tolist()]
+        samples = map(_Sample, stamps, sends)
+        if stamps:
+            heapq.heappush(self._pending, (stamps[0], next(self._numbers), samples))
 
     def _write_cut(self, name: str, cloud: PointCloud, lidar: Sensor, *, layout: str, frame: int, cut: int) -> None:
         """Publish the message that ends at the cut of a frame, and keep the one that begins there.
@@ -379,9 +467,14 @@ class Writer:
         self._publish(name, layout, stamp, last, message)
 
     def _complete(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Publish the messages that no frame has ended, unless there was an error."""
-        for name in () if kind else sorted(self._open, key=lambda name: self._open[name].recorded):
+        """Publish the messages that no frame has ended and the samples that are left, unless there was an error."""
+        if kind:
+            return
+        for name in sorted(self._open, key=lambda name: self._open[name].recorded):
             self._publish_open(name)
+        with lost_writes():
+            while self._pending:
+                self._advance(self._pending[0][0], self._pending[0][0])
 
     def _publish_open(self, name: str) -> None:
         if begun := self._open.pop(name, None):
@@ -394,7 +487,7 @@ class Writer:
 
     def _publish(self, name: str, layout: str, stamp: int, last: int, message: bytes | memoryview) -> None:
         """Write a message whose last point is `last` ns after its stamp, and everything that comes before."""
-        with _lost_writes():
+        with lost_writes():
             self._advance(stamp, stamp + last)
             self._send(f"/{name}/points", _CUSTOM if layout == "livox" else _CLOUD, stamp + last, message)
 
@@ -410,17 +503,34 @@ class Writer:
         return stamp
 
     def _advance(self, since: int, until: int) -> None:
-        """Write clock and poses up to a time; before the first of them, write the extrinsics of the sensors."""
+        """Write clock, poses and samples up to a time; before the first of them, the extrinsics of the sensors."""
         if self._next < 0:
+            since = min([since, *(stamp for stamp, *_ in self._pending)])
             self._ticks = (since + round(tick / self._rate * 1e9) for tick in itertools.count())
             self._next = next(self._ticks)
             transforms = [self._transform(since, self._body, name, mount) for name, mount in self._mounts.items()]
             self._send_new("/tf_static", "tf2_msgs/msg/TFMessage", since, transforms=transforms)
-        while self._next <= until:
-            self._send_new("/clock", "rosgraph_msgs/msg/Clock", self._next, clock=self._time(self._next))
-            if self._trajectory is not None:
-                self._move(self._next, self._trajectory)
-            self._next = next(self._ticks)
+        while True:
+            sample = self._pending[0][0] if self._pending else until + 1
+            if self._next <= min(sample, until):
+                self._send_new("/clock", "rosgraph_msgs/msg/Clock", self._next, clock=self._time(self._next))
+                if self._trajectory is not None:
+                    self._move(self._next, self._trajectory)
+                self._next = next(self._ticks)
+            elif sample <= until:
+                self._sample()
+            else:
+                return
+
+    def _sample(self) -> None:
+        """Write the first of the pending samples."""
+        stamp, number, samples = self._pending[0]
+        found = next(samples)
+        found.send(stamp)
+        following = next(samples, None)
+        heapq.heappop(self._pending)
+        if following is not None:
+            heapq.heappush(self._pending, (following.stamp, number, itertools.chain([following], samples)))
 
     def _move(self, stamp: int, trajectory: Trajectory) -> None:
         """Write the body's pose and velocity if the trajectory covers the stamp."""
@@ -497,12 +607,14 @@ class Writer:
         self._send(topic, kind, stamp, self._ros.serialize_cdr(message, kind, little_endian=True))
 
     def _send(self, topic: str, kind: str, stamp: int, data: bytes | memoryview) -> None:
-        if topic not in self._topics:
-            qualities = [_quality(latched=topic == "/tf_static")]
-            self._topics[topic] = self._bag.add_connection(
-                topic, kind, typestore=self._ros, offered_qos_profiles=qualities
-            )
-        self._bag.write(self._topics[topic], stamp, data)
+        self._files.write(topic, kind, stamp, data, latched=topic == "/tf_static")
+
+
+class _Sample(NamedTuple):
+    """A sample that is written when its time has come."""
+
+    stamp: int  # ns
+    send: Callable[[int], None]
 
 
 class _Open(NamedTuple):
@@ -628,7 +740,7 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     Parameters
     ----------
     path : path-like
-        A ``.mcap`` or ``.db3`` file; if the bag is a folder, one of the files in it.
+        A ``.mcap`` or ``.db3`` file, or the folder of a bag, whose files are read in the order of its metadata.yaml.
     topic : str, optional
         Only clouds of this topic.
 
@@ -646,8 +758,10 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     OSError
         If it cannot be read.
     """
-    check_regular(path)
-    messages = _read(Path(path), topic)
+    paths = _storage.listed(Path(path)) if Path(path).is_dir() else [Path(path)]
+    for each in paths:
+        check_regular(each)
+    messages = _read(paths, topic)
     while True:
         with parsing(path, "ROS 2 bag"):
             if (message := next(messages, None)) is None:
@@ -736,17 +850,17 @@ def save(fields: Fields, file: BinaryIO, *, suffix: str) -> None:
 
 def load(file: BinaryIO) -> Fields:
     """Read the only cloud of a bag."""
-    messages = _read(Path(file.name), None)
+    messages = _read([Path(file.name)], None)
     first = next(messages, None)
     if first is None or next(messages, None) is not None:
         raise FileFormatError("it holds several clouds: read them one by one with lidarsim.io.rosbag.read")
     return {name: getattr(first.cloud, name) for name in first.cloud.fields}
 
 
-def _read(path: Path, topic: str | None) -> Iterator[Message]:
+def _read(paths: list[Path], topic: str | None) -> Iterator[Message]:
     ros = _typestore()
     topics: dict[str, str] = {}
-    for name, kind, recorded, data in _messages(path):
+    for name, kind, recorded, data in itertools.chain.from_iterable(map(_messages, paths)):
         topics[name] = kind
         if kind in _PARSERS and topic in {None, name}:
             yield Message(name, *_PARSERS[kind](ros, data, recorded))
@@ -756,7 +870,7 @@ def _read(path: Path, topic: str | None) -> Iterator[Message]:
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
-    """Yield topic, type, recording time (ns) and data of each message of a bag."""
+    """Yield topic, type, recording time (ns) and data of each message of a file."""
     return _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path)
 
 
@@ -864,37 +978,6 @@ _PARSERS = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom, _LASER: _parsed_lase
 """Parsers of messages with point clouds, by type."""
 
 
-@contextmanager
-def _new_bag(path: PathLike, suffix: str) -> Iterator[rosbag2.Writer]:
-    """Open a rosbags writer whose only file is renamed to `path` when the block ends without an error."""
-    rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
-    mcap, sqlite = rosbag2.StoragePlugin.MCAP, rosbag2.StoragePlugin.SQLITE3
-    with replacing(path) as temporary, _lost_writes():
-        # Version 8 writes QoS settings as numbers, which readers from ROS Humble on understand.
-        bag = rosbag2.Writer(
-            temporary.with_name("bag"), version=8, storage_plugin=mcap if suffix == ".mcap" else sqlite
-        )
-        bag.STORAGE_PLUGINS = {**bag.STORAGE_PLUGINS, mcap: _mcap.storage()}
-        bag.open()
-        try:
-            yield bag
-            bag.close()
-            (written,) = bag.path.glob(f"*{suffix}")
-            written.replace(temporary)
-        finally:
-            with suppress(Exception):  # it may be closed already
-                bag.abort()
-
-
-@contextmanager
-def _lost_writes() -> Iterator[None]:
-    """Turn SQLite's own error into the `OSError` that it hides."""
-    try:
-        yield
-    except sqlite3.Error as error:
-        raise OSError(str(error)) from error
-
-
 @cache
 def _typestore() -> Typestore:
     typesys = import_extra("rosbags.typesys", "formats", "ROS bags")
@@ -911,22 +994,20 @@ def _typestore() -> Typestore:
     return store
 
 
-def _quality(*, latched: bool) -> Qos:
-    """Return the QoS of a topic: reliable; a latched topic also reaches late subscribers."""
-    ros = import_extra("rosbags.interfaces", "formats", "writing ROS bags")
-    never = ros.QosTime(0, 0)
-    quality: Qos = ros.Qos(
-        ros.QosHistory.KEEP_LAST,
-        1 if latched else 10,
-        ros.QosReliability.RELIABLE,
-        ros.QosDurability.TRANSIENT_LOCAL if latched else ros.QosDurability.VOLATILE,
-        never,
-        never,
-        ros.QosLiveliness.AUTOMATIC,
-        never,
-        False,
-    )
-    return quality
+def _limits(path: PathLike, size: int | None, duration: float | None) -> dict[str, int | None]:
+    """Return where the files of a bag end, after checking the path of a folder and that only folders have limits."""
+    if is_folder(path):
+        check_folder(path)
+    limits: dict[str, int | None] = {"max_size": None, "max_duration": None}
+    for name, value in {"max_size": size, "max_duration": duration}.items():
+        if value is not None and not is_folder(path):
+            raise ArgumentValueError(name, "a folder as the path, with a name that has no dot", f"the file {path}")
+    if size is not None:
+        limits["max_size"] = _validation.integer("max_size", size, at_least=1)
+    if duration is not None:
+        nanoseconds = round(_validation.real("max_duration", duration, above=0.0) * 1e9)
+        limits["max_duration"] = max(nanoseconds, 1)
+    return limits
 
 
 def _name(argument: str, name: str) -> str:

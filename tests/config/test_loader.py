@@ -527,7 +527,7 @@ def test_overrides_reach_into_a_rig() -> None:
         ("preset: velodyne-vlp16, name", "name",
          "run.yaml:8: rig.left.sensor: expected one of the keys preset, file, pattern, got none of them"),
         ("    sensor: {preset: velodyne-vlp16, noise: datasheet}\n", "",
-         "run.yaml:4: rig.top: missing key 'sensor' or 'imu'"),
+         "run.yaml:4: rig.top: missing key 'sensor', 'imu' or 'gnss'"),
         ("offset_s: 0.05", "offset_s: late", "run.yaml:11: rig.left.offset_s: expected a number, got 'late'"),
         ("offset_s: 0.05", "offset_s: .inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got inf"),
         ("offset_s: 0.05", "offset_s: -.inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got -inf"),
@@ -538,7 +538,7 @@ def test_overrides_reach_into_a_rig() -> None:
           "determinant 2")),
         ("position_m: [1, 0, 2]", "scale: 2",
          ("run.yaml:6: rig.top.scale: unknown key; expected one of position_m, rotation_deg, matrix, sensor, "
-          "imu, offset_s")),
+          "imu, gnss, offset_s")),
         ("max_range_m: 60", "max_range_m: -1",
          "run.yaml:8: rig.left.sensor.max_range_m: expected a real number >= 0.5, got -1.0"),
     ],
@@ -591,13 +591,49 @@ def test_an_imu_in_a_rig() -> None:
         ("rig.box.offset_s=0.1", "expected none beside an imu"),
         ("rig.box.sensor={preset: velodyne-vlp16}", "expected none beside an imu"),
         ("rig.box.imu={}", "missing key 'rate_hz'"),
-        ("rig={a: {imu: {rate_hz: 200}}}", "expected at least one sensor, got imus only"),
+        ("rig={a: {imu: {rate_hz: 200}}}", "sensors: expected at least one Lidar, got Imu"),
     ],
 )
 def test_bad_imus(assignment: str, message: str) -> None:
     problem = refusal(WITH_IMU, assignment)
     assert assignment.split("=", maxsplit=1)[0] in problem
     assert message in problem
+
+
+ORIGIN = "georeference={origin: {latitude_deg: 48, longitude_deg: 11}}"
+
+
+def test_a_receiver_in_a_rig() -> None:
+    gnss = (
+        "{gnss: {rate_hz: 5, position_sigma_m: [1, 1, 2], drift_sigma_m: 3, drift_time_s: 60}, position_m: [1, 0, 2]}"
+    )
+    run = load(RIG, f"rig.roof={gnss}", ORIGIN)
+    mount = np.eye(4)
+    mount[:3, 3] = 1, 0, 2
+    assert run.receivers == {
+        "roof": ls.Gnss(5.0, mount=mount, position_sigma=(1, 1, 2), drift_sigma=3.0, drift_time=60.0, name="roof")
+    }
+    assert run.georeference == ls.Georeference(origin=(np.radians(48.0), np.radians(11.0), 0.0))
+    assert "roof" not in run.sensor
+    assert load(RIG).receivers == {}
+    wavering = load(WITH_IMU, "rig.box.imu.gyroscope.bias_instability_deg_per_h=2").imus["box"]
+    assert wavering.gyroscope.bias_instability == np.radians(2.0) / 3600
+    projected = load(RIG, f"rig.roof={gnss}", "georeference={crs: EPSG:25832}").georeference
+    assert projected == ls.Georeference(crs="EPSG:25832")
+
+
+@pytest.mark.parametrize(
+    ("roof", "message"),
+    [
+        ("{gnss: {rate_hz: 0}}", "rig.roof.gnss.rate_hz: expected a finite number > 0, got 0.0"),
+        ("{gnss: {rate_hz: 5, position_sigma_m: -1}}", "rig.roof.gnss.position_sigma_m: expected numbers >= 0, got -1"),
+        ("{gnss: {rate_hz: 5}, offset_s: 1}", "rig.roof.offset_s: expected none beside a gnss"),
+        ("{gnss: {rate_hz: 5}, imu: {rate_hz: 5}}", "rig.roof.gnss: expected none beside an imu"),
+        ("{gnss: {rate_hz: 5, crs: 1}}", "rig.roof.gnss.crs: unknown key"),
+    ],
+)
+def test_bad_receivers(roof: str, message: str) -> None:
+    assert message in refusal(RIG, f"rig.roof={roof}", ORIGIN)
 
 
 def test_a_rig_without_sensors_and_a_run_without_either() -> None:
@@ -1008,6 +1044,13 @@ def test_a_document_that_is_no_mapping() -> None:
             "crs: expected a projected system, since coordinates are in m, got WGS 84, whose coordinate",
         ),
         ("crs: EPSG:25832", "expected points in the world, with cloud.frame: world"),
+        ("crs: 25832, origin: {latitude_deg: 1, longitude_deg: 1}", "origin: expected either crs or origin, got both"),
+        ("origin: {latitude_deg: 91, longitude_deg: 1}", "origin.latitude_deg: expected a value <= 90.0, got 91"),
+        (
+            "origin: {latitude_deg: 9, longitude_deg: 1, altitude_m: 1.0e+9}",
+            "origin.altitude_m: expected a finite number",
+        ),
+        ("origin: {latitude_deg: 9}", "origin: missing key 'longitude_deg'"),
         ("start: today", "expected a moment such as 2026-05-01T10:00:00+02:00, got 'today'"),
         ("start: 2026-05-01T10:00:00", "expected a datetime with a time zone, got 2026-05-01T10:00:00; datetime.from"),
         ("start: 1970-01-01T00:00:00Z", "expected a moment since the GPS epoch, 1980-01-06 UTC, got 1970-01-01T00:00"),

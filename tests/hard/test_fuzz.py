@@ -56,6 +56,7 @@ RESULTS = {
     "Cells",
     "Comparison",
     "Hits",
+    "GnssFixes",
     "ImuSamples",
     "LaserScan",
     "OccupancyGrid",
@@ -280,7 +281,13 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "interpolation": lambda _: "spline",
     "axes": lambda _: "camera",
     # Inertial data
-    **dict.fromkeys(("noise_density", "random_walk", "bias", "scale_factor", "misalignment"), lambda _: 0.01),
+    **dict.fromkeys(
+        ("noise_density", "bias_instability", "random_walk", "bias", "scale_factor", "misalignment"), lambda _: 0.01
+    ),
+    **dict.fromkeys(("position_sigma", "drift_sigma"), lambda _: 0.5),
+    "drift_time": lambda _: 60.0,
+    "georeference": lambda _: ls.Georeference(origin=(0.8, 0.2, 500.0)),
+    "positions": lambda _: np.eye(3),
     **dict.fromkeys(("gyroscope", "accelerometer"), lambda _: ls.ImuErrors(noise_density=0.01)),
     "gravity": lambda _: 9.8,
     "latitude": lambda _: 0.8,
@@ -318,8 +325,13 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 """By name of a parameter, what it may be."""
 
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
-    "Imu.measure.start": lambda _: 0.5,
-    "Imu.measure.end": lambda _: 1.5,
+    **dict.fromkeys(("Imu.measure.start", "Gnss.measure.start", "Rig.inertial.start"), lambda _: 0.5),
+    **dict.fromkeys(("Rig.fixes.start", "ImuSamples.between.start", "GnssFixes.between.start"), lambda _: 0.5),
+    **dict.fromkeys(("Imu.measure.end", "Gnss.measure.end", "Rig.inertial.end"), lambda _: 1.5),
+    **dict.fromkeys(("Rig.fixes.end", "ImuSamples.between.end", "GnssFixes.between.end"), lambda _: 1.5),
+    "Georeference.origin": lambda _: (0.8, 0.2, 500.0),
+    "Georeference.crs": lambda _: None,
+    "GnssFixes.load.path": lambda folder: written(folder, "gnss.csv", "0,48,11,500\n"),
     "ImuSamples.load.path": lambda folder: written(folder, "imu.csv", "0,1,2,3,4,5,6\n"),
     "PointCloud.save.start": lambda _: 0.0,
     "Scan.point_cloud.pose": lambda _: None,
@@ -544,6 +556,7 @@ def example(name: str, signature: inspect.Signature, folder: Path) -> dict[str, 
 INSTANCES = {
     "Scan": lambda: lidar().scan(ball_and_floor()),
     "ImuSamples": lambda: ls.Imu(10.0).measure(drive()),
+    "GnssFixes": lambda: ls.Gnss(10.0).measure(drive(), ls.Georeference(origin=(0.8, 0.2, 500.0))),
     "Scene": ball_and_floor,
     "Lidar": lidar,
     "Boxes": lambda: lidar().scan(ball_and_floor()).boxes(),

@@ -101,6 +101,7 @@ LAYOUTS = {
     "hesai": "x f4 0, y f4 4, z f4 8, intensity f4 12, ring u2 16, timestamp f8 18; 26",
     "autoware": "x f4 0, y f4 4, z f4 8, intensity u1 12, return_type u1 13, channel u2 14, azimuth f4 16, "
     "elevation f4 20, distance f4 24, time_stamp u4 28; 32",
+    "livox_cloud": "x f4 0, y f4 4, z f4 8, intensity f4 12, tag u1 16, line u1 17, timestamp f8 18; 26",
 }
 
 
@@ -121,14 +122,16 @@ def test_the_layouts_of_the_drivers(layout: str, suffix: str, cloud: PointCloud,
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (102, 500_000_000)
     assert message.header.frame_id == "lidar"
     x, y, z = cloud.xyz.T
+    whole = 150 if layout == "livox_cloud" else 100  # of a white diffuser
     expected = {
         **dict(zip("xyz", cloud.xyz.T, strict=True)),
-        **dict.fromkeys(("intensity", "reflectivity"), np.rint(100 * cloud.intensity)),
-        **dict.fromkeys(("ring", "channel"), cloud.ring),
+        **dict.fromkeys(("intensity", "reflectivity"), np.rint(whole * cloud.intensity)),
+        **dict.fromkeys(("ring", "channel", "line"), cloud.ring),
+        "tag": 16 * (cloud.return_number.astype(int) - 1),
         **dict.fromkeys(("t", "time_stamp"), np.rint(cloud.time * 1e9)),
         "ambient": np.zeros(COUNT),
         "time": cloud.time,
-        "timestamp": 102.5 + np.rint(cloud.time * 1e9) / 1e9,
+        "timestamp": (102.5e9 + np.rint(cloud.time * 1e9)) / (1 if layout == "livox_cloud" else 1e9),
         "range": np.rint(1000 * (cloud.range + 0.0125)),
         "azimuth": np.arctan2(y, x),
         "elevation": np.arcsin(z / np.sqrt(x * x + y * y + z * z)),
@@ -722,7 +725,7 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
         ({"sensors": {"top": np.zeros((4, 4))}}, r"sensors\['top'\]: expected a last row of"),
         (
             {"layout": "pandar"},
-            "layout: expected one of velodyne, ouster, hesai, autoware, livox, laserscan, got 'pandar'",
+            "layout: expected one of velodyne, ouster, hesai, autoware, livox, livox_cloud, laserscan, got 'pandar'",
         ),
         ({"layout": {"top": "hesai"}}, "layout: expected names of the sensors lidar, got 'top'"),
         ({"rate": 0}, "rate: expected a finite number > 0, got 0"),

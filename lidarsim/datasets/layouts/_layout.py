@@ -88,6 +88,8 @@ class Summary:
         Hash of the recipe.
     splits : dict of str to list of int
         Sequences of each split; empty without splits.
+    files : callable
+        Returns an iterator over the entries of the shards' files in the manifest, in order.
     """
 
     records: Callable[[], Iterator[Record]]
@@ -95,6 +97,7 @@ class Summary:
     class_names: dict[int, str]
     digest: str
     splits: dict[str, list[int]] = field(default_factory=dict)
+    files: Callable[[], Iterator[dict[str, Any]]] = lambda: iter(())
 
 
 def class_name(label: int, names: Mapping[int, str]) -> str:
@@ -175,12 +178,15 @@ class Layout(Model):
         Text for the data card on how to read the data set, if that is not obvious.
     in_world : bool
         Whether the points may be in world coordinates.
+    has_samples : bool
+        Whether the files can hold the samples of IMUs and the fixes of GNSS receivers.
     """
 
     noted: ClassVar[type[Noted]] = Noted
     greatest_label: ClassVar[int] = UINT32
     reading: ClassVar[str] = ""
     in_world: ClassVar[bool] = False
+    has_samples: ClassVar[bool] = False
 
     type: str
 
@@ -205,10 +211,12 @@ class Layout(Model):
 
     def check(self, run: Run) -> None:
         """Raise `ValueError` if a sensor's name cannot be that of a file, or topic, of this layout."""
-        if run.imus:
-            raise ArgumentValueError(f"rig.{next(iter(run.imus))}", "a sensor, as data sets have no imus", "an imu")
+        for name in () if self.has_samples else [*run.imus, *run.receivers]:
+            kind = "an imu" if name in run.imus else "a gnss"
+            hint = "the layout bags has them"
+            raise ArgumentValueError(f"rig.{name}", f"a sensor, as data sets of {self.type} have no others", kind, hint)
         if isinstance(run.sensor, Rig):
-            check_names("sensors", run.sensor)
+            check_names("sensors", [*run.sensor, *run.imus, *run.receivers])
 
     def check_labels(self, class_names: Mapping[int, str], scene: Scene) -> None:
         """Raise `ValueError` if a label is too great for the files of this layout."""

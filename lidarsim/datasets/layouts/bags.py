@@ -1,4 +1,4 @@
-"""ROS 2 bags: one per sequence, split at the ends of shards; see `lidarsim.io.rosbag`.
+"""ROS 2 bags: a folder per sequence, as ROS's recorder makes it, with a file per shard; see `lidarsim.io.rosbag`.
 
 With a cut, the first and the last message of each bag are parts of a turn: at the end of a shard, one bag has the
 beginning of a message and the next bag its end.
@@ -6,26 +6,31 @@ beginning of a message and the next bag its end.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
 from lidarsim.datasets.samples import Sample
-from lidarsim.io import rosbag
+from lidarsim.gnss import GnssFixes
+from lidarsim.io import _storage, rosbag
 
 if TYPE_CHECKING:
     from lidarsim._files import PathLike
+    from lidarsim.imu import ImuSamples
     from lidarsim.run import Run
 
 
 class Bags(Layout):
     """ROS 2 bags with the messages of the sensors' drivers."""
+
+    has_samples: ClassVar[bool] = True
 
     type: Literal["bags"]
     cut: Literal["pattern", "driver"] | None = None
@@ -55,7 +60,8 @@ class Bags(Layout):
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
         """Yield a function that writes samples into the bag of their sequence."""
         del shard
-        bags: dict[int, tuple[rosbag.Writer, dict[str, Any]]] = {}
+        bags: dict[int, tuple[rosbag.Writer, dict[str, Any], Mapping[str, ImuSamples | GnssFixes]]] = {}
+        begun: set[int] = set()
         with ExitStack() as stack:
 
             def write(sample: Sample) -> Extra:
@@ -63,10 +69,15 @@ class Bags(Layout):
                 if record.sequence not in bags:
                     stack.close()  # the bag of the previous sequence
                     about: dict[str, Any] = {"samples": 0, "points": 0, "seed": run.seed}
-                    path = stack.enter_context(files.local(f"{_folder(record.sequence)}/{record.frame:06}.mcap", about))
-                    bag = stack.enter_context(self._open(path, run))
-                    bags[record.sequence] = bag, about
-                bag, about = bags[record.sequence]
+                    name = f"{record.frame:06}.mcap"
+                    path = stack.enter_context(files.local(f"{_folder(record.sequence)}/{name}", about))
+                    bag = stack.enter_context(self._open(path, name, run, about))
+                    bags[record.sequence] = bag, about, run.samples()
+                    begun.clear()
+                bag, about, samples = bags[record.sequence]
+                if record.frame not in begun:
+                    begun.add(record.frame)
+                    _write_samples(bag, samples, run, record.frame)
                 bag.write({record.sensor: sample.scan} if record.sensor else sample.scan)
                 about["samples"] += 1
                 about["points"] += record.points
@@ -75,15 +86,32 @@ class Bags(Layout):
             yield write
 
     @contextmanager
-    def _open(self, path: Path, run: Run) -> Iterator[rosbag.Writer]:
-        """Yield a bag of a run, which is renamed to `path`, whatever its suffix."""
+    def _open(self, path: Path, name: str, run: Run, about: dict[str, Any]) -> Iterator[rosbag.Writer]:
+        """Yield a bag of a run, which is renamed to `path`, whatever its suffix, and noted as the file `name`."""
         written = path.with_name("bag.mcap")
         with self._bag(written, run) as bag:
             yield bag
         written.replace(path)
+        about["bag"] = _storage.renamed(bag.metadata, name)
 
     def finish(self, files: Files, summary: Summary) -> None:
-        """Do nothing: bags need no tables."""
+        """Write the metadata of the bag of each sequence."""
+        entries = ((entry["file"].partition("/")[0], entry.get("bag", {})) for entry in summary.files())
+        for folder, notes in itertools.groupby(entries, key=lambda entry: entry[0]):
+            files.write(f"{folder}/{_storage.METADATA}", _storage.metadata_of([bag for _, bag in notes]))
+
+
+def _write_samples(bag: rosbag.Writer, samples: Mapping[str, ImuSamples | GnssFixes], run: Run, frame: int) -> None:
+    """Write the samples of a frame, up to the start of the next; the outermost have all before and after."""
+    number = run.frames.start + frame
+    start = run.time(number) if frame else -math.inf
+    end = run.time(number + 1) if number + 1 < run.frames.stop else math.inf
+    for values in samples.values():
+        part = values.between(start, end)
+        if isinstance(part, GnssFixes):
+            bag.write_gnss(part)
+        else:
+            bag.write_imu(part)
 
 
 def _folder(sequence: int) -> str:
