@@ -220,7 +220,7 @@ mod tests {
             |capped| Cylinder { start: [0.0, 0.0, -1.0], end: [0.0, 0.0, 1.0], radius: 1.0, capped };
         let surfaces: Vec<AnySurface> = vec![
             Sphere { center: [0.0; 3], radius: 1.0 }.into(),
-            Box { size: [2.0; 3], center: [0.0; 3] }.into(),
+            Box::new([2.0; 3], [0.0; 3]).into(),
             cylinder(true).into(),
             cylinder(false).into(),
             Capsule { start: [0.0, 0.0, -0.5], end: [0.0, 0.0, 0.5], radius: 1.0 }.into(),

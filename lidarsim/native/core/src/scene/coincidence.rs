@@ -102,7 +102,7 @@ mod tests {
     }
 
     fn slab(thickness: f64) -> Object {
-        of(Box { size: [20.0, 20.0, thickness], center: [0.0; 3] })
+        of(Box::new([20.0, 20.0, thickness], [0.0; 3]))
     }
 
     fn cylinder(base: f64) -> Object {
@@ -187,7 +187,7 @@ mod tests {
             (ground(), of(Plane::PointNormal { point: [5.0, 7.0, 0.0], normal: [0.0, 0.0, -3.0] })),
             (ground(), of(Plane::Distance { normal: [0.0, -0.0, -3.0], distance: 0.0 })),
             (ground(), of(Plane::Points([0.0; 3], [1.0, 0.0, 0.0], [3.0, 2.0, 0.0]))),
-            (ground(), of(Box { size: [20.0, 20.0, 0.1], center: [0.0, 0.0, -0.05] })),
+            (ground(), of(Box::new([20.0, 20.0, 0.1], [0.0, 0.0, -0.05]))),
             (ground(), placed(&slab(0.1), TURN, [0.0, 0.0, -0.05])),
             (ground(), placed(&placed(&slab(0.25), TURN, [0.0, 0.0, 1.0]), TURN, [0.0, 0.0, -1.125])),
             (
@@ -228,7 +228,7 @@ mod tests {
         for (x, y) in [
             (object(tipped(1.5), 2), object(tipped(1.5_f64.next_up()), 2)),
             (object(FLAT, 2), object(Triangle(FLAT.0, FLAT.1, [0.0, 8.0, 1.0_f64.next_down()]), 0)),
-            (ground(), of(Box { size: [20.0, 20.0, near], center: [0.0, 0.0, -0.05] })),
+            (ground(), of(Box::new([20.0, 20.0, near], [0.0, 0.0, -0.05]))),
             (ground(), placed(&slab(near), TURN, [0.0, 0.0, -0.05])),
             (ground(), disk(5e-324)),
             (ground(), placed(&ground(), TURN, [0.0, 0.0, 5e-324])),

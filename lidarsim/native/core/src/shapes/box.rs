@@ -12,20 +12,45 @@ use crate::geometry::vector::{self, Point, Vector};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Box {
-    pub size: Point,
-    pub center: Point,
+    size: Point,
+    center: Point,
+    /// The coordinates of the low and the high faces, if all are float64 numbers.
+    faces: Option<[Point; 2]>,
 }
 
 impl Box {
+    pub fn new(size: Point, center: Point) -> Self {
+        let face = |axis: usize, half: f64| {
+            let (sum, rest) = two_sum(center[axis], half);
+            (half.abs() * 2.0 == size[axis] && rest == 0.0).then_some(sum)
+        };
+        let side = |sign: f64| {
+            let [x, y, z] = [0, 1, 2].map(|axis| face(axis, sign * (size[axis] / 2.0)));
+            Some([x?, y?, z?])
+        };
+        Box { size, center, faces: side(-1.0).zip(side(1.0)).map(|(low, high)| [low, high]) }
+    }
+
+    /// The distances from a ray's origin to the low and the high face across an axis, and the component of its
+    /// direction, all times one positive factor. Distances to faces that are float64 numbers are rounded once,
+    /// so they are certain where they are zero.
+    #[inline(always)]
+    fn distances<N: Number>(&self, axis: usize, ray: &Ray<N>) -> (N, N, N) {
+        if let Some([low, high]) = &self.faces {
+            let low = ray.weighted(N::exact(low[axis])).minus(&ray.origin[axis]);
+            let high = ray.weighted(N::exact(high[axis])).minus(&ray.origin[axis]);
+            return (low, high, ray.direction[axis].clone());
+        }
+        // Twice the distances, so that halves of the size are not rounded.
+        let middle = ray.weighted(N::exact(self.center[axis])).minus(&ray.origin[axis]).doubled();
+        let half = ray.weighted(N::exact(self.size[axis]));
+        (middle.minus(&half), middle.plus(&half), ray.direction[axis].doubled())
+    }
+
     /// Cuts the chord with the slab across an axis; false if nothing remains.
     #[inline(always)]
     fn cut<N: Number>(&self, axis: usize, ray: &Ray<N>, chord: &mut Chord<N>) -> Result<bool, Uncertain> {
-        // Twice the distances from the ray's origin to both faces, so that halves of the size are not
-        // rounded.
-        let middle = ray.weighted(N::exact(self.center[axis])).minus(&ray.origin[axis]).doubled();
-        let half = ray.weighted(N::exact(self.size[axis]));
-        let (low, high) = (middle.minus(&half), middle.plus(&half));
-        let slope = ray.direction[axis].doubled();
+        let (low, high, slope) = self.distances(axis, ray);
         let (face, opposite) = (2 * axis as u8, 2 * axis as u8 + 1);
         let (entry, exit) = match slope.sign()? {
             Ordering::Greater => {
@@ -37,26 +62,11 @@ impl Box {
                 (entry, Root::linear(low.negated(), slope, face))
             }
             Ordering::Equal => {
-                // One subtraction from a face that is a float64 is certain also where it is zero.
-                let from = |feature: u8, rounded: N| match self.coordinate(feature) {
-                    Some(x) => ray.weighted(N::exact(x)).minus(&ray.origin[axis]),
-                    None => rounded,
-                };
-                let (low, high) = (from(face, low), from(opposite, high));
                 return Ok(low.sign()? != Ordering::Greater && high.sign()? != Ordering::Less);
             }
         };
         chord.cut(entry, exit)?;
         Ok(true)
-    }
-
-    /// The coordinate of a face along its axis, if it is a float64.
-    #[inline(always)]
-    fn coordinate(&self, feature: u8) -> Option<f64> {
-        let axis = usize::from(feature / 2);
-        let half = self.size[axis] / 2.0;
-        let (sum, rest) = two_sum(self.center[axis], if feature.is_multiple_of(2) { -half } else { half });
-        (2.0 * half == self.size[axis] && rest == 0.0).then_some(sum)
     }
 }
 
@@ -69,7 +79,7 @@ impl Shape for Box {
         let [dx, dy, dz, x, y, z] = parameters(numbers)?;
         let size = [dx, dy, dz];
         all_positive("size", &size)?;
-        Ok(Box { size, center: [x, y, z] })
+        Ok(Box::new(size, [x, y, z]))
     }
 }
 

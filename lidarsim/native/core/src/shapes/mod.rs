@@ -181,7 +181,7 @@ mod tests {
             let ellipsoid = Ellipsoid::new(center, size, rotation).and_then(|ellipsoid| ellipsoid.bounds());
             let bounds = [
                 Sphere { center, radius }.bounds(),
-                Box { size, center }.bounds(),
+                Box::new(size, center).bounds(),
                 Cylinder { start: center, end, radius, capped: false }.bounds(),
                 ellipsoid,
                 Capsule { start: center, end, radius }.bounds(),
