@@ -128,7 +128,7 @@ class Georeference(Value):
     >>> world = Georeference(origin=(math.radians(48.0), math.radians(11.0), 500.0))
     >>> latitude, longitude, altitude = world.geodetic([[0.0, 1000.0, 0.0]])
     >>> print(f"{math.degrees(latitude[0]):.6f} {math.degrees(longitude[0]):.6f} {altitude[0]:.3f}")
-    48.008992 11.000000 500.079
+    48.008993 11.000000 500.078
     """
 
     _: KW_ONLY

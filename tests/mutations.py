@@ -557,14 +557,14 @@ MUTANTS = [
     ),
     Mutant(
         "fog: π of a white diffuser",
-        "let power = PI * backscatter * peak;",
-        "let power = backscatter * peak;",
+        "let strength = PI * backscatter;",
+        "let strength = backscatter;",
         ("tests/test_atmosphere.py", "-k", "peak_of_the_response"),
     ),
     Mutant(
         "fog: hidden up to 2σ",
-        "clear_to: range + 2.0 * response.sigma",
-        "clear_to: range + response.sigma",
+        "(strength * peak, range + 2.0 * response.sigma)",
+        "(strength * peak, range + response.sigma)",
         ("tests/test_atmosphere.py", "-k", "near_surface"),
     ),
     Mutant(

@@ -754,7 +754,7 @@ MISTAKES = {
         "remove it or choose another name"
     ),
     "scan run.yaml -o a.mcap --max-bag-size 1000": (
-        "max_size: expected the folder of a bag, which ends in /, as output, got a.mcap"
+        "max_size: expected the folder of a bag, which ends in /, as output, got the bag a.mcap"
     ),
     "scan run.yaml -o a/ --max-bag-duration 0": "max_duration: expected a finite number > 0, got 0.0",
     "scan run.yaml -o a/ --fields label": "fields: expected a point cloud file as output, got the bag a",

@@ -148,9 +148,9 @@ def test_layouts_of_point_clouds() -> None:
         assert (found.width, found.point_step) == (1, rosbag.LAYOUTS[layout].itemsize)
         assert np.frombuffer(found.data, "<f4", 3).tolist() == [1, 2, 3]
     livox = ls.Lidar.preset("livox-mid360")
-    assert [name for name, _, _ in rosbag.point_cloud2(cloud, lidar=livox).fields][-1] == "time"
+    assert [name for name, _, _ in rosbag.point_cloud2(cloud, lidar=livox).fields][-1] == "timestamp"
     for wrong in ("livox", "laserscan", ""):
-        with pytest.raises(ValueError, match="layout: expected one of velodyne, ouster, hesai, autoware, got"):
+        with pytest.raises(ValueError, match="layout: expected one of velodyne, ouster, hesai, autoware, livox_cloud, got"):
             rosbag.point_cloud2(cloud, layout=wrong)
     with pytest.raises(ValueError, match="stamp: expected an integer >= 0"):
         rosbag.point_cloud2(cloud, stamp=-1)

@@ -670,11 +670,10 @@ def point_cloud2(
         The points in the frame of the sensor, with times since the stamp of the message. Points that are not finite are
         dropped, and the rest sorted by time.
     layout : str, optional
-        One of `LAYOUTS`, but livox, which is no PointCloud2. Default: by the vendor in the model of the sensor, and
-        velodyne for all others.
+        One of `LAYOUTS`, but livox, which is no PointCloud2. Default: by the vendor in the model of the sensor, with
+        livox_cloud for Livox, and velodyne for all others.
     lidar : Lidar, optional
         The sensor, which determines the default layout, the vendor's zero of range and the types of returns.
-
     stamp : int
         Time in the header of the message, ns, from which the absolute times of the layout hesai count.
 
@@ -699,7 +698,7 @@ def point_cloud2(
     """
     chosen = layout_of(lidar) if layout is None else layout
     if layout is None and chosen == "livox":
-        chosen = "velodyne"
+        chosen = "livox_cloud"
     if chosen not in LAYOUTS or chosen == "livox":
         known = ", ".join(name for name in LAYOUTS if name != "livox")
         raise ArgumentValueError("layout", f"one of {known}", _validation.shown(layout))

@@ -337,7 +337,8 @@ def test_command_line_reports_an_earlier_run(
     earlier.write_text(json.dumps(results), encoding="utf-8")
     assert speed.main(["--from", str(earlier), "-o", str(tmp_path / "out")]) == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        *("speed.json", "speed.md", "speed.png", "growth.png", "distance.png")
+        *("speed.json", "speed.md", "speed.png", "growth.png", "distance.png"),
+        *("speed.svg", "growth.svg", "distance.svg"),
     }
     assert "lidarsim against exact arithmetic: 0 wrong of" in capsys.readouterr().out
 

@@ -91,8 +91,10 @@ class Sender:
         Host, and optionally the port of the first sensor: a name, an IPv4 address, or an IPv6 address, such as
         ``"127.0.0.1"``, ``"localhost:7502"`` or ``"[::1]:7502"``. Each further sensor sends to the next two ports.
         Default: this machine, and the vendor's port.
-    start, variant
-        As in `encoders`.
+    start : float
+        Moment at time 0 of the scans, s since 1970.
+    variant : str, optional
+        Layout of the packets, as in `encoders`.
     fast : bool
         Send the packets as fast as possible, and wait where the system would refuse one.
 

@@ -31,9 +31,9 @@ impl Box {
         Box { size, center, faces: side(-1.0).zip(side(1.0)).map(|(low, high)| [low, high]) }
     }
 
-    /// The distances from a ray's origin to the low and the high face across an axis, and the component of its
-    /// direction, all times one positive factor. Distances to faces that are float64 numbers are rounded once,
-    /// so they are certain where they are zero.
+    /// The distances from a ray's origin to the low and the high face across an axis, and the component of
+    /// its direction, all times one positive factor. Distances to faces that are float64 numbers are rounded
+    /// once, so they are certain where they are zero.
     #[inline(always)]
     fn distances<N: Number>(&self, axis: usize, ray: &Ray<N>) -> (N, N, N) {
         if let Some([low, high]) = &self.faces {
