@@ -4,6 +4,7 @@
 use crate::arith::simd::Runner;
 use crate::cast::{Cast, Columns, Occlusion};
 use crate::measure::{BadPulse, Batch, CoverPiece, ThingPulses, WritePoints};
+use crate::patterns::Piece;
 use crate::scene::{Rays, TRange, World};
 
 /// The work on a piece of a cast or of a scan, compiled for one instruction set.
@@ -23,6 +24,9 @@ pub trait Kernels: Sync {
 
     /// Measures a batch of pulses, or returns the first bad pulse.
     fn measure(&self, batch: Batch<World>) -> Result<(), BadPulse>;
+
+    /// Writes the pulses of a piece of a frame. False if one of them is not there.
+    fn fire(&self, piece: Piece) -> bool;
 }
 
 impl<R: Runner> Kernels for R {
@@ -44,5 +48,9 @@ impl<R: Runner> Kernels for R {
 
     fn measure(&self, batch: Batch<World>) -> Result<(), BadPulse> {
         R::run(batch)
+    }
+
+    fn fire(&self, piece: Piece) -> bool {
+        R::run(piece)
     }
 }

@@ -1,0 +1,204 @@
+//! Scan patterns: where the pulses of a frame go, and when.
+//!
+//! Pulses that fire together, or in one cycle, are a column; the columns of a frame start at ticks of a
+//! steady clock. A formula is a loop over the columns, or channels, of a few registers, which the compiler
+//! vectorizes. Each operation is rounded once, so the bits of a pulse depend neither on the instruction set nor on the lanes, pieces and
+//! threads that its frame is divided among.
+
+mod cycles;
+mod mid360;
+mod oscillating_mirror;
+mod palmer;
+mod polar;
+mod risley;
+mod rotation;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+pub use cycles::{Cycles, Run};
+pub use mid360::Mid360;
+pub use oscillating_mirror::OscillatingMirror;
+pub use palmer::Palmer;
+pub use polar::Polar;
+pub use risley::{Prism, Risley};
+pub use rotation::Rotation;
+
+use crate::arith::simd::{Floats, Isa, Task, store_points};
+use crate::geometry::vector::Point;
+use crate::memory::{self, split_off};
+use crate::parallel;
+
+/// Columns, or channels, whose pulses are computed together: enough for two of the widest registers, so that
+/// one operation need not wait for the one before.
+const LANES: usize = 32;
+
+/// One number for each of them.
+type Lanes = [f64; LANES];
+
+/// Most pulses of a piece of a frame: they stay in the second-level cache.
+const MOST: usize = 1 << 13;
+
+/// The formula of a family of patterns, for one frame.
+#[derive(Clone, Copy)]
+pub enum Formula<'a> {
+    Cycles(&'a Cycles),
+    Mid360(&'a Mid360),
+    OscillatingMirror(&'a OscillatingMirror),
+    Palmer(&'a Palmer),
+    Polar(&'a Polar<'a>),
+    Risley(&'a Risley),
+}
+
+impl Formula<'_> {
+    /// Pulses of a column.
+    fn beams(&self) -> usize {
+        match self {
+            Formula::Cycles(cycles) => cycles.channels(),
+            Formula::Mid360(_) => mid360::BEAMS,
+            Formula::Risley(risley) => risley.beams(),
+            Formula::OscillatingMirror(_) | Formula::Palmer(_) | Formula::Polar(_) => 1,
+        }
+    }
+}
+
+/// The arrays of some pulses, in firing order.
+#[derive(Default)]
+pub struct Arrays<'a> {
+    /// Unit vectors.
+    pub directions: &'a mut [Point],
+    /// Where the pulses leave the sensor. Only of [`Cycles`] whose origins turn with the head; else empty.
+    pub origins: &'a mut [Point],
+    /// Since the start of the frame, s. Only of [`Cycles`]; else empty.
+    pub times: &'a mut [f64],
+}
+
+impl<'a> Arrays<'a> {
+    /// The first pulses, which are no longer in these arrays.
+    fn split_off(&mut self, count: usize) -> Arrays<'a> {
+        let [origins, times] = [self.origins.len(), self.times.len()].map(|length| length.min(count));
+        Arrays {
+            directions: split_off(&mut self.directions, count),
+            origins: split_off(&mut self.origins, origins),
+            times: split_off(&mut self.times, times),
+        }
+    }
+}
+
+/// Consecutive columns of a frame.
+pub struct Piece<'a> {
+    formula: Formula<'a>,
+    /// The number of the first of them.
+    first: usize,
+    arrays: Arrays<'a>,
+}
+
+/// Writes all pulses of a frame, on all threads. `work` runs a piece. False if there is no such pulse: a prism
+/// reflects it.
+pub fn fire(formula: Formula, mut arrays: Arrays, work: impl Fn(Piece) -> bool + Sync) -> bool {
+    let beams = formula.beams();
+    let count = arrays.directions.len() / beams.max(1);
+    let columns = (MOST / beams.max(1)).max(1).next_multiple_of(LANES);
+    let mut pieces = memory::with_capacity(count.div_ceil(columns));
+    for first in (0..count).step_by(columns) {
+        let arrays = arrays.split_off(columns.min(count - first) * beams);
+        memory::push(&mut pieces, Piece { formula, first, arrays });
+    }
+    let all = AtomicBool::new(true);
+    parallel::share(pieces.into_iter(), |piece| {
+        if !work(piece) {
+            all.store(false, Ordering::Relaxed);
+        }
+    });
+    all.into_inner()
+}
+
+impl Task for Piece<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> bool {
+        let Piece { formula, first, arrays } = self;
+        match formula {
+            Formula::Cycles(cycles) => cycles.fire::<I>(first, arrays),
+            Formula::Mid360(mid360) => fire_together::<I, _>(mid360, first, arrays),
+            Formula::OscillatingMirror(mirror) => fire_together::<I, _>(mirror, first, arrays),
+            Formula::Palmer(palmer) => fire_together::<I, _>(palmer, first, arrays),
+            Formula::Polar(polar) => fire_together::<I, _>(polar, first, arrays),
+            Formula::Risley(risley) => fire_together::<I, _>(risley, first, arrays),
+        }
+    }
+}
+
+/// Beams that fire together.
+trait Together {
+    /// What the beams of some columns have in common.
+    type Common;
+
+    fn beams(&self) -> usize;
+    fn common(&self) -> Self::Common;
+    /// Goes to the columns of these numbers, which are whole.
+    fn go_to(&self, columns: &Lanes, common: &mut Self::Common);
+    /// The directions of a beam, by axis.
+    fn directions(&self, beam: usize, common: &mut Self::Common) -> [Lanes; 3];
+    /// Whether all of them were there.
+    fn is_whole(&self, common: &Self::Common) -> bool;
+}
+
+/// Writes the directions of consecutive columns from `first` on.
+#[inline(always)]
+fn fire_together<I: Isa, T: Together>(formula: &T, first: usize, arrays: Arrays) -> bool {
+    let beams = formula.beams();
+    let last = (first + arrays.directions.len() / beams).saturating_sub(1);
+    let mut common = formula.common();
+    for (number, places) in arrays.directions.chunks_mut(LANES * beams).enumerate() {
+        // Lanes without a column repeat the last.
+        let mut columns = [0.0; LANES];
+        for lane in 0..LANES {
+            columns[lane] = (first + number * LANES + lane).min(last) as f64;
+        }
+        formula.go_to(&columns, &mut common);
+        for beam in 0..beams {
+            put::<I, LANES>(&formula.directions(beam, &mut common), beam, beams, places);
+        }
+    }
+    formula.is_whole(&common)
+}
+
+/// Writes the vectors of a beam in up to N columns to its places among those of all beams. N is a multiple of
+/// eight.
+#[inline(always)]
+fn put<I: Isa, const N: usize>(vectors: &[[f64; N]; 3], beam: usize, beams: usize, places: &mut [Point]) {
+    if beams == 1 && let Ok(places) = <&mut [Point; N]>::try_from(&mut *places) {
+        return interleave::<I, N>(vectors, places);
+    }
+    let mut points = [[0.0; 3]; N];
+    interleave::<I, N>(vectors, &mut points);
+    for (place, point) in places[beam..].iter_mut().step_by(beams).zip(points) {
+        *place = point;
+    }
+}
+
+#[inline(always)]
+fn interleave<I: Isa, const N: usize>([x, y, z]: &[[f64; N]; 3], places: &mut [Point; N]) {
+    let (x, y, z) = (x.as_chunks::<8>().0, y.as_chunks::<8>().0, z.as_chunks::<8>().0);
+    for (i, places) in places.as_flattened_mut().as_chunks_mut().0.iter_mut().enumerate() {
+        store_points::<I>([I::F64x8::load(&x[i]), I::F64x8::load(&y[i]), I::F64x8::load(&z[i])], places);
+    }
+}
+
+/// v at unit length to within 4u, for v unit to within 2⁻²⁷: a step of Newton's iteration for 1/√|v|².
+///
+/// With e = |v|² − 1 the length becomes (1+e)^½ (1 − e/2) = 1 − 3e²/8 + …, off by less than 2⁻⁵⁴ = u/2. In
+/// |v|² ≈ 1 the squares round by u in all, their first sum by u/2 and the second by u: half of that, 1.25u,
+/// is in the factor, which rounds by u. The products with it round by u of each coordinate, u of the length.
+#[inline(always)]
+fn unit([x, y, z]: Point) -> Point {
+    let factor = 1.5 - 0.5 * (x * x + y * y + z * z);
+    [x * factor, y * factor, z * factor]
+}
+
+/// Sets the coordinates in one lane.
+#[inline(always)]
+fn set<const N: usize>(columns: &mut [[f64; N]; 3], lane: usize, [x, y, z]: Point) {
+    (columns[0][lane], columns[1][lane], columns[2][lane]) = (x, y, z);
+}
