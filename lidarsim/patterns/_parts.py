@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -79,6 +80,12 @@ def directions_of(azimuth: Floats, elevation: Floats) -> Floats:
     return directions
 
 
+@lru_cache(maxsize=256)
+def ratio(rate: float | Fraction, other: float | Fraction) -> tuple[int, int]:
+    """Return numerator and denominator of a quotient of two rates, exactly."""
+    return (Fraction(rate) / Fraction(other)).as_integer_ratio()
+
+
 @dataclass(frozen=True)
 class Ticks:
     """The ticks of a steady clock in one frame: `first` to ``first + count - 1``, tick m at ``m / rate`` s.
@@ -86,24 +93,24 @@ class Ticks:
     The ticks are divided among the frames in exact arithmetic, so each tick belongs to exactly one frame, however late.
     """
 
-    rate: Fraction
+    rate: float
     first: int
     count: int
     wait: float
     """Time from the start of the frame to its first tick, in ticks."""
 
     @classmethod
-    def of(cls, frame: int, rate: float | Fraction, frame_rate: float, *, beams: int = 0) -> Ticks:
+    def of(cls, frame: int, rate: float, frame_rate: float, *, beams: int = 0) -> Ticks:
         """Return the ticks m of a clock of `rate`, Hz, with ``frame <= m frame_rate / rate < frame + 1``.
 
         If so many `beams` are to fire at each, there must be memory for that.
         """
         frame = integer("frame", frame, at_least=0)
-        per_frame = Fraction(rate) / Fraction(frame_rate)
-        first = math.ceil(frame * per_frame)
-        count = math.ceil((frame + 1) * per_frame) - first
+        ticks, frames = ratio(rate, frame_rate)
+        first = -(-frame * ticks // frames)
+        count = -(-(frame + 1) * ticks // frames) - first
         expect_room(count * beams)
-        return cls(Fraction(rate), first, count, float(first - frame * per_frame))
+        return cls(rate, first, count, (first * frames - frame * ticks) / frames)
 
     @property
     def time(self) -> Floats:
@@ -116,8 +123,8 @@ class Ticks:
         The phase of the first tick is reduced to [0, 1) exactly. The error is therefore below 2**-52 per turn within
         the frame and does not grow from frame to frame.
         """
-        per_tick = Fraction(rotation_rate) / self.rate
-        return float(self.first * per_tick % 1), float(per_tick)
+        turns, ticks = ratio(rotation_rate, self.rate)
+        return self.first * turns % ticks / ticks, turns / ticks
 
 
 class Frames:

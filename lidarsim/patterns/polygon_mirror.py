@@ -20,6 +20,7 @@ from lidarsim.patterns._parts import (
     cycles,
     firing_times_within,
     per_channel,
+    ratio,
     rings,
     used_cycles,
 )
@@ -153,7 +154,7 @@ class PolygonMirror(Value):
         """
         now = Ticks.of(frame, self.pulse_rate, self.rate, beams=len(self.elevations))
         # Line `l` starts `cycles / lines` pulses after the one before, at the first tick from there on.
-        cycles, lines = (Fraction(self.pulse_rate) / Fraction(self.line_rate)).as_integer_ratio()
+        cycles, lines = ratio(self.pulse_rate, self.line_rate)
         runs = []
         for line in range(now.first * lines // cycles, (now.first + now.count - 1) * lines // cycles + 1):
             first = -(-line * cycles // lines)

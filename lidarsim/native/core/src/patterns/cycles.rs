@@ -81,6 +81,12 @@ impl Cycles {
         self.firing_times.len()
     }
 
+    /// Whether origins turn with the head.
+    #[cfg(test)]
+    pub(super) fn has_origins(&self) -> bool {
+        !self.origins.0[0].is_empty()
+    }
+
     /// All columns of all runs.
     pub fn columns(&self) -> usize {
         self.runs.last().map_or(0, |(end, _)| *end)
@@ -98,11 +104,7 @@ impl Cycles {
             if count > 0 {
                 let (times, azimuths) = self.starts(run, run.columns - (end - column));
                 let some = arrays.split_off(count * channels);
-                for (places, time) in some.times.chunks_exact_mut(channels).zip(times) {
-                    for (place, later) in places.iter_mut().zip(&self.firing_times) {
-                        *place = time + later;
-                    }
-                }
+                put_times(&times, &self.firing_times, some.times);
                 let turn = &sines_and_cosines(&azimuths);
                 put_turned::<I, true>(&self.beams, turn, channels, some.directions);
                 put_turned::<I, false>(&self.origins, turn, channels, some.origins);
@@ -123,6 +125,25 @@ impl Cycles {
             azimuths[lane] = self.start + self.speed * ((run.since + number + run.late) / self.rate);
         }
         (times, azimuths)
+    }
+}
+
+/// Writes the firing times of all channels in some columns.
+#[inline(always)]
+fn put_times(starts: &Lanes, firing_times: &[f64], places: &mut [f64]) {
+    let channels = firing_times.len();
+    if channels < CHANNELS {
+        for (channel, later) in firing_times.iter().enumerate() {
+            for (place, start) in places.iter_mut().skip(channel).step_by(channels).zip(starts) {
+                *place = start + later;
+            }
+        }
+        return;
+    }
+    for (places, start) in places.chunks_exact_mut(channels).zip(starts) {
+        for (place, later) in places.iter_mut().zip(firing_times) {
+            *place = start + later;
+        }
     }
 }
 

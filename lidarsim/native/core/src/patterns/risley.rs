@@ -1,6 +1,6 @@
 //! Beams that rotating prisms refract.
 
-use super::{LANES, Lanes, Rotation, Together, set, unit};
+use super::{LANES, Lanes, Rotation, Together, set};
 use crate::arith::elementary::sin_cos;
 use crate::geometry::vector::Point;
 use crate::memory;
@@ -26,13 +26,13 @@ struct Wedge {
     faces: [Face; 2],
 }
 
-enum Face {
-    /// The beams of `Risley` are behind it.
-    Passed,
-    /// Perpendicular to x.
-    Flat { ratio: f64 },
-    /// With the sine and cosine of the tilt.
-    Tilted { ratio: f64, tilt: (f64, f64) },
+struct Face {
+    /// Of the refractive indices before and behind it.
+    ratio: f64,
+    /// Sine and cosine of the tilt; `None` if the face is perpendicular to x.
+    tilt: Option<(f64, f64)>,
+    /// Whether the beams of `Risley` are behind it.
+    is_passed: bool,
 }
 
 /// What the beams of some columns have in common.
@@ -56,11 +56,10 @@ impl Risley {
         for Prism { tilts: [entry, exit], rotation } in prisms {
             let faces = [(*entry, 1.0 / refractive_index), (*exit, refractive_index)].map(|(tilt, ratio)| {
                 is_first &= tilt == 0.0;
-                match tilt {
-                    0.0 if is_first => made.pass(ratio),
-                    0.0 => Face::Flat { ratio },
-                    _ => Face::Tilted { ratio, tilt: sin_cos(tilt) },
+                if is_first {
+                    made.pass(ratio);
                 }
+                Face { ratio, tilt: (tilt != 0.0).then(|| sin_cos(tilt)), is_passed: is_first }
             });
             made.prisms.push(Wedge { rotation: *rotation, faces });
         }
@@ -68,13 +67,12 @@ impl Risley {
     }
 
     /// Lets the beams through a face perpendicular to x.
-    fn pass(&mut self, ratio: f64) -> Face {
+    fn pass(&mut self, ratio: f64) {
         for beam in &mut self.beams {
             let mut lanes = beam.map(|x| [x; LANES]);
             refract_flat(&mut lanes, ratio, &mut self.least);
             *beam = lanes.map(|lanes| lanes[0]);
         }
-        Face::Passed
     }
 }
 
@@ -96,14 +94,14 @@ impl Together for Risley {
     #[inline(always)]
     fn go_to(&self, columns: &Lanes, common: &mut Faces) {
         for (wedge, normals) in self.prisms.iter().zip(&mut common.normals) {
-            if !wedge.faces.iter().any(|face| matches!(face, Face::Tilted { .. })) {
+            if !wedge.faces.iter().any(|face| face.tilt.is_some()) {
                 continue;
             }
             let [sin, cos] = wedge.rotation.sin_cos(columns);
             for (face, normals) in wedge.faces.iter().zip(normals) {
-                if let Face::Tilted { tilt: (across, along), .. } = *face {
+                if let Some((across, along)) = face.tilt {
                     for lane in 0..LANES {
-                        set(normals, lane, unit([along, across * cos[lane], across * sin[lane]]));
+                        set(normals, lane, [along, across * cos[lane], across * sin[lane]]);
                     }
                 }
             }
@@ -118,10 +116,10 @@ impl Together for Risley {
         }
         for (wedge, normals) in self.prisms.iter().zip(normals) {
             for (face, normals) in wedge.faces.iter().zip(normals) {
-                match face {
-                    Face::Passed => {}
-                    Face::Flat { ratio } => refract_flat(&mut directions, *ratio, least),
-                    Face::Tilted { ratio, .. } => refract(&mut directions, normals, *ratio, least),
+                if face.tilt.is_some() {
+                    refract(&mut directions, normals, face.ratio, least);
+                } else if !face.is_passed {
+                    refract_flat(&mut directions, face.ratio, least);
                 }
             }
             for lane in 0..LANES {
@@ -179,7 +177,7 @@ fn turn(along: f64, ratio: f64, lane: usize, [squares, cosines]: &mut [Lanes; 2]
 /// As `unit`, with the next term: 1 − e/2 + 3e²/8 leaves 5|e|³/16 < 2⁻⁵⁵ = u/4. e is exact, from |v|² off by
 /// 2.5u; what it is multiplied with rounds far less, and the factor rounds by u.
 #[inline(always)]
-fn normalized([x, y, z]: Point) -> Point {
+pub(super) fn normalized([x, y, z]: Point) -> Point {
     let e = x * x + y * y + z * z - 1.0;
     let factor = 1.0 - e * (0.5 - 0.375 * e);
     [x * factor, y * factor, z * factor]

@@ -33,11 +33,16 @@ impl Rotation {
     /// Sines and cosines at some ticks.
     #[inline(always)]
     pub(super) fn sin_cos(&self, ticks: &Lanes) -> [Lanes; 2] {
-        let mut angles = self.turns(ticks);
-        for angle in &mut angles {
-            let turns = *angle;
-            let few = if turns.abs() > MOST_TURNS { turns - turns.floor() } else { turns };
-            *angle = TAU * few + self.angle;
+        let mut turns = self.turns(ticks);
+        // They grow from lane to lane.
+        if turns[0].abs() > MOST_TURNS || turns[LANES - 1].abs() > MOST_TURNS {
+            for turns in &mut turns {
+                *turns -= if turns.abs() > MOST_TURNS { turns.floor() } else { 0.0 };
+            }
+        }
+        let mut angles = [0.0; LANES];
+        for lane in 0..LANES {
+            angles[lane] = TAU * turns[lane] + self.angle;
         }
         sines_and_cosines(&angles)
     }
