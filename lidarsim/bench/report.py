@@ -51,6 +51,10 @@ ROBOTS = """\
 1,000 robots with a lidar of 360 beams each, from new poses at each step, in a scene of 100 shapes and a mesh of 100,352
 triangles. Peers know geoms only; they scan from one place again and again, which saves them the update of the poses."""
 
+PATTERNS = """\
+Frames that differ from the one before, in the city, on one thread. The pulses of a frame, a cast of its rays, and the
+scan of a new frame, which makes the pulses, casts their rays and measures. Times of a pulse."""
+
 SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
 built and scanned once. Mean times of a scene, and the share of building."""
@@ -227,6 +231,21 @@ def to_markdown(results: Results) -> str:
                     _short(row["ratio"]),
                 ]
                 for row in results["robots"]
+            ),
+        ),
+        "## New frames",
+        PATTERNS,
+        _table(
+            "sensor | pattern | pulses | pulses, ns | cast, ns | scan, ns | scan / cast",
+            (
+                [
+                    row["sensor"],
+                    row["pattern"],
+                    f"{row['pulses']:,}",
+                    *(_short(1e9 * row[kind]) for kind in ("make", "cast", "scan")),
+                    _short(row["ratio"]),
+                ]
+                for row in results["patterns"]
             ),
         ),
         "## Random scenes",

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim.bench import building, exact, motion, report, robots, scenes
+from lidarsim.bench import building, exact, motion, patterns, report, robots, scenes
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
@@ -233,6 +233,7 @@ class _Run:
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
         self.robots: list[dict[str, Any]] = []
+        self.patterns: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
         self.scaling: list[dict[str, Any]] = []
         self.scenes: list[dict[str, Any]] = []
@@ -444,6 +445,15 @@ class _Run:
         times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
         self.robots += robots.over(times, what, self.plan.robots)
 
+    def new_frames(self) -> None:
+        """Measure the pulses of new frames, and their scans relative to casts."""
+        world = self._world(scenes.city)
+        self.progress("patterns")
+        os.environ["LIDARSIM_THREADS"] = "1"
+        what = patterns.calls(Lidarsim(world, 1).scene, world.sensor)
+        times = interleave(what, self.plan.rounds, self.plan.seconds)
+        self.patterns += patterns.over(times)
+
     def random_scenes(self) -> None:
         """Measure the share of building in the total time of scenes that are scanned once."""
         for threads in self.plan.threads:
@@ -466,6 +476,7 @@ class _Run:
             "coincident": self.coincident,
             "motion": self.motion,
             "robots": self.robots,
+            "patterns": self.patterns,
             "sight": self.sight,
             "scaling": self.scaling,
             "scenes": self.scenes,
@@ -647,6 +658,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.lines_of_sight()
         bench.moving()
         bench.many_robots()
+        bench.new_frames()
         bench.random_scenes()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}

@@ -109,17 +109,17 @@ impl Together for Risley {
     }
 
     #[inline(always)]
-    fn directions(&self, beam: usize, Faces { normals, least }: &mut Faces) -> [Lanes; 3] {
-        let mut directions = [[0.0; LANES]; 3];
+    fn directions(&self, beam: usize, common: &mut Faces) -> [Lanes; 3] {
+        let (mut directions, mut least) = ([[0.0; LANES]; 3], common.least);
         for lane in 0..LANES {
             set(&mut directions, lane, self.beams[beam]);
         }
-        for (wedge, normals) in self.prisms.iter().zip(normals) {
+        for (wedge, normals) in self.prisms.iter().zip(&common.normals) {
             for (face, normals) in wedge.faces.iter().zip(normals) {
                 if face.tilt.is_some() {
-                    refract(&mut directions, normals, face.ratio, least);
+                    refract(&mut directions, normals, face.ratio, &mut least);
                 } else if !face.is_passed {
-                    refract_flat(&mut directions, face.ratio, least);
+                    refract_flat(&mut directions, face.ratio, &mut least);
                 }
             }
             for lane in 0..LANES {
@@ -128,6 +128,7 @@ impl Together for Risley {
                 set(&mut directions, lane, direction);
             }
         }
+        common.least = least;
         directions
     }
 
