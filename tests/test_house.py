@@ -49,6 +49,7 @@ LAYERS = [
     "scene",
     "cast",
     "measure",
+    "patterns",
     "kernels",
 ]
 
@@ -312,6 +313,7 @@ def test_rust_imports_run_one_way() -> None:
     assert len(core.imports()) > 100
     assert rust_faults(core, LAYERS) == []
     modules = ["plain", "affine", "path", "shape", "texture", "object", "scene", "scan", "many", "cloud", "coverage"]
+    modules += ["patterns"]
     assert rust_faults(python, modules) == []
     assert not any({"pyo3", "numpy"} & set(tokens) for tokens in core.sources.values())
 

@@ -6,7 +6,7 @@ use crate::arith::simd::Isa;
 use crate::geometry::vector::Point;
 use crate::memory;
 
-/// The cycles of a frame. Cycle c starts `(c + wait)/rate` after the frame, at an azimuth that is `start`, and
+/// The cycles of a frame. Cycle c starts `(c + wait)/rate` after the frame, and at an azimuth of `start` plus
 /// `speed` times the time since its run.
 pub struct Cycles {
     beams: Channels,

@@ -92,8 +92,8 @@ pub struct Piece<'a> {
     arrays: Arrays<'a>,
 }
 
-/// Writes all pulses of a frame, on all threads. `work` runs a piece. False if there is no such pulse: a prism
-/// reflects it.
+/// Writes all pulses of a frame, on all threads. `work` runs a piece. False if a pulse is not there, since a
+/// prism reflects it.
 pub fn fire(formula: Formula, mut arrays: Arrays, work: impl Fn(Piece) -> bool + Sync) -> bool {
     let beams = formula.beams();
     let count = arrays.directions.len() / beams.max(1);
