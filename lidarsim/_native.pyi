@@ -24,6 +24,12 @@ __all__ = [
     "are_plain_points",
     "coverage",
     "expect_room",
+    "fire_cycles",
+    "fire_mid360",
+    "fire_oscillating_mirror",
+    "fire_palmer",
+    "fire_polar",
+    "fire_risley",
     "first_not_rigid",
     "is_plain_pose",
     "isa",
@@ -225,6 +231,31 @@ def air_echoes(lidar: object, atmosphere: object) -> tuple[tuple[float, float] |
 class Receiver:
     def __new__(cls, lidar: object) -> Receiver: ...
 
+def fire_cycles(
+    beams: npt.NDArray[np.float64],
+    beam_origins: npt.NDArray[np.float64],
+    firing_times: npt.NDArray[np.float64],
+    runs: Sequence[tuple[int, float, float, float]],
+    clock: Sequence[float],
+    azimuth: Sequence[float],
+    directions: npt.NDArray[np.float64],
+    origins: npt.NDArray[np.float64],
+    times: npt.NDArray[np.float64],
+) -> None: ...
+def fire_mid360(fast: tuple[float, float], tick: int, directions: npt.NDArray[np.float64]) -> None: ...
+def fire_oscillating_mirror(
+    field_of_view: float, turn: float, turns: tuple[float, float], directions: npt.NDArray[np.float64]
+) -> None: ...
+def fire_palmer(half_angle: float, turns: tuple[float, float], directions: npt.NDArray[np.float64]) -> None: ...
+def fire_polar(
+    azimuths: npt.NDArray[np.float64], elevations: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
+) -> None: ...
+def fire_risley(
+    beams: npt.NDArray[np.float64],
+    prisms: Sequence[tuple[Sequence[float], tuple[float, float], float]],
+    refractive_index: float,
+    directions: npt.NDArray[np.float64],
+) -> bool: ...
 def first_not_rigid(matrices: npt.NDArray[np.float64], tolerance: float) -> tuple[int, float, float] | None: ...
 def is_plain_pose(value: object, tolerance: float) -> bool: ...
 def are_plain_points(origins: object, directions: object) -> bool: ...

@@ -50,6 +50,10 @@ DEPTH = ("tests/test_depth.py",)
 FAR = ("tests/hard/test_scenes.py", "-k", "from_far_away")
 
 MUTANTS = [
+    Mutant("patterns: unit length, second term", "1.0 - e * (0.5 - 0.375 * e)", "1.0 - e * 0.5"),
+    Mutant("patterns: turns taken away", "if turns.abs() > MOST_TURNS { turns.floor() }", "if turns.is_nan() { 1.0 }"),
+    Mutant("patterns: no turns taken away", "turns[0].abs() > MOST_TURNS ||", "turns[0].abs() > 1e99 && "),
+    Mutant("patterns: reflection behind others", "if square < squares[lane] { square }", "if square < 2.0 { square }"),
     Mutant("leaf: volumes, rounding 32u", "reach * (32.0 * UNIT * reach +", "reach * (16.0 * UNIT * reach +"),
     Mutant("leaf: volumes, vertices 8ε", "* reach + 8.0 * error), 8.0", "* reach + 4.0 * error), 8.0"),
     Mutant("leaf: volumes, direction 8ε", "error), 8.0 * reach * reach]", "error), 4.0 * reach * reach]"),

@@ -52,6 +52,7 @@ LAYERS = [
     "scene",
     "cast",
     "measure",
+    "patterns",
     "kernels",
 ]
 
@@ -130,6 +131,27 @@ def test_only_the_top_imports_the_package_as_a_whole() -> None:
             if whole or (part and not {name.name for name in node.names} <= modules):
                 users.add(path.relative_to(package).parts[0])
     assert users == {"bench", "cli.py", "starter"}  # the starter has a script for users
+
+
+BLAS = {"dot", "inner", "matmul", "tensordot", "vdot", "einsum", "linalg"}
+"""Functions of NumPy that may call BLAS, whose threads spin and whose sums depend on the processor."""
+
+
+def calls_blas(source: str) -> bool:
+    return any(
+        (isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.MatMult))
+        or (isinstance(node, ast.Attribute) and node.attr in BLAS)
+        or (isinstance(node, ast.Name) and node.id in BLAS)
+        for node in ast.walk(ast.parse(source))
+    )
+
+
+def test_no_scan_pattern_calls_blas() -> None:
+    """The core makes the rest of a scan."""
+    assert all(map(calls_blas, ("a @ b", "a @= b", "np.dot(a, b)", "np.linalg.norm(a)", "matmul(a, b)")))
+    sources = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "lidarsim/patterns").glob("*.py")}
+    assert len(sources) > 10
+    assert {name for name, source in sources.items() if calls_blas(source)} == {"description.py"}  # of no scan
 
 
 RUST_TOKEN = re.compile(
@@ -294,7 +316,7 @@ def test_rust_imports_run_one_way() -> None:
     assert len(core.imports()) > 100
     assert rust_faults(core, LAYERS) == []
     modules = ["plain", "affine", "path", "shape", "texture", "object", "scene", "scan", "waveforms", "many", "cloud"]
-    modules += ["coverage"]
+    modules += ["coverage", "patterns"]
     assert rust_faults(python, modules) == []
     assert not any({"pyo3", "numpy"} & set(tokens) for tokens in core.sources.values())
 

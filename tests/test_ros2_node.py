@@ -150,7 +150,9 @@ def test_layouts_of_point_clouds() -> None:
     livox = ls.Lidar.preset("livox-mid360")
     assert [name for name, _, _ in rosbag.point_cloud2(cloud, lidar=livox).fields][-1] == "timestamp"
     for wrong in ("livox", "laserscan", ""):
-        with pytest.raises(ValueError, match="layout: expected one of velodyne, ouster, hesai, autoware, livox_cloud, got"):
+        with pytest.raises(
+            ValueError, match="layout: expected one of velodyne, ouster, hesai, autoware, livox_cloud, got"
+        ):
             rosbag.point_cloud2(cloud, layout=wrong)
     with pytest.raises(ValueError, match="stamp: expected an integer >= 0"):
         rosbag.point_cloud2(cloud, stamp=-1)

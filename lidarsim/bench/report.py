@@ -57,6 +57,10 @@ IN_PLANE = """\
 541 horizontal rays all around, over surfaces that lie in the plane z = 0, hits of no ray but for the box and the height
 field. Time at 0.5 m above, and the ratios to it of the same rays at z = 0 exactly, and at z = 1e-300 m."""
 
+PATTERNS = """\
+Frames that differ from the one before, in the city, on one thread. The pulses of a frame, a cast of its rays, and the
+scan of a new frame, which makes the pulses, casts their rays and measures. Times of a pulse."""
+
 SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
 built and scanned once. Mean times of a scene, and the share of building."""
@@ -246,6 +250,21 @@ def to_markdown(results: Results) -> str:
             (
                 [row["what"], _short(1e6 * row["seconds"]), _short(row["in_plane"]), _short(row["next"])]
                 for row in results["in_plane"]
+            ),
+        ),
+        "## New frames",
+        PATTERNS,
+        _table(
+            "sensor | pattern | pulses | pulses, ns | cast, ns | scan, ns | scan / cast",
+            (
+                [
+                    row["sensor"],
+                    row["pattern"],
+                    f"{row['pulses']:,}",
+                    *(_short(1e9 * row[kind]) for kind in ("make", "cast", "scan")),
+                    _short(row["ratio"]),
+                ]
+                for row in results["patterns"]
             ),
         ),
         "## Random scenes",

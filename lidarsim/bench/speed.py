@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._terminal import paragraph
-from lidarsim.bench import building, exact, in_plane, motion, report, robots, scenes
+from lidarsim.bench import building, exact, in_plane, motion, patterns, report, robots, scenes
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
@@ -235,6 +235,7 @@ class _Run:
         self.motion: list[dict[str, Any]] = []
         self.robots: list[dict[str, Any]] = []
         self.in_plane: list[dict[str, Any]] = []
+        self.patterns: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
         self.scaling: list[dict[str, Any]] = []
         self.scenes: list[dict[str, Any]] = []
@@ -452,6 +453,15 @@ class _Run:
         os.environ["LIDARSIM_THREADS"] = str(self.plan.threads[-1])
         self.in_plane += in_plane.over(interleave(in_plane.calls(), self.plan.rounds, self.plan.seconds))
 
+    def new_frames(self) -> None:
+        """Measure the pulses of new frames, and their scans relative to casts."""
+        world = self._world(scenes.city)
+        self.progress("patterns")
+        os.environ["LIDARSIM_THREADS"] = "1"
+        what = patterns.calls(Lidarsim(world, 1).scene, world.sensor)
+        times = interleave(what, self.plan.rounds, self.plan.seconds)
+        self.patterns += patterns.over(times)
+
     def random_scenes(self) -> None:
         """Measure the share of building in the total time of scenes that are scanned once."""
         for threads in self.plan.threads:
@@ -475,6 +485,7 @@ class _Run:
             "motion": self.motion,
             "robots": self.robots,
             "in_plane": self.in_plane,
+            "patterns": self.patterns,
             "sight": self.sight,
             "scaling": self.scaling,
             "scenes": self.scenes,
@@ -657,6 +668,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.moving()
         bench.many_robots()
         bench.rays_in_planes()
+        bench.new_frames()
         bench.random_scenes()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}

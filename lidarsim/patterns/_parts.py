@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim import _native
 from lidarsim._validation import Floats, array, frozen, integer
 from lidarsim.errors import ArgumentValueError
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, made_pulses
 
 TURN = 2.0 * math.pi
 
-PULSE_BYTES = 256
-"""Memory that it takes to make a pulse: 62 bytes to keep it, and up to eight vectors of float64 on the way."""
+PULSE_BYTES = 100
+"""Memory that a pulse takes: 62 bytes in its frame, and 38 that the frames of its pattern share."""
 
 
 def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | None = None) -> Floats:
@@ -57,30 +60,30 @@ def expect_room(pulses: int) -> None:
 
 def unit(vectors: Floats) -> Floats:
     """Return non-zero vectors, shape (n, 3), divided by their lengths, without overflow or underflow of squares."""
-    largest = np.abs(vectors).max(axis=-1, keepdims=True, initial=0.0)
-    return joined(*(vectors / largest).T)
+    scaled = vectors / np.abs(vectors).max(axis=-1, keepdims=True, initial=0.0)
+    x, y, z = scaled.T
+    return np.asarray(scaled / np.sqrt(x * x + y * y + z * z)[:, None])
 
 
-def joined(x: Floats, y: Floats, z: Floats, *, unit: bool = True) -> Floats:
-    """Return the vectors, of shape (..., 3), with the given components, divided by their lengths if `unit` is set."""
-    length = np.sqrt(x * x + y * y + z * z) if unit else 1.0
-    vectors = np.empty((*np.broadcast_shapes(x.shape, y.shape, z.shape), 3))
-    for axis, component in enumerate((x, y, z)):
-        np.divide(component, length, out=vectors[..., axis])
-    return vectors
-
-
-def turned(vectors: Floats, azimuth: Floats, *, unit: bool = True) -> Floats:
-    """Return `vectors`, of shape (..., 3), turned about z, and divided by their lengths if `unit` is set."""
-    cosine, sine = np.cos(azimuth), np.sin(azimuth)
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    return joined(cosine * x - sine * y, sine * x + cosine * y, z, unit=unit)
+def turned(vectors: Floats, azimuth: Floats) -> Floats:
+    """Return `vectors`, of shape (..., 3), turned about z."""
+    cosine, sine, _ = np.moveaxis(directions_of(azimuth, np.zeros(1)), -1, 0)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.stack(np.broadcast_arrays(cosine * x - sine * y, sine * x + cosine * y, z), axis=-1)
 
 
 def directions_of(azimuth: Floats, elevation: Floats) -> Floats:
     """Return the unit vectors, of shape (..., 3), at an azimuth (from x to y) and an elevation above the x-y plane."""
-    across = np.cos(elevation)
-    return joined(across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation))
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    directions = np.empty((*azimuth.shape, 3))
+    _native.fire_polar(azimuth.ravel(), elevation.ravel(), directions.reshape(-1, 3))
+    return directions
+
+
+@lru_cache(maxsize=256)
+def ratio(rate: float | Fraction, other: float | Fraction) -> tuple[int, int]:
+    """Return numerator and denominator of a quotient of two rates, exactly."""
+    return (Fraction(rate) / Fraction(other)).as_integer_ratio()
 
 
 @dataclass(frozen=True)
@@ -90,76 +93,147 @@ class Ticks:
     The ticks are divided among the frames in exact arithmetic, so each tick belongs to exactly one frame, however late.
     """
 
-    rate: Fraction
+    rate: float
     first: int
     count: int
     wait: float
     """Time from the start of the frame to its first tick, in ticks."""
 
     @classmethod
-    def of(cls, frame: int, rate: float | Fraction, frame_rate: float, *, beams: int = 0) -> Ticks:
+    def of(cls, frame: int, rate: float, frame_rate: float, *, beams: int = 0) -> Ticks:
         """Return the ticks m of a clock of `rate`, Hz, with ``frame <= m frame_rate / rate < frame + 1``.
 
         If so many `beams` are to fire at each, there must be memory for that.
         """
         frame = integer("frame", frame, at_least=0)
-        per_frame = Fraction(rate) / Fraction(frame_rate)
-        first = math.ceil(frame * per_frame)
-        count = math.ceil((frame + 1) * per_frame) - first
+        ticks, frames = ratio(rate, frame_rate)
+        first = -(-frame * ticks // frames)
+        count = -(-(frame + 1) * ticks // frames) - first
         expect_room(count * beams)
-        return cls(Fraction(rate), first, count, float(first - frame * per_frame))
+        return cls(rate, first, count, (first * frames - frame * ticks) / frames)
 
     @property
     def time(self) -> Floats:
         """Time of each tick since the start of the frame, s."""
         return (np.arange(self.count, dtype=np.float64) + self.wait) / float(self.rate)
 
-    def turns(self, rotation_rate: float | Fraction) -> Floats:
-        """Return the phase at each tick, in turns, of a rotation whose phase is 0 at time 0.
+    def turns(self, rotation_rate: float | Fraction) -> tuple[float, float]:
+        """Return the phase at the first tick, and what each tick adds, in turns, of a rotation of phase 0 at time 0.
 
         The phase of the first tick is reduced to [0, 1) exactly. The error is therefore below 2**-52 per turn within
         the frame and does not grow from frame to frame.
         """
-        per_tick = Fraction(rotation_rate) / self.rate
-        return float(self.first * per_tick % 1) + np.arange(self.count, dtype=np.float64) * float(per_tick)
+        turns, ticks = ratio(rotation_rate, self.rate)
+        return self.first * turns % ticks / ticks, turns / ticks
 
 
-def fired_together(directions: Floats, time: Floats) -> Pulses:
-    """Return the pulses of beams, of shape (n, beams, 3), that fire together at each of n times."""
-    count, beams = directions.shape[:2]
-    return Pulses(
-        directions=directions.reshape(-1, 3),
-        origins=np.zeros((count * beams, 3)),
-        time=np.repeat(time, beams),
-        ring=np.tile(np.arange(beams, dtype=np.uint16), count),
-        column=np.repeat(np.arange(count, dtype=np.uint32), beams),
-    )
+class Frames:
+    """What the frames of a pattern have in common: the rings and columns of their pulses, and often times and origins.
 
-
-def fired_in_cycles(
-    elevations: Floats,
-    azimuth_offsets: Floats,
-    firing_times: Floats,
-    origins: Floats,
-    *,
-    azimuth: Floats,
-    time: Floats,
-    speed: float,
-) -> Pulses:
-    """Return the pulses of channels, one row each, whose cycles start at `azimuth` and `time`, both of shape (n,).
-
-    Between the start of a cycle and the firing of a channel, the azimuth and the origins turn at `speed`, rad/s.
+    Parameters
+    ----------
+    rings : ndarray of uint16, shape (beams,)
+        Those of a column, in firing order.
+    columns : int
+        Most columns of a frame.
+    origins : ndarray of float64, shape (beams, 3), optional
+        Where the pulses of each column leave the sensor. None if that differs between columns.
     """
-    order = np.argsort(firing_times, kind="stable")
-    moved = speed * firing_times[order]
-    beams = directions_of(azimuth_offsets[order] + moved, elevations[order])
-    return Pulses(
-        directions=turned(beams, azimuth[:, None]).reshape(-1, 3),
-        origins=turned(turned(origins[order], moved, unit=False), azimuth[:, None], unit=False).reshape(-1, 3),
-        time=np.add.outer(time, firing_times[order]).reshape(-1),
-        ring=np.tile(order.astype(np.uint16), len(time)),
-        column=np.repeat(np.arange(len(time), dtype=np.uint32), len(order)),
-    )
+
+    def __init__(self, rings: npt.NDArray[np.uint16], columns: int, origins: Floats | None) -> None:
+        self._beams = len(rings)
+        self._ring = np.tile(rings, columns)
+        self._column = np.repeat(np.arange(columns, dtype=np.uint32), self._beams)
+        self._origin: tuple[float, ...] | None = None
+        self._origins = np.empty((0, 3))
+        if origins is not None:
+            same = bool((origins == origins[0]).all())
+            self._origin = tuple(origins[0].tolist()) if same else None
+            # Zeros that are not written take no memory.
+            shape = (columns * self._beams, 3)
+            self._origins = np.tile(origins, (columns, 1)) if origins.any() else np.zeros(shape)
+        for values in (self._ring, self._column, self._origins):
+            values.setflags(write=False)
+        self._last: tuple[tuple[float, int], Floats] | None = None
+
+    def fired_together(self, ticks: Ticks, fire: Callable[[Floats], object]) -> Pulses:
+        """Return the pulses of beams that fire together at each tick; `fire` writes their directions."""
+        directions = np.empty((ticks.count * self._beams, 3))
+        fire(directions)
+        last = self._last
+        if last is None or last[0] != (ticks.wait, ticks.count):
+            last = self._last = ((ticks.wait, ticks.count), frozen(np.repeat(ticks.time, self._beams)))
+        return self.pulses(directions, last[1])
+
+    def pulses(self, directions: Floats, time: Floats, origins: Floats | None = None) -> Pulses:
+        """Return the pulses of a frame, with their `origins` unless these are the same in all columns."""
+        count = len(directions)
+        return made_pulses(
+            directions,
+            self._origins[:count] if origins is None else origins,
+            time,
+            self._ring[:count],
+            self._column[:count],
+            origin=self._origin if count else None,
+        )
+
+
+class Cycles:
+    """Channels that fire in cycles, in an order of their own, while a head or a mirror turns about z.
+
+    Parameters
+    ----------
+    elevations, azimuth_offsets, firing_times : ndarray of float64, shape (channels,)
+        Of each channel: its direction at the azimuth 0, rad, and the time since the start of a cycle, s.
+    origins : ndarray of float64, shape (channels, 3)
+        Where each channel leaves the sensor at the azimuth 0, m. They turn with the head.
+    speed : float
+        Speed of the turn, rad/s.
+    columns : int
+        Most cycles of a frame.
+    """
+
+    def __init__(
+        self,
+        elevations: Floats,
+        azimuth_offsets: Floats,
+        firing_times: Floats,
+        origins: Floats,
+        *,
+        speed: float,
+        columns: int,
+    ) -> None:
+        order = np.argsort(firing_times, kind="stable")
+        moved = speed * firing_times[order]
+        turn = bool(origins[:, :2].any())
+        self._beams = directions_of(azimuth_offsets[order] + moved, elevations[order])
+        self._origins = turned(origins[order], moved) if turn else np.empty((0, 3))
+        self._firing_times = firing_times[order]
+        self._speed = speed
+        self._frames = Frames(order.astype(np.uint16), columns, None if turn else origins[order])
+
+    def fired(self, runs: Sequence[tuple[int, int, int, float]], *, rate: float, wait: float, azimuth: float) -> Pulses:
+        """Return the pulses of a frame whose cycle c starts at ``(c + wait) / rate``, s.
+
+        Each run of cycles, those of a turn or of a facet, is given by the number of its cycles in the frame; the first
+        of them; how many cycles it had before the frame; and the part of a cycle by which its first one is late. Its
+        head is at `azimuth` when it starts.
+        """
+        count = sum(run[0] for run in runs) * len(self._beams)
+        directions, times = np.empty((count, 3)), np.empty(count)
+        origins = np.empty((count if len(self._origins) else 0, 3))
+        _native.fire_cycles(
+            self._beams,
+            self._origins,
+            self._firing_times,
+            list(runs),
+            (float(rate), wait),
+            (azimuth, self._speed),
+            directions,
+            origins,
+            times,
+        )
+        return self._frames.pulses(directions, times, origins if len(self._origins) else None)
 
 
 def firing_times_within(cycle: float, firing_times: npt.ArrayLike, channels: int) -> Floats:

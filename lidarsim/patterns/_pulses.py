@@ -109,6 +109,28 @@ class Pulses(_OfOneOrigin):
         return f"Pulses({len(self):,} of {rings:,} rings and {columns:,} columns, time {extent(self.time)} s)"
 
 
+def made_pulses(
+    directions: npt.NDArray[np.float64],
+    origins: npt.NDArray[np.float64],
+    time: npt.NDArray[np.float64],
+    ring: npt.NDArray[np.uint16],
+    column: npt.NDArray[np.uint32],
+    *,
+    origin: tuple[float, ...] | None,
+) -> Pulses:
+    """Return pulses of arrays that a pattern has made as `Pulses` describes them, without checks; they are kept.
+
+    `origin` is that of all pulses, if they have one.
+    """
+    made = Pulses.__new__(Pulses)
+    object.__setattr__(made, "_origin", origin)
+    arrays: tuple[npt.NDArray[Any], ...] = (directions, origins, time, ring, column)
+    for field, values in zip(fields(Pulses), arrays, strict=True):
+        values.setflags(write=False)
+        object.__setattr__(made, field.name, values)
+    return made
+
+
 def _numbered(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
     """Return `value` as a C-contiguous array of `count` integers that fit `dtype`."""
     if isinstance(value, np.ndarray) and value.dtype == dtype and value.shape == (count,):

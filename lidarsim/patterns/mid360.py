@@ -5,21 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
 
+from lidarsim import _native
 from lidarsim._pickling import Value
 from lidarsim._validation import frequency
-from lidarsim.patterns._parts import TURN, Ticks, cycles, fired_together, turned
+from lidarsim.patterns._parts import Frames, Ticks, cycles
 from lidarsim.patterns._pulses import Pulses
 
 TICK_RATE = 50_000
 """Rate at which the four beams fire together, Hz."""
 
 FAST = Fraction(2189, 12)
-SLOW = 10
-"""Turns per second of the two phases; the pattern repeats after 12 s."""
+"""Turns per second of the fast phase; the pattern repeats after 12 s."""
+
+SLOW_TURN = 5000
+"""Ticks to a turn of the slow phase."""
 
 
 @dataclass(frozen=True)
@@ -86,70 +90,9 @@ class Mid360(Value):
             If `frame` is not an integer >= 0.
         """
         ticks = Ticks.of(frame, TICK_RATE, self.rate, beams=4)
-        psi = TURN * ticks.turns(FAST)
-        phi = np.exp(1j * TURN * ticks.turns(SLOW))
-        rising = np.cumprod(np.broadcast_to(phi[:, None], (ticks.count, 10)), axis=1)
-        harmonics = np.hstack([rising[:, 7::-1].conj(), np.ones((ticks.count, 1)), rising])
-        beam = np.array([-1.5, -0.5, 0.5, 1.5])[:, None]
-        vectors = np.zeros((ticks.count, 4, 3))
-        for (power, multiple), coefficients in _COEFFICIENTS.items():
-            term = np.exp(1j * multiple * psi)[:, None] * (harmonics @ coefficients)
-            vectors += term.real[:, None, :] * beam**power
-        return fired_together(turned(vectors, -psi[:, None]), ticks.time)
+        fire = partial(_native.fire_mid360, ticks.turns(FAST), ticks.first % SLOW_TURN)
+        return self._frames.fired_together(ticks, fire)
 
-
-def _table() -> dict[tuple[int, int], np.ndarray[tuple[int, int], np.dtype[np.complex128]]]:
-    """Return C - iS by (p, a), one row per b from -8 on; a term is Re((C - iS) exp(i (a psi + b phi)))."""
-    table = {(power, multiple): np.zeros((19, 3), complex) for power, multiple in ((0, 0), (1, 1), (2, 2), (2, 0))}
-    for power, multiple, harmonic, *values in _ROWS:
-        table[power, multiple][harmonic + 8] = (np.array(values[:3]) - 1j * np.array(values[3:])) * 1e-7
-    return table
-
-
-# fmt: off
-_ROWS = (  # p, a, b, C in x, y, z, S in x, y, z, both in 1e-7
-    (0, 0, 0, -96514, -8420251, 3341810, 0, 0, 0),
-    (0, 0, 1, -20548, 1489137, 3736204, 4410844, -33100, 43890),
-    (0, 0, 2, 716, 62437, 6, 13, 1214, 2),
-    (0, 0, 3, -1340, 131569, 315265, 296963, -2227, 2519),
-    (0, 0, 4, 113, 10012, 1, 3, 200, 0),
-    (0, 0, 5, -13, 5944, 11130, 11878, -56, 90),
-    (0, 0, 6, 11, 955, -1, 2, 22, 1),
-    (0, 0, 7, 0, 313, 291, 284, 2, 1),
-    (0, 0, 8, 2, 77, 0, 0, 0, -1),
-    (0, 0, 9, 1, 23, 5, 7, -3, -2),
-    (0, 0, 10, 2, 7, 2, -1, -1, 1),
-    (1, 1, -8, -2, -49, -27, 26, 2, 1),
-    (1, 1, -7, -2, -140, 2, 6, 4, -2),
-    (1, 1, -6, 7, -553, -517, 525, 13, 14),
-    (1, 1, -5, -16, -1392, 35, 1, 46, -1),
-    (1, 1, -4, 148, -5475, -6857, 6962, 96, 208),
-    (1, 1, -3, -192, -16714, 950, 4, 409, -21),
-    (1, 1, -2, 1073, -32491, -45187, 45895, 494, 1424),
-    (1, 1, -1, -1994, -173763, 12653, 45, 3735, -271),
-    (1, 1, 0, -5038, -125420, -282883, -301133, 4792, 3096),
-    (1, 1, 1, 22, 1839, -952, -3, -278, 19),
-    (1, 1, 2, -7, -2037, -517, 524, -10, 16),
-    (1, 1, 3, -19, -1603, 34, 1, 7, -1),
-    (1, 1, 4, -4, -281, 27, -25, -5, -2),
-    (1, 1, 5, -2, -88, -1, 2, -4, 0),
-    (1, 1, 6, 1, -34, 0, 1, -3, -1),
-    (1, 1, 7, 0, -9, 1, -2, -1, -2),
-    (1, 1, 8, 0, -1, 3, 1, 1, 2),
-    (2, 2, -4, 8, 733, -30, 1, -35, 0),
-    (2, 2, -3, -25, 1094, 820, -712, -48, -43),
-    (2, 2, -2, 44, 3680, -193, -3, -156, 9),
-    (2, 2, -1, 53, 1654, 618, 984, -61, -16),
-    (2, 2, 0, 5, 203, 29, 1, 7, -3),
-    (2, 2, 1, -3, 74, -40, -82, 4, 1),
-    (2, 2, 2, 1, 83, -4, -2, 0, 2),
-    (2, 2, 3, 1, 26, -2, 6, 1, 0),
-    (2, 2, 4, 2, 6, 3, 1, 2, 1),
-    (2, 0, 0, 92, 8002, -509, 0, 0, 0),
-    (2, 0, 1, 17, 3655, 2348, 2768, 11, 29),
-    (2, 0, 2, 10, 843, -2, 1, 18, 0),
-    (2, 0, 3, 3, 488, 199, 186, 9, 2),
-    (2, 0, 4, 0, 165, 0, 0, 7, 1),)
-# fmt: on
-
-_COEFFICIENTS = _table()
+    @cached_property
+    def _frames(self) -> Frames:
+        return Frames(np.arange(4, dtype=np.uint16), self.shape[1], np.zeros((4, 3)))

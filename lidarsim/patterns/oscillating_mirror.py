@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
 
+from lidarsim import _native
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, angle, frequency, real
-from lidarsim.patterns._parts import TURN, Ticks, cycles, directions_of, fired_together
+from lidarsim._validation import angle, frequency, real
+from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -100,20 +101,11 @@ class OscillatingMirror(Value):
             If `frame` is not an integer >= 0.
         """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate, beams=1)
-        azimuth = 0.5 * self.field_of_view * self._swing(ticks.turns(self.scan_rate))
-        return fired_together(directions_of(azimuth[:, None], np.zeros(1)), ticks.time)
+        turns = ticks.turns(self.scan_rate)
+        return self._frames.fired_together(
+            ticks, partial(_native.fire_oscillating_mirror, self.field_of_view, self.turn, turns)
+        )
 
-    def _swing(self, turns: Floats) -> Floats:
-        """Return the deflection, from 1 to -1 and back, at phases in turns.
-
-        A swing one way takes the time 1: half a reversal (T/2), a ramp (1 - T), half a reversal (T/2). It covers the
-        distance 2, so the speed on the ramp is v = 2 / (1 - T/2). At a time e before the end of a swing, the distance
-        left is (v/T) e**2.
-        """
-        swing = 2.0 * np.abs(turns % 1.0 - 0.5)
-        turn = self.turn if self.turn >= sys.float_info.min else 0.0  # the quotient overflows, of no turn at all
-        speed = 2.0 / (1.0 - 0.5 * turn)
-        to_end = np.minimum(swing, 1.0 - swing)
-        turning = to_end < 0.5 * turn
-        depth = np.where(turning, 1.0 - speed / (turn or 1.0) * to_end**2, speed * (0.5 - to_end))
-        return np.copysign(depth, swing - 0.5)
+    @cached_property
+    def _frames(self) -> Frames:
+        return Frames(np.zeros(1, np.uint16), self.shape[1], np.zeros((1, 3)))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
 
+from lidarsim import _native
 from lidarsim._pickling import Value
 from lidarsim._validation import angle, frequency
-from lidarsim.patterns._parts import TURN, Ticks, cycles, fired_together, joined
+from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -93,7 +94,9 @@ class Palmer(Value):
             If `frame` is not an integer >= 0.
         """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate, beams=1)
-        angle = TURN * ticks.turns(self.scan_rate)[:, None]
-        across = math.sin(self.half_angle)
-        directions = joined(np.array(math.cos(self.half_angle)), across * np.cos(angle), across * np.sin(angle))
-        return fired_together(directions, ticks.time)
+        turns = ticks.turns(self.scan_rate)
+        return self._frames.fired_together(ticks, partial(_native.fire_palmer, self.half_angle, turns))
+
+    @cached_property
+    def _frames(self) -> Frames:
+        return Frames(np.zeros(1, np.uint16), self.shape[1], np.zeros((1, 3)))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -15,11 +15,12 @@ from lidarsim._pickling import Value
 from lidarsim._validation import Floats, angle, angles, frequency, frozen, one_or_each
 from lidarsim.patterns._parts import (
     TURN,
+    Cycles,
     Ticks,
     cycles,
-    fired_in_cycles,
     firing_times_within,
     per_channel,
+    ratio,
     rings,
     used_cycles,
 )
@@ -152,23 +153,28 @@ class PolygonMirror(Value):
             If `frame` is not an integer >= 0.
         """
         now = Ticks.of(frame, self.pulse_rate, self.rate, beams=len(self.elevations))
-        per_line = Fraction(self.pulse_rate) / Fraction(self.line_rate)
-        cycle, since_line = [], []
-        for number in range(math.floor(now.first / per_line), math.floor((now.first + now.count - 1) / per_line) + 1):
-            line = Ticks.of(number, self.pulse_rate, self.line_rate)
-            start = line.first - now.first
-            used = np.arange(max(0, start), min(now.count, start + self._used(line.wait)), dtype=np.float64)
-            cycle.append(used)
-            since_line.append(used - start + line.wait)
-        speed = -self.sweep * self.line_rate
-        return fired_in_cycles(
+        # Line `l` starts `cycles / lines` pulses after the one before, at the first tick from there on.
+        cycles, lines = ratio(self.pulse_rate, self.line_rate)
+        runs = []
+        for line in range(now.first * lines // cycles, (now.first + now.count - 1) * lines // cycles + 1):
+            first = -(-line * cycles // lines)
+            late = (first * lines - line * cycles) / lines
+            start = first - now.first
+            here = max(0, start)
+            columns = min(now.count, start + self._used(late)) - here
+            if columns > 0:
+                runs.append((columns, here, here - start, late))
+        return self._cycles.fired(runs, rate=self.pulse_rate, wait=now.wait, azimuth=0.5 * self.field_of_view)
+
+    @cached_property
+    def _cycles(self) -> Cycles:
+        return Cycles(
             self.elevations,
             self.azimuth_offsets,
             self.firing_times,
             np.zeros((len(self.elevations), 3)),
-            azimuth=0.5 * self.field_of_view + speed * (np.concatenate(since_line) / self.pulse_rate),
-            time=(np.concatenate(cycle) + now.wait) / self.pulse_rate,
-            speed=speed,
+            speed=-self.sweep * self.line_rate,
+            columns=self.shape[1],
         )
 
     def _used(self, wait: float) -> int:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim import _native
 from lidarsim._pickling import Value
 from lidarsim._validation import FASTEST, Floats, Vector, angle, array, frequency, frozen, items, nonzero_vectors, real
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.patterns._parts import TURN, Ticks, cycles, fired_together, joined, rings, unit
+from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
 DENSEST = 10.0
@@ -149,7 +151,8 @@ class Risley(Value):
         rings("beams", len(self.beams))
         cycles("pulse_rate", self.pulse_rate, self.rate)
         first = Ticks.of(0, self.pulse_rate, self.rate)
-        self._fired(replace(first, count=min(first.count, max(1, CHECKED // len(self.beams)))))
+        first = replace(first, count=min(first.count, max(1, CHECKED // len(self.beams))))
+        self._fire(first, np.empty((first.count * len(self.beams), 3)))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -174,28 +177,18 @@ class Risley(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        return self._fired(Ticks.of(frame, self.pulse_rate, self.rate, beams=len(self.beams)))
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate, beams=len(self.beams))
+        return self._frames.fired_together(ticks, partial(self._fire, ticks))
 
-    def _fired(self, ticks: Ticks) -> Pulses:
-        direction = np.broadcast_to(self.beams, (ticks.count, len(self.beams), 3))
-        for prism in self.prisms:
-            angle = (TURN * ticks.turns(prism.rotation_rate) + prism.phase)[:, None]
-            cosine, sine = np.cos(angle), np.sin(angle)
-            for tilt, ratio in (
-                (prism.entry_tilt, 1.0 / self.refractive_index),
-                (prism.exit_tilt, self.refractive_index),
-            ):
-                normal = joined(np.array(np.cos(tilt)), np.sin(tilt) * cosine, np.sin(tilt) * sine)
-                direction = _refracted(direction, normal, ratio)
-        return fired_together(direction, ticks.time)
+    def _fire(self, ticks: Ticks, directions: Floats) -> None:
+        """Write the directions of all beams at each tick."""
+        prisms = [
+            ((prism.entry_tilt, prism.exit_tilt), ticks.turns(prism.rotation_rate), prism.phase)
+            for prism in self.prisms
+        ]
+        if not _native.fire_risley(self.beams, prisms, self.refractive_index, directions):
+            raise ArgumentValueError("prisms", "each face to let the beams through", "total reflection")
 
-
-def _refracted(direction: Floats, normal: Floats, ratio: float) -> Floats:
-    """Return unit vectors, shape (n, b, 3), refracted at a face with unit normals, shape (n, 1, 3)."""
-    x, y, z = (direction[..., axis] * normal[..., axis] for axis in range(3))
-    along = x + y + z
-    square = 1.0 - ratio**2 * (1.0 - along**2)
-    if (square < 0.0).any() or (along <= 0.0).any():
-        raise ArgumentValueError("prisms", "each face to let the beams through", "total reflection")
-    turn = np.sqrt(square) - ratio * along
-    return joined(*(ratio * direction[..., axis] + turn * normal[..., axis] for axis in range(3)))
+    @cached_property
+    def _frames(self) -> Frames:
+        return Frames(np.arange(len(self.beams), dtype=np.uint16), self.shape[1], np.zeros((len(self.beams), 3)))

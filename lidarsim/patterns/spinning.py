@@ -16,9 +16,9 @@ from lidarsim._validation import Floats, Vector, angle, angles, array, frequency
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import (
     TURN,
+    Cycles,
     Ticks,
     expect_room,
-    fired_in_cycles,
     firing_times_within,
     per_channel,
     rings,
@@ -201,16 +201,18 @@ class Spinning(Value):
         """Return how many cycles of a turn lie in the field of view; the first starts `wait` of a cycle late."""
         return used_cycles(self.columns_per_turn, self.field_of_view / TURN, wait)
 
-    def _turn(self, wait: float) -> Pulses:
-        expect_room(math.prod(self.shape))
-        speed = (-TURN if self.clockwise else TURN) * self.rate
-        time = (np.arange(self._used(wait), dtype=np.float64) + wait) / (self.columns_per_turn * self.rate)
-        return fired_in_cycles(
+    @cached_property
+    def _cycles(self) -> Cycles:
+        return Cycles(
             self.elevations,
             self.azimuth_offsets,
             self.firing_times,
             self.beam_origins,
-            azimuth=self.start_azimuth + speed * time,
-            time=time,
-            speed=speed,
+            speed=(-TURN if self.clockwise else TURN) * self.rate,
+            columns=self.shape[1],
         )
+
+    def _turn(self, wait: float) -> Pulses:
+        expect_room(math.prod(self.shape))
+        turn = (self._used(wait), 0, 0, wait)
+        return self._cycles.fired([turn], rate=self.columns_per_turn * self.rate, wait=wait, azimuth=self.start_azimuth)

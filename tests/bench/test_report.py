@@ -76,6 +76,17 @@ def results() -> dict[str, Any]:
             {"what": "still", "over": "still", "seconds": 0.004, "ratio": 1.0},
             {"what": "moving", "over": "still", "seconds": 0.006, "ratio": 1.5},
         ],
+        "patterns": [
+            {
+                "sensor": "livox-avia",
+                "pattern": "Risley",
+                "pulses": 24_000,
+                "make": 7e-9,
+                "cast": 50e-9,
+                "scan": 60e-9,
+                "ratio": 1.2,
+            }
+        ],
         "robots": [
             {"what": "cast", "over": "cast", "seconds": 0.008, "ratio": 1.0},
             {"what": "scan_many", "over": "cast", "seconds": 0.009, "ratio": 1.125},
@@ -176,6 +187,7 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
     assert [cells[3] for cells in table(text, "triangles")] == ["100"] * 4
     assert table(text, "what | ms | × cast") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
     assert table(text, "what | over") == [["still", "", "4", "1"], ["moving", "still", "6", "1.5"]]
+    assert table(text, "sensor | pattern") == [["livox-avia", "Risley", "24,000", "7", "50", "60", "1.2"]]
     assert table(text, "robots | over") == [["cast", "", "8", "1"], ["scan_many", "cast", "9", "1.12"]]
     assert table(text, "surface | above, µs") == [["plane", "30", "1", "1.25"], ["mesh", "40", "1.5", "1"]]
     assert table(text, "rays | cast") == [["random", "45.6", "22.8", "2", "0"]]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim.bench import building, in_plane, motion, peers, robots, scenes, speed
+from lidarsim.bench import building, in_plane, motion, patterns, peers, robots, scenes, speed
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
 
@@ -178,6 +178,19 @@ def test_robots_are_over_one_cast_and_the_loop(results: dict[str, Any]) -> None:
     assert set(peers_of_geoms) <= set(rows)
     assert all(rows[name]["over"] == geoms for name in peers_of_geoms)
     assert all(row["ratio"] == row["seconds"] / rows[row["over"]]["seconds"] for row in rows.values())
+
+
+def test_new_frames_are_of_every_pattern_whose_frames_differ(results: dict[str, Any]) -> None:
+    rows = {row["sensor"]: row for row in results["patterns"]}
+    assert list(rows) == list(patterns.PRESETS)
+    patterns_made = {row["pattern"] for row in rows.values()}
+    assert patterns_made == {"Mid360", "OscillatingMirror", "Palmer", "PolygonMirror", "Risley", "Spinning"}
+    for name, row in rows.items():
+        made = [ls.Lidar.preset(name).pattern.pulses(frame) for frame in (1, 2)]
+        assert made[0] is not made[1]
+        assert row["pulses"] == pytest.approx(len(made[0]), abs=200)  # one column more or less
+        assert row["ratio"] == pytest.approx(row["scan"] / row["cast"])
+        assert row["make"] > 0.0
 
 
 def test_robots_cast_the_rays_that_they_scan_with() -> None:

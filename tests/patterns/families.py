@@ -27,6 +27,9 @@ from lidarsim.patterns import (
     Table,
 )
 
+LATE = 1_234_567
+"""A frame a day or more after the first."""
+
 DATA = Path(__file__).parents[1] / "data" / "sensors"
 
 VLP16 = Spinning(

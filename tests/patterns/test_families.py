@@ -30,10 +30,7 @@ from lidarsim.patterns import (
     Table,
     _parts,
 )
-from tests.patterns.families import FAMILIES, ORACLES
-
-LATE = 1_234_567
-"""A frame a day or more after the first."""
+from tests.patterns.families import FAMILIES, LATE, ORACLES
 
 CLOCKED = {name: pattern for name, pattern in FAMILIES.items() if type(pattern) in ORACLES}
 """All but those that have their own oracle: tables of the vendor, lists, grids."""
@@ -153,6 +150,46 @@ def test_frames_that_are_alike_are_made_once(pattern: Pattern) -> None:
         assert pattern.pulses(3) is pattern.pulses(0)
     elif not isinstance(pattern, Table):
         assert pattern.pulses(1) is not pattern.pulses(0)
+
+
+@for_each(FAMILIES)
+def test_instruction_sets_and_threads_change_nothing(
+    pattern: Pattern, instruction_sets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Copies have nothing that was made before; three times as long frames are shared among threads."""
+    made = []
+    for isa, threads in [*((isa, "1") for isa in instruction_sets), (instruction_sets[-1], "2")]:
+        monkeypatch.setenv("LIDARSIM_ISA", isa)
+        monkeypatch.setenv("LIDARSIM_THREADS", threads)
+        copies = [pickle.loads(pickle.dumps(pattern))]  # noqa: S301
+        if type(pattern) in ORACLES and not isinstance(pattern, Spinning):
+            copies.append(dataclasses.replace(pattern, rate=pattern.rate / 3.0))
+        frames = [copy.pulses(frame) for copy in copies for frame in (1, LATE)]
+        made.append(
+            [getattr(pulses, field.name).tobytes() for pulses in frames for field in dataclasses.fields(Pulses)]
+        )
+    assert all(bits == made[0] for bits in made)
+
+
+@for_each(FAMILIES)
+def test_scans_know_whether_pulses_have_a_common_origin(pattern: Pattern) -> None:
+    """Scans then do not read the origins."""
+    pulses = pattern.pulses(1)
+    same = bool((pulses.origins == pulses.origins[0]).all())
+    assert pulses._origin == (tuple(pulses.origins[0]) if same else None)
+
+
+@for_each(CLOCKED)
+def test_frames_share_what_they_have_in_common(pattern: Pattern) -> None:
+    first, second = pattern.pulses(1), pattern.pulses(2)
+    assert np.shares_memory(first.ring, second.ring)
+    assert np.shares_memory(first.column, second.column)
+    assert first is second or not np.shares_memory(first.directions, second.directions)
+    count = min(len(first), len(second))
+    late = pattern.pulses(LATE)
+    for name in ("ring", "column"):
+        np.testing.assert_array_equal(getattr(first, name)[:count], getattr(second, name)[:count])
+        assert not getattr(late, name).flags.writeable
 
 
 @for_each(FAMILIES)

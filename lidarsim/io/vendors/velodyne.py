@@ -150,7 +150,7 @@ def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any
         "elevations": elevation[rings],
         "azimuth_offsets": azimuth_offset[rings],
         "firing_times": MODELS[name].firing_us(ids[rings]) / 1e6,
-        "beam_origins": turned(origin, azimuth_offset, unit=False)[rings],
+        "beam_origins": turned(origin, azimuth_offset)[rings],
     }
 
 

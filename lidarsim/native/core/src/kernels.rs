@@ -4,6 +4,7 @@
 use crate::arith::simd::Runner;
 use crate::cast::{Cast, Columns, Occlusion};
 use crate::measure::{BadPulse, Batch, CoverPiece, Recording, ThingPulses, WritePoints};
+use crate::patterns::Piece;
 use crate::scene::{Rays, TRange, World};
 
 /// The work on a piece of a cast or of a scan, compiled for one instruction set.
@@ -26,6 +27,9 @@ pub trait Kernels: Sync {
 
     /// Records the waveforms of a batch of pulses, or returns the first bad pulse.
     fn record(&self, recording: Recording<World>) -> Result<(), BadPulse>;
+
+    /// Writes the pulses of a piece of a frame. False if one of them is not there.
+    fn fire(&self, piece: Piece) -> bool;
 }
 
 impl<R: Runner> Kernels for R {
@@ -51,5 +55,9 @@ impl<R: Runner> Kernels for R {
 
     fn record(&self, recording: Recording<World>) -> Result<(), BadPulse> {
         R::run(recording)
+    }
+
+    fn fire(&self, piece: Piece) -> bool {
+        R::run(piece)
     }
 }

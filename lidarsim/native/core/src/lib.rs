@@ -1,7 +1,7 @@
 //! The core of lidarsim: exact ray casting and per-pulse measurement.
 //!
 //! Each layer uses only those before it: `memory`, `stop`, `once` and `parallel`, arithmetic, geometry and
-//! shapes, the bounding volume hierarchy, scenes, casts, measurement, kernels.
+//! shapes, the bounding volume hierarchy, scenes, casts, measurement and scan patterns, kernels.
 
 mod arith;
 mod bvh;
@@ -12,6 +12,7 @@ pub mod measure;
 pub mod memory;
 mod once;
 mod parallel;
+pub mod patterns;
 mod scene;
 pub mod shapes;
 pub mod stop;

@@ -1,0 +1,100 @@
+"""What the pulses of a new frame cost: by pattern, and in a scan next to its cast."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import lidarsim as ls
+from lidarsim._validation import Floats
+
+__all__ = ["PRESETS", "calls", "over"]
+
+PRESETS = (
+    "hesai-ot128",
+    "hesai-at128",
+    "velodyne-vls128",
+    "velodyne-hdl64e-s3",
+    "velodyne-vlp16",
+    "livox-avia",
+    "livox-mid360",
+    "livox-mid40",
+    "leica-als50",
+    "riegl-vq780i",
+    "riegl-vq880g",
+)
+"""Sensors with a frame that differs from the one before; together they have every such pattern."""
+
+
+def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) -> dict[str, Callable[[], Any]]:
+    """Return the calls to time, after calling each once.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is scanned.
+    place : ndarray of float64, shape (3,)
+        The sensor's.
+    presets : tuple of str
+        Names of sensors.
+
+    Returns
+    -------
+    dict of str to callable
+        By the name of the preset and what is called: ``pulses``, ``cast`` or ``scan``. Each call of ``pulses`` and
+        ``scan`` is of a frame of its own; ``cast`` casts the rays of the first.
+    """
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    what: dict[str, Callable[[], Any]] = {}
+    for name in presets:
+        what |= {f"{name}, {kind}": call for kind, call in _calls(ls.Lidar.preset(name), scene, pose).items()}
+    for call in what.values():
+        call()
+    return what
+
+
+def _calls(lidar: ls.Lidar, scene: ls.Scene, pose: Floats) -> dict[str, Callable[[], Any]]:
+    pulses = lidar.pattern.pulses(0)
+    origins, directions = pulses.origins + pose[:3, 3], pulses.directions
+    alone, whole = itertools.count(1), itertools.count(1)
+    return {
+        "pulses": lambda: lidar.pattern.pulses(next(alone)),
+        "cast": lambda: scene.cast(origins, directions),
+        "scan": lambda: lidar.scan(scene, pose, frame=next(whole)),
+    }
+
+
+def over(times: dict[str, float]) -> list[dict[str, Any]]:
+    """Return a row per preset.
+
+    Parameters
+    ----------
+    times : dict of str to float
+        The time of each call of `calls`, s.
+
+    Returns
+    -------
+    list of dict
+        Sensor, pattern, number of pulses; the times of a pulse, s, and that of a scan over that of a cast.
+    """
+    rows = []
+    for name in dict.fromkeys(what.rpartition(", ")[0] for what in times):
+        pattern = ls.Lidar.preset(name).pattern
+        pulses, cast, scan = (times[f"{name}, {kind}"] for kind in ("pulses", "cast", "scan"))
+        count = len(pattern.pulses(0))
+        rows.append(
+            {
+                "sensor": name,
+                "pattern": type(pattern).__name__,
+                "pulses": count,
+                "make": pulses / count,
+                "cast": cast / count,
+                "scan": scan / count,
+                "ratio": scan / cast,
+            }
+        )
+    return rows

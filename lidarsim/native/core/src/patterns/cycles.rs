@@ -1,0 +1,191 @@
+//! Channels that fire one after another in cycles, while a head or a mirror turns about z.
+
+use super::rotation::sines_and_cosines;
+use super::{Arrays, LANES, Lanes, put, set, unit};
+use crate::arith::simd::Isa;
+use crate::geometry::vector::Point;
+use crate::memory;
+
+/// The cycles of a frame. Cycle c starts `(c + wait)/rate` after the frame, and at an azimuth of `start` plus
+/// `speed` times the time since its run.
+pub struct Cycles {
+    beams: Channels,
+    origins: Channels,
+    firing_times: Vec<f64>,
+    /// With the number of columns up to the end of each.
+    runs: Vec<(usize, Run)>,
+    rate: f64,
+    wait: f64,
+    start: f64,
+    speed: f64,
+}
+
+/// A run of consecutive cycles, a column each: those of a turn or of a facet.
+#[derive(Clone, Copy, Debug)]
+pub struct Run {
+    pub columns: usize,
+    /// The first cycle.
+    pub cycle: f64,
+    /// Whole cycles from the first that the run could have to this one, which starts `late` of a cycle after
+    /// the run.
+    pub since: f64,
+    pub late: f64,
+}
+
+/// Channels whose pulses of one column are computed together.
+const CHANNELS: usize = 16;
+
+/// The coordinates of a vector for each channel, by axis; zeros follow up to a multiple of `CHANNELS`.
+struct Channels([Vec<f64>; 3]);
+
+impl Channels {
+    fn new(vectors: &[Point]) -> Self {
+        Channels([0, 1, 2].map(|axis| {
+            let mut column = memory::collect(vectors.iter().map(|vector| vector[axis]));
+            memory::resize(&mut column, vectors.len().next_multiple_of(CHANNELS), 0.0);
+            column
+        }))
+    }
+}
+
+impl Cycles {
+    /// `beams` and `origins`, if they turn with the head, are of the channels in firing order and of the
+    /// azimuth 0; the firing times are since the start of a cycle. `clock` is the rate and the wait.
+    pub fn new(
+        beams: &[Point],
+        origins: &[Point],
+        firing_times: &[f64],
+        runs: &[Run],
+        [rate, wait]: [f64; 2],
+        [start, speed]: [f64; 2],
+    ) -> Self {
+        let ends = runs.iter().scan(0, |end, run| {
+            *end += run.columns;
+            Some(*end)
+        });
+        let mut with_ends = memory::with_capacity(runs.len());
+        with_ends.extend(ends.zip(runs.iter().copied()));
+        Cycles {
+            beams: Channels::new(beams),
+            origins: Channels::new(origins),
+            firing_times: memory::copy(firing_times),
+            runs: with_ends,
+            rate,
+            wait,
+            start,
+            speed,
+        }
+    }
+
+    pub fn channels(&self) -> usize {
+        self.firing_times.len()
+    }
+
+    /// Whether origins turn with the head.
+    #[cfg(test)]
+    pub(super) fn has_origins(&self) -> bool {
+        !self.origins.0[0].is_empty()
+    }
+
+    /// All columns of all runs.
+    pub fn columns(&self) -> usize {
+        self.runs.last().map_or(0, |(end, _)| *end)
+    }
+
+    /// Writes consecutive columns from `first` on.
+    #[inline(always)]
+    pub(super) fn fire<I: Isa>(&self, first: usize, mut arrays: Arrays) -> bool {
+        let channels = self.channels();
+        let last = first + arrays.directions.len() / channels;
+        let (mut column, mut number) = (first, self.runs.partition_point(|(end, _)| *end <= first));
+        while column < last {
+            let (end, run) = &self.runs[number];
+            let count = LANES.min(last.min(*end) - column);
+            if count > 0 {
+                let (times, azimuths) = self.starts(run, run.columns - (end - column));
+                let some = arrays.split_off(count * channels);
+                put_times(&times, &self.firing_times, some.times);
+                let turn = &sines_and_cosines(&azimuths);
+                put_turned::<I, true>(&self.beams, turn, channels, some.directions);
+                put_turned::<I, false>(&self.origins, turn, channels, some.origins);
+            }
+            column += count;
+            number += usize::from(column == *end);
+        }
+        true
+    }
+
+    /// When cycles of a run from this one on start, and at which azimuths.
+    #[inline(always)]
+    fn starts(&self, run: &Run, first: usize) -> (Lanes, Lanes) {
+        let (mut times, mut azimuths) = ([0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            let number = (first + lane) as f64;
+            times[lane] = (run.cycle + number + self.wait) / self.rate;
+            azimuths[lane] = self.start + self.speed * ((run.since + number + run.late) / self.rate);
+        }
+        (times, azimuths)
+    }
+}
+
+/// Writes the firing times of all channels in some columns.
+#[inline(always)]
+fn put_times(starts: &Lanes, firing_times: &[f64], places: &mut [f64]) {
+    let channels = firing_times.len();
+    if channels < CHANNELS {
+        for (channel, later) in firing_times.iter().enumerate() {
+            for (place, start) in places.iter_mut().skip(channel).step_by(channels).zip(starts) {
+                *place = start + later;
+            }
+        }
+        return;
+    }
+    for (places, start) in places.chunks_exact_mut(channels).zip(starts) {
+        for (place, later) in places.iter_mut().zip(firing_times) {
+            *place = start + later;
+        }
+    }
+}
+
+/// Writes a vector of each channel, turned about z, in some columns, and at unit length if it is one.
+#[inline(always)]
+fn put_turned<I: Isa, const UNIT: bool>(
+    Channels([x, y, z]): &Channels,
+    [sin, cos]: &[Lanes; 2],
+    channels: usize,
+    places: &mut [Point],
+) {
+    if places.is_empty() {
+        return;
+    }
+    // Of few channels the lanes are columns, of many channels.
+    if channels < CHANNELS {
+        let mut vectors = [[0.0; LANES]; 3];
+        for channel in 0..channels {
+            for lane in 0..LANES {
+                let vector = [x[channel], y[channel], z[channel]];
+                set(&mut vectors, lane, turned::<UNIT>(vector, sin[lane], cos[lane]));
+            }
+            put::<I, LANES>(&vectors, channel, channels, places);
+        }
+        return;
+    }
+    let (x, y, z) = (x.as_chunks().0, y.as_chunks().0, z.as_chunks().0);
+    let mut vectors = [[0.0; CHANNELS]; 3];
+    for (column, places) in places.chunks_exact_mut(channels).enumerate() {
+        let (sin, cos) = (sin[column], cos[column]);
+        for (i, places) in places.chunks_mut(CHANNELS).enumerate() {
+            let [x, y, z]: [&[f64; CHANNELS]; 3] = [&x[i], &y[i], &z[i]];
+            for lane in 0..CHANNELS {
+                set(&mut vectors, lane, turned::<UNIT>([x[lane], y[lane], z[lane]], sin, cos));
+            }
+            put::<I, CHANNELS>(&vectors, 0, 1, places);
+        }
+    }
+}
+
+#[inline(always)]
+fn turned<const UNIT: bool>([x, y, z]: Point, sin: f64, cos: f64) -> Point {
+    let vector = [cos * x - sin * y, sin * x + cos * y, z];
+    if UNIT { unit(vector) } else { vector }
+}
