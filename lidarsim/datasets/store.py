@@ -14,7 +14,7 @@ import stat
 import sys
 from collections.abc import Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -146,7 +146,9 @@ class Folder:
     @contextmanager
     def batch(self) -> Iterator[Store]:
         """Yield a store whose files are flushed to disk and moved to their places when the block ends."""
-        with _files.writing(self.root), self._temporary() as folder:
+        with ExitStack() as stack:
+            with _files.writing(self.root):
+                folder = stack.enter_context(self._temporary())
             batch = _Batch(self.root, folder)
             yield batch
             batch.finish()
