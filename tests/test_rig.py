@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import gc
 import pickle
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -349,3 +351,32 @@ def test_imus_and_receivers_are_members() -> None:
 def test_bad_members(sensors: Any, message: str) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
         ls.Rig(sensors)
+
+
+def resident() -> int:
+    """Resident set of this process, bytes."""
+    gc.collect()
+    return psutil.Process().memory_info().rss
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_frames_take_the_memory_of_one(together: bool) -> None:
+    """However many frames are scanned: a sequence of any length takes the memory of a frame."""
+    lidar = ls.Lidar(ls.patterns.Spinning(np.radians(np.linspace(-20, 10, 64)), columns=1000, rate=10.0))
+    drive, frames = ls.Trajectory.from_twist(np.eye(4), linear=(1, 0, 0)), 40
+    each: Iterator[Any]
+    if together:
+        each = (scans["top"] for scans in ls.Rig({"top": (lidar, None)}).frames(street(), drive, frames))
+    else:
+        each = lidar.frames(street(), drive, frames)
+    there = {}
+    for number, scan in enumerate(each):
+        assert len(scan) == 64 * 1000
+        scan.point_cloud(deskew=True)
+        if number in (9, frames - 1):
+            there[number] = resident()
+    arrays = [getattr(of, f.name) for of in (scan, scan.pulses) for f in dataclasses.fields(of)]
+    one = sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+    assert one >= 100 * 64 * 1000
+    # Of 30 frames more, not as much is kept as one has, which would be 4 bytes of each pulse.
+    assert there[frames - 1] - there[9] < one

@@ -18,6 +18,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._validation import integer, shown
@@ -91,14 +92,14 @@ class Made:
 
 def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Made:
     """Make the frames of a shard, then record that it is done."""
-    recipe, files = plan.recipe, Files(plan.store)
+    recipe = plan.recipe
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
     records: list[Record] = []
     sequence, frame, seed = 0, 0, recipe.seed
     made: list[int] = []
     try:
-        with recipe.layout.writer(files, shard) as write:
+        with plan.store.batch() as store, recipe.layout.writer(files := Files(store), shard) as write:
             for sequence, frames in recipe.shard(shard):
                 for step in [range(k, k + 1) for k in frames] if recipe.source.by_frame else [frames]:
                     frame = step[0]
@@ -112,7 +113,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                             records.append(dataclasses.replace(sample.record, extra=write(sample)))
                             values, counts = np.unique(sample.cloud.label, return_counts=True)
                             labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
-                            ranges += np.histogram(sample.cloud.range, RANGES)[0]
+                            ranges += _histogram(sample.cloud.range)
                             points += sample.record.points
                         tell(1, points)
                         made.append(points)
@@ -128,6 +129,12 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
     except Exception as error:  # noqa: BLE001 - any error is reported with its frame
         return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made))
+
+
+def _histogram(ranges: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+    """Return the numbers of ranges between the edges `RANGES`, as `numpy.histogram`, which sorts them, does."""
+    below = [np.count_nonzero(ranges < edge) for edge in RANGES[:-1]]
+    return np.diff([*below, np.count_nonzero(ranges <= RANGES[-1])])
 
 
 def _told(error: BaseException) -> str:

@@ -13,8 +13,9 @@ import shutil
 import stat
 import sys
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, Protocol
@@ -43,6 +44,9 @@ _SCHEME = re.compile(r"(?:[A-Za-z0-9+.-]+::)*([A-Za-z][A-Za-z0-9+.-]+):/")
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f-\x9f\\:\ud800-\udfff]")
 LONGEST_PATH, LONGEST_PART = 1000, 255
 
+SYNCS = 8
+"""Files flushed to disk at a time: one flush of the disk's cache then serves several."""
+
 
 class Store(Protocol):
     """Files by name; it can be pickled."""
@@ -55,6 +59,9 @@ class Store(Protocol):
 
     def writing(self, name: str) -> AbstractContextManager[Path]:
         """Yield the path of a local file, which becomes the file `name` when the block ends without an error."""
+
+    def batch(self) -> AbstractContextManager[Store]:
+        """Yield a store for writing, whose files may get their names only when the block ends without an error."""
 
     def open(self, name: str) -> BinaryIO:
         """Open a regular file for reading; `FileNotFoundError` if it does not exist."""
@@ -137,14 +144,29 @@ class Folder:
             return True
 
     @contextmanager
+    def batch(self) -> Iterator[Store]:
+        """Yield a store whose files are flushed to disk and moved to their places when the block ends."""
+        with ExitStack() as stack:
+            with _files.writing(self.root):
+                folder = stack.enter_context(self._temporary())
+            batch = _Batch(self.root, folder)
+            yield batch
+            batch.finish()
+
+    @contextmanager
     def _written(self, name: str) -> Iterator[tuple[Path, Path]]:
         """Yield the paths of a temporary file and of the file `name`, whose folder is created."""
         target = self._path(name)
-        with _files.writing(target):
-            self.root.mkdir(parents=True, exist_ok=True)
-            with _files.temporary_folder(self.root, TEMPORARY) as folder, _locked(folder / LOCK, "xb"):
-                target.parent.mkdir(parents=True, exist_ok=True)
-                yield folder / "written", target
+        with _files.writing(target), self._temporary() as folder:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            yield folder / "written", target
+
+    @contextmanager
+    def _temporary(self) -> Iterator[Path]:
+        """Make a temporary folder for the block, with its lock."""
+        self.root.mkdir(parents=True, exist_ok=True)
+        with _files.temporary_folder(self.root, TEMPORARY) as folder, _locked(folder / LOCK, "xb"):
+            yield folder
 
     def _path(self, name: str) -> Path:
         """Return the path of a file after checking that its folder is in the data set."""
@@ -213,6 +235,43 @@ class Folder:
 
     def __str__(self) -> str:
         return str(self.root)
+
+
+@dataclass(frozen=True)
+class _Batch(Folder):
+    """A folder whose new files stay in a temporary folder until all are written.
+
+    Flushing them together takes a fraction of the time of one after the other, and one temporary folder serves all.
+    """
+
+    temporary: Path
+    files: list[tuple[Path, Path]] = field(default_factory=list)
+    """Path of each file, and the path that it gets."""
+
+    @contextmanager
+    def writing(self, name: str) -> Iterator[Path]:
+        """Yield the path of a local file to write."""
+        target = self._path(name)
+        with _files.writing(target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path = self.temporary / f"{len(self.files)}"
+            self.files.append((path, target))
+            yield path
+
+    def finish(self) -> None:
+        """Flush the files to disk, and then give them their names."""
+        with ThreadPoolExecutor(SYNCS) as pool:
+            for _ in pool.map(self._sync, self.files):
+                pass
+        for path, target in self.files:
+            with _files.writing(target):
+                path.replace(target)
+
+    @staticmethod
+    def _sync(file: tuple[Path, Path]) -> None:
+        path, target = file
+        with _files.writing(target):
+            _files.sync(path)
 
 
 def _is_empty_folder(path: Path) -> bool:
@@ -305,6 +364,11 @@ class Remote:
             yield local
             with self._problems():
                 filesystem.put_file(str(local), path)
+
+    @contextmanager
+    def batch(self) -> Iterator[Store]:
+        """Yield this store: one put makes a file, whatever happens to others."""
+        yield self
 
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading."""

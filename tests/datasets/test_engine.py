@@ -372,6 +372,15 @@ def test_a_full_disk(recipe: Path, tmp_path: Path, tree: Tree, layout: str, caps
     assert tree(out) == tree(tmp_path / "one")
 
 
+def test_ranges_are_counted_as_numpy_does() -> None:
+    edges = np.array(engine.RANGES)
+    near = np.concatenate([edges, np.nextafter(edges, -np.inf), np.nextafter(edges, np.inf), [-3.0]])
+    for ranges in (near, near[:0], np.random.default_rng(1).exponential(20.0, 10_000)):
+        expected, given = np.histogram(ranges, edges)
+        assert (given == edges).all()
+        assert engine._histogram(ranges).tolist() == expected.tolist()
+
+
 def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def run(*arguments: object) -> tuple[object, str]:
         with pytest.raises(SystemExit) as ended:

@@ -58,6 +58,7 @@ RECIPE = {
         ],
     },
 }
+CONFIGS = Path(__file__).parents[2] / "configs"
 SEQUENCES = range(8)
 
 
@@ -347,6 +348,32 @@ def test_outlines_that_are_points_are_apart_only_where_they_are() -> None:
         assert not point.apart(outline, 0.0)
     assert there.apart(point, 1.0)
     assert point.apart(there, 1.0)
+
+
+def test_places_do_not_depend_on_how_many_are_tried_at_once(recipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One at a time is what the description says: the first place that has room."""
+    streets = CONFIGS / "recipes" / "street.yaml"
+    cases = [(recipe, 1, ("scatter.cars.count=40",)), (recipe, 2, ("scatter.boxes.tilt=true",)), (streets, 0, ())]
+    tried: list[int] = []
+    monkeypatch.setattr(
+        scattering, "_stand", lambda *_, of=scattering._stand, **more: tried.append(len(_[0])) or of(*_, **more)
+    )
+    for path, sequence, changes in cases:
+        found = []
+        for more in (scattering.MORE, 1):
+            monkeypatch.setattr(scattering, "MORE", more)
+            tried.clear()
+            placed.cache_clear()
+            found.append(placed(path, sequence, *changes)[1])
+            assert (max(tried) > 1) == (more > 1)
+        assert len(found[0]) > 5
+        for one, other in zip(*found, strict=True):
+            assert (one.group, one.index, one.scale) == (other.group, other.index, other.scale)
+            assert poses_of(one).tobytes() == poses_of(other).tobytes()
+
+
+def poses_of(item: Placed) -> npt.NDArray[np.float64]:
+    return item.motion.poses.as_matrix() if isinstance(item.motion, ls.Trajectory) else item.motion
 
 
 def test_a_group_ends_when_there_is_no_room(recipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:

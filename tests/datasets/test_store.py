@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 import lidarsim as ls
+from lidarsim import _files
 from lidarsim.datasets.store import Folder, Store, open_store
 from lidarsim.errors import LidarsimError
 
@@ -70,6 +71,57 @@ def test_a_failed_put_leaves_nothing(bucket: str) -> None:
     assert store.names("a") == {"b.bin"}
     store.remove("a", ["b.bin", "none.bin"])
     assert store.names("a") == set()
+
+
+def test_files_of_a_batch_are_on_disk_before_one_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [f"a/{number}" for number in range(20)]
+    flushed: list[bytes] = []
+
+    def sync(path: Path, real: Callable[[Path], None] = _files.sync) -> None:
+        assert not any((tmp_path / name).exists() for name in names)
+        real(path)
+        flushed.append(path.read_bytes())
+
+    monkeypatch.setattr(_files, "sync", sync)
+    with open_store(tmp_path).batch() as store:
+        for name in names[1:]:
+            store.write(name, name.encode())
+        with store.writing(names[0]) as path:
+            path.write_bytes(names[0].encode())
+        assert not flushed
+    assert sorted(flushed) == sorted(name.encode() for name in names)
+    assert {name: (tmp_path / name).read_bytes() for name in names} == {name: name.encode() for name in names}
+    assert {path.name for path in tmp_path.iterdir()} == {"a"}
+
+
+@pytest.mark.parametrize("fails", ["write", "sync"])
+def test_a_batch_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
+    def refuse(path: Path) -> None:
+        if path.read_bytes() == b"3":
+            raise OSError(28, "No space left on device")
+
+    def write(store: Store) -> None:
+        for number in range(5):
+            store.write(f"a/{number}", str(number).encode())
+            if fails == "write" and number == 3:
+                raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(_files, "sync", refuse)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a/0").write_bytes(b"before")
+    with pytest.raises(OSError, match="a/3: .*No space left" if fails == "sync" else "No space left"):  # noqa: SIM117
+        with open_store(tmp_path).batch() as store:
+            write(store)
+    assert {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")} == {"a", "a/0"}
+    assert (tmp_path / "a/0").read_bytes() == b"before"
+
+
+def test_a_batch_stays_in_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/a").symlink_to(tmp_path)
+    with open_store(tmp_path / "out").batch() as store, pytest.raises(LidarsimError, match="inside of the data set"):
+        store.write("a/b", b"")
+    assert not (tmp_path / "b").exists()
 
 
 def test_one_of_many_creates_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from lidarsim._validation import Floats
@@ -30,6 +31,9 @@ __all__ = ["Placed", "Scatter", "scatter"]
 
 TRIES = 200
 """Number of places tried for an object."""
+
+MORE = 4
+"""How many times as many places are tried at once as before, after none of those had room."""
 
 FULL = 50
 """Number of consecutive objects without room after which the rest of their group is left out."""
@@ -236,6 +240,7 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
         sensor = _sensor(run, times, group.clear_m)
         things: dict[int, Thing] = {}
         missed = 0
+        apart = partial(_apart, [(sensor, 0.0), (obstacles, 0.0), (others, group.gap_m)])
         for number in range(int(group.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))):
             stream = Stream(seed, f"scatter.{name}.{number}", sequence)
             index = stream.integer(0, len(group.objects) - 1)
@@ -245,22 +250,18 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
             way = Way(group, stream, times, there)
             phase = Stream(seed, f"scatter.{name}.{number}.phase", sequence).unit()
             swing = things[index].swing(scale, way, phase, there)
-            for _ in range(TRIES):
-                poses = way.poses(stream)
-                outline = None if poses is None else _stand(poses, swing, ground, tilt=group.tilt)
-                if poses is None or outline is None:
-                    continue
-                if sensor.apart(outline, 0) and obstacles.apart(outline, 0) and others.apart(outline, group.gap_m):
-                    motion = Trajectory(times, poses) if way.moves else poses[0]
-                    parts = things[index].placed(scale, swing, motion, times[0])
-                    placed.append(Placed(name, index, scale, motion, parts))
-                    others.add(outline)
-                    missed = 0
-                    break
-            else:
+            found = _place(way, stream, swing, ground, tilt=group.tilt, apart=apart)
+            if found is None:
                 missed += 1
                 if missed == FULL:
                     break
+                continue
+            missed = 0
+            poses, outline = found
+            motion = Trajectory(times, poses) if way.moves else poses[0]
+            parts = things[index].placed(scale, swing, motion, times[0])
+            placed.append(Placed(name, index, scale, motion, parts))
+            others.add(outline)
     return placed
 
 
@@ -276,8 +277,36 @@ def _moments(start: float, stop: float, run: Run, groups: Iterable[Scatter], pla
     return np.append(np.arange(start, stop, STEP), stop)
 
 
-def _stand(poses: Floats, swing: Swing, ground: Scene, *, tilt: bool) -> Outline | None:
-    """Put poses on the ground, and return the outline of the object; None if part of it is off the ground.
+def _place(
+    way: Way,
+    stream: Stream,
+    swing: Swing,
+    ground: Scene,
+    apart: Callable[[Outline], npt.NDArray[np.bool_]],
+    *,
+    tilt: bool,
+) -> tuple[Floats, Outline] | None:
+    """Return the poses and the outline of an object at the first of `TRIES` places with room for it; None if none has.
+
+    Places are tried several at a time, more the longer it takes.
+    """
+    tried, count = 0, 1
+    while tried < TRIES:
+        count = min(count, TRIES - tried)
+        drawn = [way.poses(stream) for _ in range(count)]
+        starts = np.array([poses for poses in drawn if poses is not None])
+        if not len(starts):
+            return None
+        poses, outline = _stand(starts, swing, ground, tilt=tilt)
+        free = np.flatnonzero(apart(outline))
+        if len(free):
+            return poses[free[0]], outline.at(free[0])
+        tried, count = tried + count, count * MORE
+    return None
+
+
+def _stand(poses: Floats, swing: Swing, ground: Scene, *, tilt: bool) -> tuple[Floats, Outline]:
+    """Return the poses, (m, k, 4, 4), of those places where all of an object is on the ground, and its outline there.
 
     An upright object stands at the greatest height of the ground under its middle and corners. One that tilts is
     parallel to the plane that fits the heights under its corners best, and as far above it as the highest of the five
@@ -285,24 +314,33 @@ def _stand(poses: Floats, swing: Swing, ground: Scene, *, tilt: bool) -> Outline
     """
     (x0, y0, low), (x1, y1, high) = swing.bounds
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-    plan = np.einsum("kij,cj->kci", poses[:, :2, :2], corners) + poses[:, None, :2, 3]
-    under = np.concatenate([plan, plan.mean(axis=1, keepdims=True)], axis=1)
-    origins = np.concatenate([under, np.full((*under.shape[:2], 1), TOP)], axis=2).reshape(-1, 3)
-    height = TOP - ground.cast(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)).t.reshape(under.shape[:2])
-    if not np.isfinite(height).all():
-        return None
+    plan = np.einsum("mkij,cj->mkci", poses[..., :2, :2], corners) + poses[..., None, :2, 3]
+    under = np.concatenate([plan, plan.mean(axis=2, keepdims=True)], axis=2)
+    origins = np.concatenate([under, np.full((*under.shape[:3], 1), TOP)], axis=3).reshape(-1, 3)
+    height = TOP - ground.cast(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)).t.reshape(under.shape[:3])
+    is_there = np.isfinite(height).all(axis=(1, 2))
+    poses, plan, height = poses[is_there], plan[is_there], height[is_there]
     if tilt:
-        _tilted(poses, corners, height, low)
+        _tilted(poses.reshape(-1, 4, 4), corners, height.reshape(-1, 5), low)
         outline = _solid(poses, np.array([[x, y, z] for z in (low, high) for x, y in corners]))
         turns = turns_of(poses)
     else:
-        poses[:, 2, 3] = height.max(axis=1) - low
-        turns = np.diff(np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])))
+        poses[..., 2, 3] = height.max(axis=2) - low
+        turns = np.diff(np.unwrap(np.arctan2(poses[..., 1, 0], poses[..., 0, 0])))
         bulge = bulge_of(np.linalg.norm(corners, axis=1).max(), turns)
-        heights = poses[:, 2, 3].min() + low, poses[:, 2, 3].max() + high
+        heights = poses[..., 2, 3].min(axis=1) + low, poses[..., 2, 3].max(axis=1) + high
         outline = Outline(steps(plan), *heights, bulge)
-    more = swing.bulge(float(np.abs(turns).max(initial=0.0)))
-    return replace(outline, low=outline.low - more, high=outline.high + more, bulge=outline.bulge + more)
+    more = swing.bulge(np.abs(turns).max(axis=1, initial=0.0))
+    return poses, replace(outline, low=outline.low - more, high=outline.high + more, bulge=outline.bulge + more)
+
+
+def _apart(others: Iterable[tuple[Obstacles, float]], outline: Outline) -> npt.NDArray[np.bool_]:
+    """Return at which places an object keeps the gaps from all others."""
+    free = np.ones(len(outline.corners), bool)
+    for obstacles, gap in others:
+        there = np.flatnonzero(free)
+        free[there] = obstacles.apart(outline.at(there), gap)
+    return free
 
 
 def _tilted(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
@@ -351,10 +389,11 @@ def _obstacle(item: SceneObject, times: Floats) -> Outline:
 
 
 def _solid(poses: Floats, solid: Floats) -> Outline:
-    """Return the outline of a solid with these corners, (8, 3), the lower four first, at poses of shape (k, 4, 4)."""
-    body = np.einsum("kij,cj->kci", poses[:, :3, :3], solid) + poses[:, None, :3, 3]
+    """Return the outline of a solid with these corners, (8, 3), the lower four first, at poses, (…, k, 4, 4)."""
+    body = np.einsum("...ij,cj->...ci", poses[..., :3, :3], solid) + poses[..., None, :3, 3]
     bulge = bulge_of(np.linalg.norm(solid, axis=1).max(), turns_of(poses))
-    return Outline(steps(body[:, :, :2]), body[:, :, 2].min() - bulge, body[:, :, 2].max() + bulge, bulge)
+    heights = body[..., 2].min(axis=(-2, -1)) - bulge, body[..., 2].max(axis=(-2, -1)) + bulge
+    return Outline(steps(body[..., :2]), *heights, bulge)
 
 
 def _sensor(run: Run, times: Floats, clear: float) -> Obstacles:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._validation import Floats
 
@@ -26,56 +27,71 @@ __all__ = ["Obstacles", "Outline", "bulge_of", "steps", "turns_of"]
 class Outline:
     """Outline of an object in the xy plane in each step of a sequence, and its heights.
 
+    All attributes may have a further axis in front, for an object at each of m places, and so have the results.
+
     Attributes
     ----------
     corners : ndarray of float64, shape (k, n, 2)
         Corners of its plan at both ends of each step, m, of which the first three span its sides; once (k = 1) for a
         static object.
-    low, high : float
+    low, high : float or ndarray of float64
         Least and greatest height, m.
-    bulge : float
+    bulge : float or ndarray of float64
         Greatest distance beyond the hull of the corners during a step, m.
     """
 
     corners: Floats
-    low: float
-    high: float
-    bulge: float = 0.0
+    low: float | Floats
+    high: float | Floats
+    bulge: float | Floats = 0.0
 
     @cached_property
     def box(self) -> Floats:
         """Least and greatest coordinates at any time, shape (2, 3)."""
-        low, high = self.corners.min(axis=(0, 1)) - self.bulge, self.corners.max(axis=(0, 1)) + self.bulge
-        return np.array([[*low, self.low], [*high, self.high]])
+        bulge = np.asarray(self.bulge)[..., None]
+        box = np.empty((*self.corners.shape[:-3], 2, 3))
+        box[..., 0, :2], box[..., 0, 2] = self.corners.min(axis=(-3, -2)) - bulge, self.low
+        box[..., 1, :2], box[..., 1, 2] = self.corners.max(axis=(-3, -2)) + bulge, self.high
+        return box
 
-    def apart(self, other: Outline, gap: float) -> bool:
+    def at(self, places: int | npt.NDArray[np.intp]) -> Outline:
+        """Return the outline at one or some of several places."""
+        parts = (np.asarray(part)[places] for part in (self.corners, self.low, self.high, self.bulge))
+        return Outline(*parts)
+
+    def apart(self, other: Outline, gap: float) -> npt.NDArray[np.bool_] | np.bool_:
         """Return whether two outlines keep the gap at all times: whether a line separates them in each step."""
-        count = max(len(self.corners), len(other.corners))
-        both = [np.broadcast_to(corners, (count, *corners.shape[1:])) for corners in (self.corners, other.corners)]
-        axes = np.concatenate([np.diff(corners[:, :3], axis=1) for corners in both], axis=1)
+        shape = np.broadcast_shapes(self.corners.shape[:-2], other.corners.shape[:-2])
+        both = [np.broadcast_to(corners, (*shape, *corners.shape[-2:])) for corners in (self.corners, other.corners)]
+        axes = np.concatenate([np.diff(corners[..., :3, :], axis=-2) for corners in both], axis=-2)
         # Far away, corners may coincide and give a zero axis; on overflow, no axis separates the outlines.
         with np.errstate(over="ignore", invalid="ignore"):
-            lengths = np.linalg.norm(axes, axis=2, keepdims=True)
+            lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
             axes = axes / np.where(lengths > 0, lengths, 1.0)
-            mine, its = (np.einsum("kai,kci->kac", axes, corners) for corners in both)
-            free = np.maximum(mine.min(2) - its.max(2), its.min(2) - mine.max(2))
-        free = np.where(lengths[:, :, 0] > 0, free, -np.inf).max(1)
-        return bool((free >= gap + self.bulge + other.bulge).all())
+            mine, its = (np.einsum("...ai,...ci->...ac", axes, corners) for corners in both)
+            free = np.maximum(mine.min(-1) - its.max(-1), its.min(-1) - mine.max(-1))
+        free = np.where(lengths[..., 0] > 0, free, -np.inf).max(-1)
+        room = gap + np.asarray(self.bulge) + np.asarray(other.bulge)
+        result: npt.NDArray[np.bool_] | np.bool_ = (free >= room[..., None]).all(axis=-1)
+        return result
 
 
 def steps(corners: Floats) -> Floats:
-    """Return the corners at both ends of each step, given those at each moment."""
-    return corners if len(corners) == 1 else np.concatenate([corners[:-1], corners[1:]], axis=1)
+    """Return the corners at both ends of each step, given those at each moment, in an array of shape (…, k, n, 2)."""
+    if corners.shape[-3] == 1:
+        return corners
+    return np.concatenate([corners[..., :-1, :, :], corners[..., 1:, :, :]], axis=-2)
 
 
-def bulge_of(radius: float, turns: Floats) -> float:
+def bulge_of(radius: float, turns: Floats) -> Floats:
     """Return how far a point at `radius` from the origin is beyond the hull if the steps turn by `turns`, rad."""
-    return float(radius * (1.0 - np.cos(np.max(np.abs(turns), initial=0.0) / 2.0)))
+    bulge: Floats = radius * (1.0 - np.cos(np.max(np.abs(turns), axis=-1, initial=0.0) / 2.0))
+    return bulge
 
 
 def turns_of(poses: Floats) -> Floats:
     """Return the angle from each pose to the next, rad: 2 asin(|R₁ - R₀| / √8) with Frobenius' norm."""
-    change = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(8.0)
+    change = np.linalg.norm(np.diff(poses[..., :3, :3], axis=-3), axis=(-2, -1)) / np.sqrt(8.0)
     turns: Floats = 2.0 * np.arcsin(np.minimum(change, 1.0))
     return turns
 
@@ -92,8 +108,13 @@ class Obstacles:
         self.outlines.append(outline)
         self.boxes = np.concatenate([self.boxes, outline.box[None]])
 
-    def apart(self, outline: Outline, gap: float) -> bool:
-        """Return whether an outline keeps the gap from all obstacles."""
-        room = np.array([gap, gap, 0.0])
-        free = (self.boxes[:, 0] >= outline.box[1] + room) | (outline.box[0] >= self.boxes[:, 1] + room)
-        return all(self.outlines[index].apart(outline, gap) for index in np.flatnonzero(~free.any(axis=1)))
+    def apart(self, outline: Outline, gap: float) -> npt.NDArray[np.bool_]:
+        """Return at which of m places an object keeps the gap from all obstacles, shape (m,)."""
+        room, box = np.array([gap, gap, 0.0]), outline.box[:, None]
+        near = ~((self.boxes[:, 0] >= box[:, :, 1] + room) | (box[:, :, 0] >= self.boxes[:, 1] + room)).any(axis=2)
+        free = np.ones(len(near), bool)
+        for index in np.flatnonzero(near.any(axis=0)):
+            places = np.flatnonzero(near[:, index] & free)
+            if len(places):
+                free[places] = self.outlines[index].apart(outline.at(places), gap)
+        return free

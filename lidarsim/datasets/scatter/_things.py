@@ -129,13 +129,14 @@ class Swing:
     bounds: Floats
     reach: list[tuple[float, float]] = field(default_factory=list)
 
-    def bulge(self, turn: float) -> float:
-        """Return how far a part may be beyond the outline of its thing, of which a step turns by at most `turn`.
+    def bulge(self, turn: Floats) -> Floats:
+        """Return how far a part may be beyond the outline of its thing, of which a step turns by at most `turn`, (m,).
 
         Between two of its poses a part stays within its own bulge of the segments between their corners (see
         `_outlines`). Both ends of these are in the outline of the thing, which is convex. So the bulges add.
         """
-        return max((bulge_of(far, np.array([own + turn / self.per_step])) for far, own in self.reach), default=0.0)
+        bulges = [bulge_of(far, (own + turn / self.per_step)[:, None]) for far, own in self.reach]
+        return np.max(bulges, axis=0, initial=0.0) if bulges else np.zeros(len(turn))
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,25 +76,30 @@ class Path:
     ----------
     length : float
         Length, m.
+    tangents : ndarray of float64, shape (k - 1, 2)
+        Direction of each piece, of unit length.
     """
 
     def __init__(self, points: Floats) -> None:
         self.points = points
-        self.lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        sides = np.diff(points, axis=0)
+        self.lengths = np.linalg.norm(sides, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a spline through points too near to each other
+            self.tangents = sides / self.lengths[:, None]
         self.ends = np.concatenate([[0.0], np.cumsum(self.lengths)])
         self.length = float(self.lengths.sum())
 
     def at(self, way: Floats) -> tuple[Floats, Floats]:
         """Return positions and tangents, each of shape (k, 2), at distances from the start."""
-        piece = np.clip(np.searchsorted(self.ends, way, side="right") - 1, 0, len(self.lengths) - 1)
-        tangent = (np.diff(self.points, axis=0) / self.lengths[:, None])[piece]
+        piece = np.minimum(np.maximum(np.searchsorted(self.ends, way, side="right") - 1, 0), len(self.lengths) - 1)
+        tangent = self.tangents[piece]
         return self.points[piece] + (way - self.ends[piece])[:, None] * tangent, tangent
 
     def beside(self, offset: float) -> Path | None:
         """Return the path at a distance to its left, mitred at its corners; None if a bend is too tight for that."""
         if not offset:
             return self
-        tangents = np.diff(self.points, axis=0) / self.lengths[:, None]
+        tangents = self.tangents
         before, after = np.concatenate([tangents[:1], tangents]), np.concatenate([tangents, tangents[-1:]])
         # The corner of two parallels at distance d, with the unit tangents t and u: d (t + u)⊥ / (1 + t·u).
         cosine = (before * after).sum(axis=1)
