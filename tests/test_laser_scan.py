@@ -90,7 +90,7 @@ def test_what_has_no_return_is_infinite_and_what_is_too_near_minus_infinite() ->
         (ls.patterns.Grid([0.0, 0.1, 0.3], [0.0], rate=10.0), "equal steps of azimuth, got beam 1 of 3 off by"),
         (
             ls.patterns.Spinning([0.0], columns=20, beam_origins=[(0, 0, 0.1)]),
-            r"from its middle, got pulse 0 from \[-0.0, 0.0, 0.1\]",
+            r"from its middle, got pulse 0 from \[0.0, 0.0, 0.1\]",
         ),
     ],
 )

@@ -106,7 +106,7 @@ def test_what_is_published(published: list[tuple[str, Any]], tmp_path: Path, mon
             points = given[name].point_cloud()
             assert (cloud.header.frame_id, cloud.height, cloud.width) == (name, 1, len(points))
             assert len(cloud.data) == cloud.row_step == cloud.width * cloud.point_step
-            kinds = {7: "<f4", 8: "<f8", 4: "<u2"}  # constants of sensor_msgs/msg/PointField
+            kinds = {7: "<f4", 8: "<f8", 4: "<u2", 2: "u1"}  # constants of sensor_msgs/msg/PointField
             dtype = np.dtype(
                 {
                     "names": [field.name for field in cloud.fields],
@@ -119,10 +119,8 @@ def test_what_is_published(published: list[tuple[str, Any]], tmp_path: Path, mon
             order = np.argsort(points.time, kind="stable")
             for axis, column in enumerate("xyz"):
                 np.testing.assert_array_equal(records[column], points.xyz[order, axis].astype(np.float32))
-            np.testing.assert_array_equal(records["ring"], points.ring[order])
-            if (
-                name == "top"
-            ):  # Hesai's times are absolute; a float64 near 1 is rounded to 2^-53 of it, each ns is exact
+            np.testing.assert_array_equal(records["ring" if name == "top" else "line"], points.ring[order])
+            if name == "top":  # Hesai's times are absolute; a float64 near 1 is rounded to 2^-53, each ns is exact
                 since = records["timestamp"] - nanoseconds(cloud.header.stamp) / 1e9
                 np.testing.assert_allclose(since, points.time[order], rtol=0, atol=1e-9)
     moved = [link.transform.translation.x for message in by_topic["/tf"] for link in message.transforms]

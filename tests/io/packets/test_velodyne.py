@@ -569,8 +569,8 @@ def changed(model: str = "velodyne-vlp16", **changes: object) -> ls.Lidar:
             "firing_times: expected 2.304 µs for ring 8 of velodyne-vlp16, got 0 µs",
         ),
         (
-            lambda: sensor("velodyne-vlp16", elevations=np.radians(np.linspace(-10, 10, 16))),
-            "got -10° and 0° in ring 0",
+            lambda: sensor("velodyne-vlp16", elevations=np.radians(np.linspace(-7.5, 7.5, 16))),
+            "got -7.5° and 0° in ring 0",
         ),
         (
             lambda: sensor("velodyne-vlp16", 2),
