@@ -260,9 +260,13 @@ class _Batch(Folder):
 
     def finish(self) -> None:
         """Flush the files to disk, and then give them their names."""
-        with ThreadPoolExecutor(SYNCS) as pool:
-            for _ in pool.map(self._sync, self.files):
-                pass
+        try:
+            with ThreadPoolExecutor(SYNCS) as pool:
+                for _ in pool.map(self._sync, self.files):
+                    pass
+        except RuntimeError:  # while the interpreter ends, as after Ctrl-C, no thread can be started
+            for file in self.files:
+                self._sync(file)
         for path, target in self.files:
             with _files.writing(target):
                 path.replace(target)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -114,6 +116,25 @@ def test_a_batch_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
             write(store)
     assert {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")} == {"a", "a/0"}
     assert (tmp_path / "a/0").read_bytes() == b"before"
+
+
+AT_THE_END = """
+import atexit, sys
+from concurrent.futures import thread  # its exit handler runs before that of atexit
+from lidarsim.datasets.store import open_store
+
+def write():
+    with open_store(sys.argv[1]).batch() as store:
+        store.write("a", b"last")
+
+atexit.register(write)
+"""
+
+
+def test_a_batch_is_written_while_the_interpreter_ends(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", AT_THE_END, str(tmp_path)], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert (tmp_path / "a").read_bytes() == b"last"
 
 
 def test_a_batch_stays_in_its_folder(tmp_path: Path) -> None:
