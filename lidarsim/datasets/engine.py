@@ -267,8 +267,8 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
     if workers is not None:
         integer("--workers", workers, at_least=1)
     distributed = import_extra("distributed", "cluster", "a cluster")
-    # Each has its own level. An interrupt may come before distributed has the future that it then cancels, which the loop
-    # of tornado reports.
+    # Each has its own level. An interrupt may come before distributed has the future that it then cancels, which the
+    # loop of tornado reports.
     for name in ("distributed", "distributed.client", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # lidarsim's own errors report it once
     if scheduler is not None:
