@@ -10,13 +10,22 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _validation
-from lidarsim._files import PathLike, atomic_writer
+from lidarsim._files import PathLike
 from lidarsim._georeference import Georeference
 from lidarsim._pickling import Value
 from lidarsim._validation import Floats
 from lidarsim.errors import ArgumentTypeError
-from lidarsim.imu import RECEIVER, Samples, gauss_markov, noise_bits, sample_times, sensor_name
-from lidarsim.trajectory import LineReader, Trajectory, numbers, sigmas_of_axes
+from lidarsim.imu import (
+    RECEIVER,
+    Samples,
+    gauss_markov,
+    load_rows,
+    noise_bits,
+    sample_times,
+    save_rows,
+    sensor_name,
+)
+from lidarsim.trajectory import Trajectory, sigmas_of_axes
 
 if TYPE_CHECKING:
     from lidarsim._validation import Transform
@@ -173,12 +182,7 @@ class GnssFixes(Samples):
             If the file cannot be written.
         """
         columns = np.degrees(self.latitude), np.degrees(self.longitude), self.altitude
-        with atomic_writer(path) as file:
-            file.write(f"{HEADER}\n".encode("ascii"))
-            file.writelines(
-                f"{round(time * 1e9)},{','.join(map(repr, row))}\n".encode("ascii")
-                for time, row in zip(self.time.tolist(), np.column_stack(columns).tolist(), strict=True)
-            )
+        save_rows(path, HEADER, self.time, np.column_stack(columns))
 
     @classmethod
     def load(cls, path: PathLike) -> GnssFixes:
@@ -199,11 +203,6 @@ class GnssFixes(Samples):
         FileFormatError
             If the file cannot be read or a line is not of the format; the message names the line.
         """
-        lines = LineReader(path)
-        with lines.refusals():
-            table = np.array([numbers(line.split(","), 4) for line in lines]).reshape(-1, 4)
-            if not len(table):
-                raise ValueError("expected fixes of a GNSS receiver, got none")
-        times = lines.rising(table[:, 0] / 1e9)
-        latitude, longitude = np.radians(table[:, 1:3].T)
-        return cls(times, latitude, longitude, table[:, 3].copy())
+        times, table = load_rows(path, 3, "fixes of a GNSS receiver")
+        latitude, longitude = np.radians(table[:, :2].T)
+        return cls(times, latitude, longitude, table[:, 2].copy())

@@ -412,13 +412,7 @@ class ImuSamples(Samples):
         OSError
             If the file cannot be written.
         """
-        rows = np.hstack([self.angular_rate, self.specific_force]).tolist()
-        with atomic_writer(path) as file:
-            file.write(f"{HEADER}\n".encode("ascii"))
-            file.writelines(
-                f"{round(time * 1e9)},{','.join(map(repr, row))}\n".encode("ascii")
-                for time, row in zip(self.time.tolist(), rows, strict=True)
-            )
+        save_rows(path, HEADER, self.time, np.hstack([self.angular_rate, self.specific_force]))
 
     @classmethod
     def load(cls, path: PathLike) -> ImuSamples:
@@ -439,10 +433,25 @@ class ImuSamples(Samples):
         FileFormatError
             If the file cannot be read or a line is not of the format; the message names the line.
         """
-        lines = LineReader(path)
-        with lines.refusals():
-            table = np.array([numbers(line.split(","), 7) for line in lines]).reshape(-1, 7)
-            if not len(table):
-                raise ValueError("expected samples of an IMU, got none")
-        times = lines.rising(table[:, 0] / 1e9)
-        return cls(times, np.ascontiguousarray(table[:, 1:4]), np.ascontiguousarray(table[:, 4:]))
+        times, table = load_rows(path, 6, "samples of an IMU")
+        return cls(times, np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 3:]))
+
+
+def save_rows(path: PathLike, header: str, times: Floats, table: Floats) -> None:
+    """Write a CSV file: a header, then per row its time, in whole ns, and the numbers of `table`, (n, columns)."""
+    with atomic_writer(path) as file:
+        file.write(f"{header}\n".encode("ascii"))
+        file.writelines(
+            f"{round(time * 1e9)},{','.join(map(repr, row))}\n".encode("ascii")
+            for time, row in zip(times.tolist(), table.tolist(), strict=True)
+        )
+
+
+def load_rows(path: PathLike, columns: int, what: str) -> tuple[Floats, Floats]:
+    """Return the times, s, (n,), and the table, (n, columns), of a file that `save_rows` writes."""
+    lines = LineReader(path)
+    with lines.refusals():
+        table = np.array([numbers(line.split(","), columns + 1) for line in lines]).reshape(-1, columns + 1)
+        if not len(table):
+            raise ValueError(f"expected {what}, got none")
+    return lines.rising(table[:, 0] / 1e9), table[:, 1:]

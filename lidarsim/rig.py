@@ -113,7 +113,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
             other = names.setdefault(sensor_id(name), name)
             if other != name:
                 raise ArgumentValueError(
-                    "sensors", "names of different CRC-32, by which noise is drawn", f"{other!r} and {name!r}"
+                    "sensors", "names that do not collide (CRC-32)", f"{other!r} and {name!r}", "rename one"
                 )
 
     @property

@@ -245,7 +245,7 @@ def test_copies_of_rigs_scan_alike(again: Callable[[ls.Rig], ls.Rig]) -> None:
         (  # two names of the same CRC-32
             {"plumless": (sensor(), None), "top": (sensor(), TOP), "buckeroo": (sensor(), LEFT)},
             ValueError,
-            "sensors: expected names of different CRC-32, by which noise is drawn, got 'plumless' and 'buckeroo'",
+            "sensors: expected names that do not collide (CRC-32), got 'plumless' and 'buckeroo'; rename one",
         ),
         ({"a": (sensor(), None, "1 s")}, TypeError, "sensors['a'], offset: expected a finite number, got '1 s'"),
     ],
@@ -344,7 +344,7 @@ def test_imus_and_receivers_are_members() -> None:
         ({"a": (ls.Imu(100.0), np.zeros((4, 4)))}, "sensors['a'], mount: expected a last row of"),
         (
             {"plumless": (sensor(), None), "buckeroo": (ls.Imu(100.0), None)},
-            "sensors: expected names of different CRC-32, by which noise is drawn, got 'plumless' and 'buckeroo'",
+            "sensors: expected names that do not collide (CRC-32), got 'plumless' and 'buckeroo'; rename one",
         ),
     ],
 )

@@ -14,13 +14,7 @@ from typing import TYPE_CHECKING, Self
 
 from lidarsim._files import PathLike, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
-from lidarsim.io.packets import (  # each vendor's module registers itself
-    _pcap,
-    hesai,  # noqa: F401
-    livox,  # noqa: F401
-    ouster,  # noqa: F401
-    velodyne,  # noqa: F401
-)
+from lidarsim.io.packets import _pcap, hesai, livox, ouster, velodyne  # noqa: F401 - each vendor registers itself
 from lidarsim.io.packets._encoders import START, companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register, variants
 from lidarsim.io.packets._merged import Merged

@@ -62,7 +62,7 @@ LOCKED = 2
 
 
 class Model(NamedTuple):
-    """What the packets of a model differ in."""
+    """The facts of the packets of a model."""
 
     name: str
     product: int

@@ -28,7 +28,7 @@ pub trait Kernels: Sync {
     /// Records the waveforms of a batch of pulses, or returns the first bad pulse.
     fn record(&self, recording: Recording<World>) -> Result<(), BadPulse>;
 
-    /// Writes the pulses of a piece of a frame. False if one of them is not there.
+    /// Writes the pulses of a piece of a frame. False if a prism reflects one of them totally.
     fn fire(&self, piece: Piece) -> bool;
 }
 

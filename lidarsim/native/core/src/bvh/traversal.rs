@@ -266,7 +266,7 @@ impl RayTraversal {
     }
 }
 
-/// The ends of a ray in boxes, with those of `missed` before every start.
+/// The t at which a ray leaves each box, −∞ for the boxes of `missed`.
 #[inline(always)]
 fn without<I: Isa>(far: I::F32x8, missed: u8) -> I::F32x8 {
     let mut far: [f32; WIDTH] = far.store();

@@ -1,4 +1,4 @@
-//! Full waveforms: the power that the receiver gets of each pulse, sampled at equal steps of its way.
+//! Full waveforms: the received power of each pulse, sampled at equal steps of range.
 //!
 //! The waveform is the sum of Gaussians from which `waveform.rs` takes the echoes, here with the extinction
 //! of the air and with the echoes of weather; its unit is that of the power of a surface, intensity/R². A
@@ -19,14 +19,14 @@ use crate::cast::pieces;
 use crate::memory::{push, split_off};
 use crate::{memory, stop};
 
-/// Beyond so many standard deviations, more than √(2·25·ln 2), a Gaussian is below 2⁻²⁵ of its peak: half
-/// a unit in the last place of a sample.
+/// Beyond so many standard deviations, more than √(2·25·ln 2), a Gaussian is below 2⁻²⁵ of its
+/// peak: half a unit in the last place of a sample.
 const MARGIN: f64 = 6.0;
 
 /// How a recorder samples.
 #[derive(Clone, Copy, Debug)]
 pub struct Recorder {
-    /// The way between two samples, m. Sample k is at range k·step; at 0 the peak of the pulse leaves.
+    /// Range between two samples, m. Sample k is at range k·step; at 0 the peak of the pulse leaves.
     step: f64,
     /// The farthest range that is recorded, without the margin, m.
     max_range: f64,
@@ -76,7 +76,7 @@ struct Received {
     fog: Vec<Gaussian>,
 }
 
-/// What is done with a batch of pulses.
+/// The task of a batch of pulses.
 enum Part<'a> {
     Find(&'a mut [Window]),
     Fill(&'a [Window], &'a mut [f32]),

@@ -13,8 +13,8 @@ const NUMBERS: [f64; BEAMS] = [-1.5, -0.5, 0.5, 1.5];
 /// Ticks of the slow phase φ, of ten turns a second at 50,000 ticks a second, to a turn.
 const SLOW_TURN: usize = 5000;
 
-/// The beams in a frame: w, turned by −ψ about z, where w is the sum of kᵖ (C cos(aψ + bφ) + S sin(aψ + bφ))
-/// over the rows of a table.
+/// The beams in a frame: w, turned by −ψ about z, where w is the sum of kᵖ (C cos(aψ + bφ) + S
+/// sin(aψ + bφ)) over the rows of a table.
 pub struct Mid360 {
     /// ψ.
     fast: Rotation,
@@ -132,11 +132,6 @@ impl Together for Mid360 {
             set(&mut w, lane, unit([cos * x + sin * y, cos * y - sin * x, z]));
         }
         w
-    }
-
-    #[inline(always)]
-    fn is_whole(&self, _: &Common) -> bool {
-        true
     }
 }
 

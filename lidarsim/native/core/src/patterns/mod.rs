@@ -92,8 +92,8 @@ pub struct Piece<'a> {
     arrays: Arrays<'a>,
 }
 
-/// Writes all pulses of a frame, on all threads. `work` runs a piece. False if a pulse is not there, since a
-/// prism reflects it.
+/// Writes all pulses of a frame, on all threads. `work` runs a piece. False if a prism reflects a pulse
+/// totally.
 pub fn fire(formula: Formula, mut arrays: Arrays, work: impl Fn(Piece) -> bool + Sync) -> bool {
     let beams = formula.beams();
     let count = arrays.directions.len() / beams.max(1);
@@ -134,14 +134,20 @@ trait Together {
     /// What the beams of some columns have in common.
     type Common;
 
-    fn beams(&self) -> usize;
+    #[inline(always)]
+    fn beams(&self) -> usize {
+        1
+    }
     fn common(&self) -> Self::Common;
     /// Goes to the columns of these numbers, which are whole.
     fn go_to(&self, columns: &Lanes, common: &mut Self::Common);
     /// The directions of a beam, by axis.
     fn directions(&self, beam: usize, common: &mut Self::Common) -> [Lanes; 3];
-    /// Whether all of them were there.
-    fn is_whole(&self, common: &Self::Common) -> bool;
+    /// Whether all beams that were computed leave the sensor.
+    #[inline(always)]
+    fn is_whole(&self, _: &Self::Common) -> bool {
+        true
+    }
 }
 
 /// Writes the directions of consecutive columns from `first` on.
@@ -188,9 +194,10 @@ fn interleave<I: Isa, const N: usize>([x, y, z]: &[[f64; N]; 3], places: &mut [P
     }
 }
 
-/// v at unit length to within 4u, for v unit to within 2⁻²⁷: a step of Newton's iteration for 1/√|v|².
+/// Normalizes v to within 4u, for |v| within 2⁻²⁷ of 1: a step of Newton's iteration for 1/√|v|².
 ///
-/// With e = |v|² − 1 the length becomes (1+e)^½ (1 − e/2) = 1 − 3e²/8 + …, off by less than 2⁻⁵⁴ = u/2. In
+/// With e = |v|² − 1 the length becomes (1+e)^½ (1 − e/2) = 1 − 3e²/8 + …, off by less than
+/// 2⁻⁵⁴ = u/2. In
 /// |v|² ≈ 1 the squares round by u in all, their first sum by u/2 and the second by u: half of that, 1.25u,
 /// is in the factor, which rounds by u. The products with it round by u of each coordinate, u of the length.
 #[inline(always)]

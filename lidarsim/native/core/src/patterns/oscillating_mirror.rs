@@ -16,7 +16,7 @@ pub struct OscillatingMirror {
 
 impl OscillatingMirror {
     pub fn new(field_of_view: f64, turn: f64, swinging: Rotation) -> Self {
-        // The quotient by a smaller number would overflow; it is of no turn at all.
+        // A quotient by a smaller number would overflow: it counts as no reversal time.
         let turn = if turn >= f64::MIN_POSITIVE { turn } else { 0.0 };
         OscillatingMirror { field_of_view, turn, swinging }
     }
@@ -48,11 +48,6 @@ impl Together for OscillatingMirror {
     type Common = [Lanes; 2];
 
     #[inline(always)]
-    fn beams(&self) -> usize {
-        1
-    }
-
-    #[inline(always)]
     fn common(&self) -> [Lanes; 2] {
         Default::default()
     }
@@ -69,10 +64,5 @@ impl Together for OscillatingMirror {
             set(&mut directions, lane, unit([cos[lane], sin[lane], 0.0]));
         }
         directions
-    }
-
-    #[inline(always)]
-    fn is_whole(&self, _: &[Lanes; 2]) -> bool {
-        true
     }
 }

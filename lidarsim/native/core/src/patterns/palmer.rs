@@ -21,11 +21,6 @@ impl Together for Palmer {
     type Common = [Lanes; 2];
 
     #[inline(always)]
-    fn beams(&self) -> usize {
-        1
-    }
-
-    #[inline(always)]
     fn common(&self) -> [Lanes; 2] {
         Default::default()
     }
@@ -43,10 +38,5 @@ impl Together for Palmer {
             set(&mut directions, lane, unit([along, across * cos[lane], across * sin[lane]]));
         }
         directions
-    }
-
-    #[inline(always)]
-    fn is_whole(&self, _: &[Lanes; 2]) -> bool {
-        true
     }
 }

@@ -16,11 +16,6 @@ impl Together for Polar<'_> {
     type Common = [[Lanes; 2]; 2];
 
     #[inline(always)]
-    fn beams(&self) -> usize {
-        1
-    }
-
-    #[inline(always)]
     fn common(&self) -> [[Lanes; 2]; 2] {
         Default::default()
     }
@@ -50,10 +45,5 @@ impl Together for Polar<'_> {
             set(&mut directions, lane, unit([across * cos[lane], across * sin[lane], up[lane]]));
         }
         directions
-    }
-
-    #[inline(always)]
-    fn is_whole(&self, _: &[[Lanes; 2]; 2]) -> bool {
-        true
     }
 }

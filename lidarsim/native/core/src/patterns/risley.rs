@@ -27,7 +27,7 @@ struct Wedge {
 }
 
 struct Face {
-    /// Of the refractive indices before and behind it.
+    /// The ratio of the refractive indices before and behind it.
     ratio: f64,
     /// Sine and cosine of the tilt; `None` if the face is perpendicular to x.
     tilt: Option<(f64, f64)>,
@@ -139,7 +139,8 @@ impl Together for Risley {
 }
 
 /// Refracts unit vectors d at a face with unit normals N, r being the ratio of the indices before and behind
-/// it. By Snell's law in vector form d leaves along r d + (√s − r d·N) N, with s = 1 − r² (1 − (d·N)²).
+/// it. By Snell's law in vector form d leaves along r d + (√s − r d·N) N, with s = 1 − r² (1 −
+/// (d·N)²).
 #[inline(always)]
 fn refract(directions: &mut [Lanes; 3], normals: &[Lanes; 3], ratio: f64, least: &mut [Lanes; 2]) {
     for lane in 0..LANES {
@@ -172,10 +173,11 @@ fn turn(along: f64, ratio: f64, lane: usize, [squares, cosines]: &mut [Lanes; 2]
     square.sqrt() - ratio * along
 }
 
-/// v at unit length to within 4u, for v unit to within 2⁻¹⁹, as one refracted near total reflection is: there
-/// √s is off by up to √(8u).
+/// Normalizes v to within 4u, for |v| within 2⁻¹⁹ of 1, as refraction near total reflection leaves it:
+/// there √s is off by up to √(8u).
 ///
-/// As `unit`, with the next term: 1 − e/2 + 3e²/8 leaves 5|e|³/16 < 2⁻⁵⁵ = u/4. e is exact, from |v|² off by
+/// As `unit`, with the next term: 1 − e/2 + 3e²/8 leaves 5|e|³/16 < 2⁻⁵⁵ = u/4. e is exact, from
+/// |v|² off by
 /// 2.5u; what it is multiplied with rounds far less, and the factor rounds by u.
 #[inline(always)]
 pub(super) fn normalized([x, y, z]: Point) -> Point {
