@@ -24,16 +24,6 @@ const FAR: f64 = 1024.0;
 /// One bit for each ray of a packet.
 pub type Mask = u64;
 
-/// Groups of lanes whose rays share an origin.
-#[derive(Clone)]
-struct Origins {
-    groups: [Mask; LANES],
-    count: usize,
-}
-
-/// Bits of a hash of origins.
-const HASH: u32 = 8;
-
 /// A ray packet in float64, one ray per lane. Lanes from the last ray up to a whole subpacket repeat the
 /// first ray.
 #[derive(Clone)]
@@ -59,7 +49,13 @@ pub struct RayPacket {
     pub octant: u32,
     /// Whether all rays have the same origin, with the same error.
     pub one_origin: bool,
-    origins: Origins,
+    /// (o − r) × d of each ray, with the origin r of the first; unset if all have the same.
+    moment: [[f64; LANES]; 3],
+    /// Bounds of the coordinates of o − r, and of the errors of o.
+    pub spread: f64,
+    pub largest_origin_error: f64,
+    /// The first lanes of runs of rays with one origin.
+    runs: Mask,
     pub count: usize,
 }
 
@@ -78,7 +74,10 @@ impl RayPacket {
             parallel: [0; 3],
             octant: 0,
             one_origin: false,
-            origins: Origins { groups: [0; LANES], count: 0 },
+            moment: [[0.0; LANES]; 3],
+            spread: 0.0,
+            largest_origin_error: 0.0,
+            runs: 0,
             count: 0,
         }
     }
@@ -178,8 +177,7 @@ impl RayPacket {
             self.origin_error[lane] = self.origin_error[first];
             self.direction_error[lane] = self.direction_error[first];
         }
-        self.one_origin = self.one_origin || self.starts_of_runs::<I>() == 1;
-        self.find_origins::<I>();
+        self.compare_origins::<I>();
     }
 
     /// Whether the rays start so far from a hierarchy, relative to its reach, that slab tests should start
@@ -222,7 +220,7 @@ impl RayPacket {
             self.offset.as_chunks_mut().0[eight] = t.store();
         }
         (self.one_origin, self.has_offsets) = (false, true);
-        self.find_origins::<I>();
+        self.compare_origins::<I>();
     }
 
     /// Bounds of the t of a ray, from bounds of t relative to its start here.
@@ -242,39 +240,59 @@ impl RayPacket {
         point(&self.origin, lane)
     }
 
-    /// Groups rays that share an origin, for `origin_groups`.
+    /// Compares the origins with that of the first ray, the reference of `start` and `moment`, and with their
+    /// neighbours.
     #[inline(always)]
-    pub fn find_origins<I: Isa>(&mut self) {
+    pub fn compare_origins<I: Isa>(&mut self) {
+        self.runs = if self.one_origin { 1 } else { self.starts_of_runs::<I>() };
+        (self.spread, self.largest_origin_error) = (0.0, self.origin_error[0]);
+        self.one_origin = self.runs == 1;
         if self.one_origin {
-            self.origins.groups[0] = all(self.count);
-            self.origins.count = 1;
             return;
         }
-        let mut left = self.starts_of_runs::<I>();
-        // The hash of an origin maps to the first lane of a group, and that lane to the group. On a collision
-        // the later origin takes the slot; later runs of the other then form a new group. Branchless, as it
-        // is unpredictable which run starts a group; lane 0 starts the first.
-        let (mut known, mut group_of) = ([0_u8; 1 << HASH], [0_u8; LANES]);
-        let Origins { groups, count } = &mut self.origins;
-        (groups[0], *count) = (0, 1);
-        while let Some(start) = take(&mut left) {
-            let run = all(self.count.min(left.trailing_zeros() as usize)) & !all(start);
-            let (origin, error) = (point(&self.origin, start), self.origin_error[start]);
-            let known = &mut known[hash(origin)];
-            let first = usize::from(*known);
-            let same = (point(&self.origin, first) == origin) & (self.origin_error[first] == error);
-            let group = if same { usize::from(group_of[first]) } else { *count };
-            groups[group] = run | if same { groups[group] } else { 0 };
-            *known = if same { first } else { start } as u8;
-            group_of[start] = group as u8;
-            *count += usize::from(!same);
+        let zero = I::F64x8::splat(0.0);
+        let (mut spread, mut error) = (zero, zero);
+        for eight in 0..self.count.div_ceil(8) {
+            let start = self.starts::<I>(eight);
+            let moment = lanes::cross(start, self.directions::<I>(eight));
+            for axis in 0..3 {
+                spread = Floats::max(start[axis].abs(), spread);
+                self.moment[axis].as_chunks_mut().0[eight] = moment[axis].store();
+            }
+            error = Floats::max(I::F64x8::load(&self.origin_error.as_chunks().0[eight]), error);
         }
+        (self.spread, self.largest_origin_error) = (spread.largest(), error.largest());
     }
 
-    /// All rays in groups that share an origin; `find_origins` must have been called.
+    /// The runs of neighbours that share an origin; `compare_origins` must have been called.
     #[inline(always)]
-    pub fn origin_groups(&self) -> &[Mask] {
-        &self.origins.groups[..self.origins.count]
+    pub fn runs(&self) -> Runs {
+        Runs { starts: self.runs, end: self.count }
+    }
+
+    /// The origins relative to that of the first ray, of part `eight` of eight lanes, by axis.
+    #[inline(always)]
+    pub fn starts<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
+        lanes::sub(self.origins::<I>(eight), lanes::splat(self.origin(0)))
+    }
+
+    /// The moments about the origin of the first ray, as `starts`; `compare_origins` must have been called.
+    #[inline(always)]
+    pub fn moments<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
+        lanes::part(&self.moment, eight)
+    }
+
+    /// The origin of a ray relative to that of the first.
+    #[inline(always)]
+    pub fn start(&self, lane: usize) -> Point {
+        let ([x, y, z], first) = (self.origin(lane), self.origin(0));
+        [x - first[0], y - first[1], z - first[2]]
+    }
+
+    /// The moment of a ray, as `moments`.
+    #[inline(always)]
+    pub fn moment(&self, lane: usize) -> Point {
+        point(&self.moment, lane)
     }
 
     /// The first lanes of runs of rays with one origin.
@@ -329,8 +347,8 @@ impl RayPacket {
                 dot = d.fused(I::F64x8::splat(first[axis]), dot);
                 norm2 = d.fused(d, norm2);
             }
-            // More than 30° from the first.
-            divergent |= dot.mul(dot).lt(norm2.mul(I::F64x8::splat(0.75 * length2)));
+            // More than 60° from the first.
+            divergent |= dot.mul(dot).lt(norm2.mul(I::F64x8::splat(0.25 * length2)));
         }
         let mut wide = 0;
         if !self.one_origin {
@@ -352,12 +370,20 @@ fn point(columns: &[[f64; LANES]; 3], lane: usize) -> Point {
     [columns[0][lane], columns[1][lane], columns[2][lane]]
 }
 
-/// The hash of an origin, by multiplication: D. Knuth, The Art of Computer Programming, vol. 3, §6.4.
-#[inline(always)]
-fn hash(origin: Point) -> usize {
-    let [x, y, z] = origin.map(f64::to_bits);
-    let mixed = x ^ y.rotate_left(21) ^ z.rotate_left(42);
-    (mixed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (u64::BITS - HASH)) as usize
+/// The masks of runs of neighbours in a packet.
+pub struct Runs {
+    starts: Mask,
+    end: usize,
+}
+
+impl Iterator for Runs {
+    type Item = Mask;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Mask> {
+        let start = take(&mut self.starts)?;
+        Some(all(self.end.min(self.starts.trailing_zeros() as usize)) & !all(start))
+    }
 }
 
 /// Fewer than eight numbers, padded with `filler`.
@@ -429,6 +455,7 @@ mod tests {
     use super::*;
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::{Level, Task, dispatch};
+    use crate::geometry::point::cross;
     use crate::testing::{assert_slack, numbers};
 
     struct Gather<'a> {
@@ -539,65 +566,70 @@ mod tests {
         }
     }
 
-    struct FindOrigins<'a>(&'a mut RayPacket);
+    struct CompareOrigins<'a>(&'a mut RayPacket);
 
-    impl Task for FindOrigins<'_> {
-        type Output = ();
+    impl Task for CompareOrigins<'_> {
+        /// The starts of eight rays each, by axis.
+        type Output = Vec<[[f64; 8]; 3]>;
 
         #[inline(always)]
-        fn run<I: Isa>(self) {
-            self.0.find_origins::<I>();
+        fn run<I: Isa>(self) -> Self::Output {
+            self.0.compare_origins::<I>();
+            (0..LANES / 8).map(|eight| self.0.starts::<I>(eight).map(|x| x.store())).collect()
         }
     }
 
     /// Rays that differ in one coordinate or in the error, in runs or alternating.
     #[test]
-    fn rays_are_put_together_that_start_at_one_point() {
-        let (mut next, mut apart, mut together) = (numbers(), 0, 0);
-        let (mut all_runs, mut all_groups, mut all_kinds) = (0, 0, 0);
+    fn rays_start_as_far_from_the_first_as_it_says() {
+        let mut next = numbers();
+        let (mut ones, mut all_runs) = (0, 0);
         for round in 0..400 {
             let (kinds, length) = ([1, 2, 5, 16, 40][round % 5], 1 + round / 5 % 9);
             let mut rays = RayPacket::empty();
             rays.count = [1, 7, 8, 9, 33, 63, LANES][(7.0 * next()) as usize];
             let mut kind = [0; LANES];
             for lane in 0..LANES {
-                kind[lane] =
-                    if lane % length == 0 { (f64::from(kinds) * next()) as usize } else { kind[lane - 1] };
+                // The rest of a subpacket repeats the first ray.
+                kind[lane] = if lane >= rays.count {
+                    kind[0]
+                } else if lane % length == 0 {
+                    (f64::from(kinds) * next()) as usize
+                } else {
+                    kind[lane - 1]
+                };
                 let mut four = [1.0, 2.0, 3.0, 0.5];
-                four[kind[lane] % 4] += kind[lane] as f64;
-                rays.set(lane, [four[0], four[1], four[2]], [1.0; 3]);
+                four[kind[lane] % 4] += kind[lane] as f64 + 1e-9 * kind[lane] as f64;
+                rays.set(lane, [four[0], four[1], four[2]], [0; 3].map(|_: u8| next() - 0.5));
                 rays.origin_error[lane] = four[3];
             }
             let runs = (0..rays.count).filter(|&lane| lane == 0 || kind[lane] != kind[lane - 1]).count();
-            let mut kinds = kind[..rays.count].to_vec();
-            kinds.sort_unstable();
-            kinds.dedup();
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 let mut found = rays.clone();
-                dispatch(level, FindOrigins(&mut found));
-                let groups = found.origin_groups();
-                assert_eq!(groups.iter().fold(0, |all, group| all | group), all(rays.count));
-                assert_eq!(groups.iter().map(|group| group.count_ones() as usize).sum::<usize>(), rays.count);
-                (all_runs, all_groups, all_kinds) =
-                    (all_runs + runs, all_groups + groups.len(), all_kinds + kinds.len());
+                let starts = dispatch(level, CompareOrigins(&mut found));
+                let masks: Vec<Mask> = found.runs().collect();
+                assert_eq!((masks.len(), found.one_origin), (runs, runs == 1), "{level:?}, {round}");
+                assert_eq!(masks.iter().fold(0, |all, run| all | run), all(rays.count));
+                assert_eq!(masks.iter().map(|run| run.count_ones() as usize).sum::<usize>(), rays.count);
+                (ones, all_runs) = (ones + usize::from(runs == 1), all_runs + runs);
+                for run in masks {
+                    let (first, last) = (run.trailing_zeros(), 63 - run.leading_zeros());
+                    assert_eq!(run.count_ones(), 1 + last - first);
+                    assert!((first..=last).all(|lane| kind[lane as usize] == kind[first as usize]));
+                }
                 for lane in 0..rays.count {
-                    for other in 0..rays.count {
-                        let is_same =
-                            groups.iter().any(|group| group & 1 << lane != 0 && group & 1 << other != 0);
-                        assert!(!is_same || kind[other] == kind[lane], "{level:?}, {round}");
-                        together += usize::from(is_same && other != lane);
-                        apart += usize::from(!is_same);
+                    let (origin, first) = (found.origin(lane), found.origin(0));
+                    let start = [0, 1, 2].map(|axis| origin[axis] - first[axis]);
+                    assert_eq!((found.start(lane), starts[lane / 8].map(|x| x[lane % 8])), (start, start));
+                    assert!(start.iter().all(|x| x.abs() <= found.spread));
+                    assert!(found.origin_error[lane] <= found.largest_origin_error);
+                    if !found.one_origin {
+                        assert_eq!(found.moment(lane), cross(start, found.direction(lane)));
                     }
                 }
             }
         }
-        assert!(together > 50_000 && apart > 50_000, "{together}, {apart}");
-        // Up to hash collisions, which are rare among a few origins, there is one group per origin.
-        assert!(
-            all_kinds <= all_groups && 5 * all_groups < 6 * all_kinds,
-            "{all_kinds}, {all_groups}, {all_runs}"
-        );
-        assert!(2 * all_runs > 3 * all_kinds);
+        assert!(ones > 100 && all_runs > 5_000, "{ones}, {all_runs}");
     }
 
     struct StartNear<'a>(&'a mut RayPacket, Point, f64);

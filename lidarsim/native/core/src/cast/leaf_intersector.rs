@@ -5,14 +5,13 @@ use crate::arith::simd::{Floats, Isa};
 use crate::bvh::{LANES, Mask, RayPacket, Stack, Visitor, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
+use crate::geometry::vector::Point;
 use crate::scene::TriangleMesh;
 use crate::scene::{RootId, Scene};
-use crate::shapes::triangle::{
-    DirectionBounds, Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, TriangleTest,
-};
+use crate::shapes::triangle::{Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, RayBounds, TriangleTest};
 
-/// With at least this many rays of one origin, triangles of a leaf are culled for all of them. If few
-/// triangles remain, each is tested against eight rays at a time.
+/// With at least this many rays, triangles of a leaf are culled for all of them. If few triangles remain,
+/// each is tested against eight rays at a time.
 const MANY: u32 = 16;
 
 /// Intersects rays of one octant, in the local coordinates of a mesh, with its leaves.
@@ -36,17 +35,17 @@ pub struct LeafScratch {
     sums: [[f64; LEAF_SIZE]; LANES],
     /// The tests of these rays.
     tests: [LeafTest; LANES],
-    /// The planes of the leaves of single rays, or of one leaf as seen from the origins of a packet.
+    /// The planes of the leaves of single rays, or of the one leaf of a packet.
     planes: [Planes; LANES],
     /// Bounds of the rays that traverse the mesh, computed on first use.
-    pub directions: Option<DirectionBounds>,
+    pub bounds: Option<RayBounds>,
 }
 
 impl LeafScratch {
     pub fn new() -> Self {
         let (sums, nothing) =
             ([[0.0; LEAF_SIZE]; LANES], LeafTest { lane: 0, candidates: 0, sure: 0, planes: 0 });
-        LeafScratch { sums, tests: [nothing; LANES], planes: [Planes::NONE; LANES], directions: None }
+        LeafScratch { sums, tests: [nothing; LANES], planes: [Planes::NONE; LANES], bounds: None }
     }
 
     /// Keeps a test, with the next planes, if it has candidates; branchless.
@@ -80,50 +79,49 @@ impl LeafIntersector<'_, '_> {
     /// Intersects these rays with a leaf, and returns the mask of those whose limits have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
+        if self.rays.one_origin {
+            self.intersect_from::<I, false>(leaf, mask)
+        } else {
+            self.intersect_from::<I, true>(leaf, mask)
+        }
+    }
+
+    /// As `intersect`; `APART` says that rays start apart from the first.
+    #[inline(always)]
+    fn intersect_from<I: Isa, const APART: bool>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
+        let RayPacket { spread, largest_origin_error, has_offsets, .. } = *self.rays;
+        let edges = leaf.edges(&leaf.grid_vertices::<I>(), self.rays.origin(0), spread, largest_origin_error);
+        // Not in transformed meshes, whose visits are too many and too short to bound the rays for each.
+        if mask.count_ones() >= MANY && !has_offsets && self.deferred.is_some() {
+            let reachable = leaf.reachable::<I, APART>(&edges, &self.bounds::<I, APART>());
+            let eights = (0..LANES / 8).filter(|&eight| part_of_mask::<8>(mask, eight) != 0).count();
+            if reachable.count_ones() as usize * eights < mask.count_ones() as usize {
+                return self.test_each::<I, APART>(leaf, &edges, reachable, mask);
+            }
+        }
         // All rays are tested before any result is used, so no branch depends on a single test.
-        let mut tests = LeafTests::default();
-        let mut nearer = 0;
-        let vertices = leaf.grid_vertices::<I>();
-        for group in self.rays.origin_groups() {
-            let left = mask & group;
-            if left == 0 {
-                continue;
-            }
-            let first = left.trailing_zeros() as usize;
-            let edges = leaf.edges(&vertices, self.rays.origin(first), self.rays.origin_error[first]);
-            // Not in transformed meshes, whose visits are too many and too short to bound the directions for
-            // each.
-            if left.count_ones() >= MANY && !self.rays.has_offsets && self.deferred.is_some() {
-                let reachable = leaf.reachable(&edges, &self.directions::<I>());
-                let eights = (0..LANES / 8).filter(|&eight| part_of_mask::<8>(left, eight) != 0).count();
-                if reachable.count_ones() as usize * eights < left.count_ones() as usize {
-                    nearer |= self.test_each(leaf, &edges, reachable, left);
-                    continue;
-                }
-            }
-            self.test::<I>(leaf, &edges, left, &mut tests);
-        }
-        nearer | self.accept::<I>(tests, |_| leaf)
-    }
-
-    /// Tests rays of one origin, one after the other, against all triangles of a leaf.
-    #[inline(always)]
-    fn test<I: Isa>(&mut self, leaf: &Leaf, edges: &Edges<I>, mut left: Mask, tests: &mut LeafTests) {
-        let before = tests.count;
+        let (mut tests, mut left) = (LeafTests::default(), mask);
         while let Some(lane) = take(&mut left) {
+            let sums = &mut self.scratch.sums[tests.count];
             let (candidates, sure) =
-                leaf.candidates::<I>(edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
-            self.scratch.keep(tests, lane, candidates, sure);
+                leaf.candidates::<I, APART>(&edges, &ray::<APART>(self.rays, lane), sums);
+            self.scratch.keep(&mut tests, lane, candidates, sure);
         }
-        if tests.count > before {
-            self.scratch.planes[tests.planes] = leaf.planes::<I>(edges);
-            tests.planes += 1;
+        if tests.count > 0 {
+            self.scratch.planes[0] = leaf.planes::<I>(&edges);
         }
+        self.accept::<I, APART>(tests, |_| leaf)
     }
 
-    /// Intersects rays of one origin with these triangles of a leaf, one after the other.
+    /// Intersects rays with these triangles of a leaf, one after the other.
     #[inline(always)]
-    fn test_each<I: Isa>(&mut self, leaf: &Leaf, edges: &Edges<I>, reachable: u32, mask: Mask) -> Mask {
+    fn test_each<I: Isa, const APART: bool>(
+        &mut self,
+        leaf: &Leaf,
+        edges: &Edges<I>,
+        reachable: u32,
+        mask: Mask,
+    ) -> Mask {
         let (stored, planes) = (edges.stored(), leaf.planes(edges));
         let (mut nearer, mut left) = (0, Mask::from(reachable));
         while let Some(i) = take(&mut left) {
@@ -135,7 +133,7 @@ impl LeafIntersector<'_, '_> {
                     continue;
                 }
                 let TriangleTest { candidates, known, t } =
-                    Leaf::test::<I>(i, &stored, &planes, &self.eight_rays(eight));
+                    Leaf::test::<I, APART>(i, &stored, &planes, &self.eight_rays::<I, APART>(eight));
                 let (known, mut unknown) = (known & active, Mask::from(candidates & !known & active));
                 let taken = self.closest.accept_eight::<I>(self.world, eight, known, root, t);
                 nearer |= Mask::from(taken.nearer) << (8 * eight);
@@ -150,60 +148,64 @@ impl LeafIntersector<'_, '_> {
         nearer
     }
 
-    /// Bounds of the directions of all rays.
+    /// Bounds of all rays.
     #[inline(always)]
-    fn directions<I: Isa>(&mut self) -> DirectionBounds {
-        if let Some(bounds) = self.scratch.directions {
+    fn bounds<I: Isa, const APART: bool>(&mut self) -> RayBounds {
+        if let Some(bounds) = self.scratch.bounds {
             return bounds;
         }
-        let LeafRays { direction, mut error, .. } = self.eight_rays::<I>(0);
-        let (mut low, mut high) = (direction, direction);
+        let LeafRays { direction, mut error, moment, .. } = self.eight_rays::<I, APART>(0);
+        let (mut low, mut high) = ([direction, moment], [direction, moment]);
         for eight in 1..self.rays.count.div_ceil(8) {
-            let rays = self.eight_rays::<I>(eight);
-            for axis in 0..3 {
-                low[axis] = Floats::min(low[axis], rays.direction[axis]);
-                high[axis] = Floats::max(high[axis], rays.direction[axis]);
+            let rays = self.eight_rays::<I, APART>(eight);
+            for (k, column) in [rays.direction, rays.moment].into_iter().enumerate() {
+                for axis in 0..3 {
+                    low[k][axis] = Floats::min(low[k][axis], column[axis]);
+                    high[k][axis] = Floats::max(high[k][axis], column[axis]);
+                }
             }
             error = Floats::max(error, rays.error);
         }
-        let low = [low[0].smallest(), low[1].smallest(), low[2].smallest()];
-        let high = [high[0].largest(), high[1].largest(), high[2].largest()];
+        let [low, low_moment] = [smallest(low[0]), smallest(low[1])];
+        let [high, high_moment] = [largest(high[0]), largest(high[1])];
         let length = (0..3).fold(0.0, |sum, i| sum + low[i].abs().max(high[i].abs()));
         // Two roundings, and one here.
-        let bounds =
-            DirectionBounds { low, high, length: length * (1.0 + 4.0 * UNIT), error: error.largest() };
-        *self.scratch.directions.insert(bounds)
+        let length = length * (1.0 + 4.0 * UNIT);
+        let error = error.largest();
+        *self.scratch.bounds.insert(RayBounds { low, high, low_moment, high_moment, length, error })
     }
 
     #[inline(always)]
-    fn eight_rays<I: Isa>(&self, eight: usize) -> LeafRays<I> {
+    fn eight_rays<I: Isa, const APART: bool>(&self, eight: usize) -> LeafRays<I> {
         let RayPacket { length, direction_error, .. } = self.rays;
+        let nothing = [I::F64x8::splat(0.0); 3];
         LeafRays {
             direction: self.rays.directions::<I>(eight),
             length: I::F64x8::load(&length.as_chunks().0[eight]),
             error: I::F64x8::load(&direction_error.as_chunks().0[eight]),
+            start: if APART { self.rays.starts::<I>(eight) } else { nothing },
+            moment: if APART { self.rays.moments::<I>(eight) } else { nothing },
         }
-    }
-
-    #[inline(always)]
-    fn ray(&self, lane: usize) -> LeafRay {
-        let RayPacket { length, direction_error, .. } = self.rays;
-        LeafRay { direction: self.rays.direction(lane), length: length[lane], error: direction_error[lane] }
     }
 
     /// Updates the closest hits from tests in leaves, and returns the mask of rays whose limits have
     /// decreased.
     #[inline(always)]
-    fn accept<'l, I: Isa>(&mut self, tests: LeafTests, leaf: impl Fn(usize) -> &'l Leaf) -> Mask {
+    fn accept<'l, I: Isa, const APART: bool>(
+        &mut self,
+        tests: LeafTests,
+        leaf: impl Fn(usize) -> &'l Leaf,
+    ) -> Mask {
         let mut nearer = 0;
         for k in 0..tests.count {
             let LeafTest { lane, candidates, sure, planes } = self.scratch.tests[k];
             let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
-            let (ray, planes) = (self.ray(lane), usize::from(planes));
+            let (ray, planes) = (ray::<APART>(self.rays, lane), usize::from(planes));
             while let Some(i) = take(&mut candidates) {
                 let primitive = leaf(planes).ids()[i];
                 let known = if sure & 1 << i != 0 {
-                    let t = self.scratch.planes[planes].intersect_one(i, &ray, &self.scratch.sums[k]);
+                    let sums = &self.scratch.sums[k];
+                    let t = self.scratch.planes[planes].intersect_one::<APART>(i, &ray, sums);
                     t.map(|t| self.rays.t_of_ray(lane, t))
                 } else {
                     None
@@ -240,19 +242,38 @@ impl Visitor<Leaf> for LeafIntersector<'_, '_> {
     fn visit<I: Isa>(&mut self, _: &mut Stack, lanes: &[usize], leaves: &[&Leaf]) -> Mask {
         let mut tests = LeafTests::default();
         for (&lane, leaf) in lanes.iter().zip(leaves) {
-            let edges =
-                leaf.edges(&leaf.grid_vertices::<I>(), self.rays.origin(lane), self.rays.origin_error[lane]);
+            let (origin, error) = (self.rays.origin(lane), self.rays.origin_error[lane]);
+            let edges = leaf.edges(&leaf.grid_vertices::<I>(), origin, 0.0, error);
+            let sums = &mut self.scratch.sums[tests.count];
             let (candidates, sure) =
-                leaf.candidates::<I>(&edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
+                leaf.candidates::<I, false>(&edges, &ray::<false>(self.rays, lane), sums);
             self.scratch.planes[tests.planes] = leaf.planes::<I>(&edges);
             self.scratch.keep(&mut tests, lane, candidates, sure);
             tests.planes += 1;
         }
-        self.accept::<I>(tests, |k| leaves[k])
+        self.accept::<I, false>(tests, |k| leaves[k])
     }
 
     #[inline(always)]
     fn limits(&self) -> &[f64; LANES] {
         self.closest.limits()
     }
+}
+
+/// The ray of a lane; relative to the origin of the first ray if rays start `APART` from it.
+#[inline(always)]
+fn ray<const APART: bool>(rays: &RayPacket, lane: usize) -> LeafRay {
+    let (direction, length, error) = (rays.direction(lane), rays.length[lane], rays.direction_error[lane]);
+    let [start, moment] = if APART { [rays.start(lane), rays.moment(lane)] } else { [[0.0; 3]; 2] };
+    LeafRay { direction, length, error, start, moment }
+}
+
+#[inline(always)]
+fn smallest<F: Floats<f64, 8>>([x, y, z]: [F; 3]) -> Point {
+    [x.smallest(), y.smallest(), z.smallest()]
+}
+
+#[inline(always)]
+fn largest<F: Floats<f64, 8>>([x, y, z]: [F; 3]) -> Point {
+    [x.largest(), y.largest(), z.largest()]
 }

@@ -25,8 +25,8 @@ impl<S: Each<K>, const K: usize> PrimitiveIntersector<'_, '_, S, K> {
     #[inline(always)]
     pub fn intersect<I: Isa>(&mut self, leaf: &PrimitiveLeaf<K>, mask: Mask) -> Mask {
         let mut nearer = 0;
-        for group in self.rays.origin_groups() {
-            let mut left = mask & group;
+        for run in self.rays.runs() {
+            let mut left = mask & run;
             if left == 0 {
                 continue;
             }

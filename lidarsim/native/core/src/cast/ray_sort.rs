@@ -4,13 +4,14 @@
 
 use std::ops::Range;
 
-use crate::arith::simd::{Floats, Isa, Task};
+use crate::arith::simd::{Floats, Isa, Task, lanes};
 use crate::bvh::LANES;
+use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 use crate::memory;
 
-/// Rays that are sorted together if adjacent rays are coherent: they and their hits stay in the first-level
-/// cache.
+/// Rays that are sorted together if later ones take over their order: they and their hits stay in the
+/// first-level cache.
 pub const NEAR: usize = 1024;
 
 /// Most rays that are sorted together: they stay in the second-level cache, and their indices have 16 bits,
@@ -20,6 +21,9 @@ pub const MOST: usize = 1 << 13;
 /// Bits of a key per axis, for the direction within its octant and for the origin. The octant is above them.
 const DIRECTION: u32 = 6;
 const ORIGIN: u32 = 3;
+
+/// Origins are close together if the box around them is smaller than the scene by this factor.
+const CLOSE: f64 = 64.0;
 
 /// Bits of the direction that count if origins differ.
 const COARSE: u32 = 4;
@@ -33,6 +37,7 @@ pub struct RaySort {
     /// The number of the world at which the rays are cast.
     world: u64,
     has_times: bool,
+    /// Most rays that are sorted together.
     group: usize,
     start: usize,
     /// The number of sorted rays.
@@ -80,7 +85,7 @@ impl RaySort {
     /// Restarts for rays with these directions. `has_times` says that each has a time, at which it meets
     /// moving objects. The last order is kept if it was for the same world.
     pub fn restart(&mut self, directions: &[Point], (world, size): (u64, f64), has_times: bool) {
-        self.group = if are_scattered(directions) { MOST } else { NEAR };
+        self.group = group_size(directions);
         self.has_times = has_times;
         (self.size, self.start, self.count) = (size, 0, 0);
         if self.world != world {
@@ -109,26 +114,33 @@ impl RaySort {
             return false;
         }
         (self.start, self.count) = (group.end, group.len());
-        self.has_one_origin = self.group == NEAR && are_equal(&origins[group.clone()]);
-        let together = !self.has_times && self.has_one_origin;
-        if together && self.takes_over::<I>(directions, group.clone()) {
-            return true;
-        }
-        self.last.start = None;
-        let (low, high) = self.find_places::<I>(&directions[group.clone()]);
-        let width = if together { WIDTH } else { 1.0 };
-        self.direction_keys(low, high, width);
+        self.has_one_origin = are_equal(&origins[group.clone()]);
+        let (low, high);
         if self.group != NEAR {
+            (low, high) = self.find_places::<I>(&directions[group.clone()]);
+            self.direction_keys(low, high, 1.0);
             self.add_cells::<I>(&origins[group.clone()]);
             self.near.clear();
             self.near.resize(self.keys.len(), 0);
             self.radix_sort::<RUN>(group.start);
-        } else if together {
-            self.find_near::<RUN>(low, high, width, 2.0);
+            return true;
+        }
+        // Rays of any origins that are close together form packets, but rays of few times if objects move.
+        let together =
+            !self.has_times && (self.has_one_origin || self.are_close::<I>(&origins[group.clone()]));
+        if together && self.takes_over::<I>(directions, group.clone()) {
+            return true;
+        }
+        self.last.start = None;
+        (low, high) = self.find_places::<I>(&directions[group.clone()]);
+        if together {
+            self.direction_keys(low, high, WIDTH);
+            self.find_near::<RUN>(low, high, WIDTH, 2.0);
             self.radix_sort::<RUN>(group.start);
             self.keep::<I>(directions, group);
         } else {
-            self.find_near::<LONG_RUN>(low, high, width, 3.0);
+            self.direction_keys(low, high, 1.0);
+            self.find_near::<LONG_RUN>(low, high, 1.0, 3.0);
             self.radix_sort::<LONG_RUN>(group.start);
         }
         true
@@ -290,23 +302,20 @@ impl RaySort {
         }
     }
 
+    /// Whether these origins are close together relative to the scene.
+    #[inline(always)]
+    fn are_close<I: Isa>(&self, origins: &[Point]) -> bool {
+        !(extent::<I>(origins).1 > self.size / CLOSE)
+    }
+
     /// Inserts the cell of the origin between octant and direction, which becomes coarser, unless the origins
     /// are close together relative to the scene.
     #[inline(always)]
     fn add_cells<I: Isa>(&mut self, origins: &[Point]) {
         const FINE: u32 = 2 * DIRECTION;
         const CELLS: u32 = 1 << ORIGIN;
-        let (mut least, mut most) = (origins[0].map(I::F64x8::splat), origins[0].map(I::F64x8::splat));
-        for block in origins.chunks(BLOCK) {
-            for half in halves::<I>(block) {
-                for i in 0..3 {
-                    (least[i], most[i]) = (Floats::min(half[i], least[i]), Floats::max(half[i], most[i]));
-                }
-            }
-        }
-        let low = least.map(|x| x.smallest());
-        let size = (0..3).fold(0.0_f64, |m, i| m.max(most[i].largest() - low[i]));
-        if !(size > self.size / 64.0) {
+        let (low, size) = extent::<I>(origins);
+        if !(size > self.size / CLOSE) {
             return;
         }
         let (low, scale) = (low.map(I::F64x8::splat), I::F64x8::splat(f64::from(CELLS) / size));
@@ -382,16 +391,15 @@ impl RaySort {
     }
 }
 
-/// The ratio of width to height of the tiles that packets of a sensor at rest cover: it mostly sees ground,
-/// whose triangles look flat from afar. If sensor or scene move, such a packet would have more origins, or
-/// more times, than a square one.
+/// The ratio of width to height of the tiles that packets of a sensor cover: it mostly sees ground, whose
+/// triangles look flat from afar. If the scene moves, such a packet would have more times than a square one.
 const WIDTH: f32 = 4.0;
 
 /// Most rays of a run, which may extend across two tiles.
 const RUN: usize = 4;
 
-/// The same if origins or times differ, as sensor or scene move; longer runs give a packet fewer of them.
-/// Such a run may extend across three tiles.
+/// The same if the scene moves, or the origins are far apart; longer runs give a packet fewer times or
+/// origins. Such a run may extend across three tiles.
 const LONG_RUN: usize = 16;
 
 /// A float32 of this size has no fraction bits: adding it rounds, and the last bits of the sum are the
@@ -435,19 +443,66 @@ pub fn are_scattered(directions: &[Point]) -> bool {
     let n = directions.len();
     let diverges = |i: usize| {
         let (a, b) = (directions[i], directions[i + 1]);
-        let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         // More than 30°.
         dot(a, b) < 0.866 * (dot(a, a) * dot(b, b)).sqrt()
     };
-    // Knuth's multiplicative hash: equal steps might always hit the ends of columns.
-    let somewhere = |k: usize| (k as u32).wrapping_mul(2_654_435_769) as usize % (n - 1);
-    n > 1 && (0..SAMPLES).filter(|&k| diverges(somewhere(k))).count() > SAMPLES / 2
+    n > 1 && (0..SAMPLES).filter(|&k| diverges(sample(k, n - 1))).count() > SAMPLES / 2
+}
+
+/// The number of rays to sort together: as few as suffice where later rays are earlier ones, rotated, and
+/// take over their order; else many, which gives narrower packets, as with rosettes.
+pub fn group_size(directions: &[Point]) -> usize {
+    if are_scattered(directions) || !are_rotated(directions) { MOST } else { NEAR }
+}
+
+/// Whether the second `NEAR` rays are about the first ones, rotated, as with a spinning sensor: the angles
+/// between rays are the same. Only some are compared.
+fn are_rotated(directions: &[Point]) -> bool {
+    const SAMPLES: usize = 16;
+    let Some((first, second)) = directions.split_at_checked(NEAR).filter(|(_, rest)| rest.len() >= NEAR)
+    else {
+        return true;
+    };
+    let cosine = |a: Point, b: Point| dot(a, b) / (dot(a, a) * dot(b, b)).sqrt();
+    let differs = |k: usize| {
+        let (i, j) = (sample(2 * k, NEAR), sample(2 * k + 1, NEAR));
+        (cosine(first[i], first[j]) - cosine(second[i], second[j])).abs() > 1.0 / 256.0
+    };
+    (0..SAMPLES).filter(|&k| differs(k)).count() <= SAMPLES / 2
+}
+
+/// The index of sample k of n rays, by Knuth's multiplicative hash: equal steps might always hit the ends of
+/// columns.
+fn sample(k: usize, n: usize) -> usize {
+    (k as u32).wrapping_mul(2_654_435_769) as usize % n
+}
+
+/// The least coordinates of points, and the longest side of the box around them.
+#[inline(always)]
+fn extent<I: Isa>(points: &[Point]) -> (Point, f64) {
+    let (mut least, mut most) = (lanes::splat::<I::F64x8, 8>(points[0]), lanes::splat(points[0]));
+    for block in points.chunks(BLOCK) {
+        for half in halves::<I>(block) {
+            for i in 0..3 {
+                (least[i], most[i]) = (Floats::min(half[i], least[i]), Floats::max(half[i], most[i]));
+            }
+        }
+    }
+    let (mut low, mut size) = ([0.0; 3], 0.0_f64);
+    for i in 0..3 {
+        low[i] = least[i].smallest();
+        size = size.max(most[i].largest() - low[i]);
+    }
+    (low, size)
 }
 
 /// Whether points are equal to the bit.
 #[inline(always)]
 fn are_equal(points: &[Point]) -> bool {
     let first = points[0].map(f64::to_bits);
+    if points[points.len() - 1].map(f64::to_bits) != first {
+        return false;
+    }
     let different = points.iter().fold(0, |all, point| {
         let [x, y, z] = point.map(f64::to_bits);
         all | x ^ first[0] | y ^ first[1] | z ^ first[2]
@@ -498,20 +553,20 @@ mod tests {
         scattered(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
     }
 
-    struct All<'a>(&'a [Point], &'a [Point], f64);
+    struct All<'a>(&'a [Point], &'a [Point], f64, bool);
 
     impl Task for All<'_> {
         type Output = Vec<Vec<u32>>;
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Self::Output {
-            let All(origins, directions, size) = self;
+            let All(origins, directions, size, has_times) = self;
             let mut groups = Vec::new();
             let mut order = RaySort::default();
             // Some earlier use.
             order.restart(&[[1.0, 0.0, 0.0]; 2], (1, 1.0), false);
             assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
-            order.restart(directions, (2, size), false);
+            order.restart(directions, (2, size), has_times);
             while order.advance::<I>(origins, directions) {
                 groups.push(order.sorted().to_vec());
             }
@@ -520,7 +575,7 @@ mod tests {
     }
 
     fn groups(origins: &[Point], directions: &[Point], size: f64) -> Vec<Vec<u32>> {
-        dispatch(Level::best(), All(origins, directions, size))
+        dispatch(Level::best(), All(origins, directions, size, false))
     }
 
     fn octant(d: Point) -> [bool; 3] {
@@ -555,19 +610,35 @@ mod tests {
 
     /// A packet of square tiles covers eight columns of this sensor.
     #[test]
-    fn packets_of_a_sensor_that_moves_start_at_few_points() {
+    fn packets_have_few_times_if_the_scene_moves() {
         let direction = |i: usize| {
             let (azimuth, elevation) = (0.006 * (i / 128) as f64, 0.006 * (i % 128) as f64 - 0.4);
             [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
         };
         let directions: Vec<Point> = (0..128 * 128).map(direction).collect();
-        let origins: Vec<Point> =
-            (0..directions.len()).map(|i| [1e-3 * (i / 128) as f64, 0.0, 0.0]).collect();
-        let order = groups(&origins, &directions, 100.0).concat();
-        let starts =
+        let origins = vec![[0.0; 3]; directions.len()];
+        let times =
             |packet: &[u32]| packet.iter().map(|i| i / 128).collect::<std::collections::BTreeSet<_>>().len();
-        let mean = order.chunks(LANES).map(starts).sum::<usize>() as f64 / (order.len() / LANES) as f64;
-        assert!(mean < 6.5, "{mean}");
+        let [few, more] = [true, false].map(|has_times| {
+            let order = dispatch(Level::best(), All(&origins, &directions, 100.0, has_times)).concat();
+            order.chunks(LANES).map(times).sum::<usize>() as f64 / (order.len() / LANES) as f64
+        });
+        assert!(few < 6.5 && more > 7.5, "{few}, {more}");
+    }
+
+    /// A rosette: two prisms that turn at different rates.
+    #[test]
+    fn rosettes_are_sorted_in_large_groups_and_turns_in_small_ones() {
+        let rosette = |i: usize| {
+            let (a, b) = (0.61 * i as f64, -0.39 * i as f64 + 0.3);
+            [1.0, 0.3 * (a.cos() + b.cos()), 0.3 * (a.sin() + b.sin())]
+        };
+        for n in [0, 1, 2, NEAR, 2 * NEAR - 1, 2 * NEAR, 9 * NEAR] {
+            let rosette: Vec<Point> = (0..n).map(rosette).collect();
+            assert_eq!(group_size(&rosette), if n < 2 * NEAR { NEAR } else { MOST }, "{n}");
+            assert_eq!(group_size(&sweep(n)), NEAR, "{n}");
+            assert_eq!(group_size(&scattered(n)), if n < 2 { NEAR } else { MOST }, "{n}");
+        }
     }
 
     /// The mean diagonal of the boxes around the directions of packets.

@@ -248,7 +248,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
             });
             return;
         }
-        state.rays.find_origins::<I>();
+        state.rays.compare_origins::<I>();
         self.later = world.movers();
         self.start_in::<I>(&world.index.bounded);
     }
@@ -429,7 +429,7 @@ impl<'a> PacketState<'a, '_> {
     /// Sets up a packet for a mesh, with the rays that `next` chose last.
     #[inline(always)]
     fn fill_within<I: Isa>(&mut self, packet: &mut Packet, visit: InstanceVisit) {
-        self.scratch.directions = None;
+        self.scratch.bounds = None;
         let frame = visit.hierarchy.frame();
         packet.enter::<I>(self.rays_in(visit), frame, self.closest.t_min(), self.closest.limits());
     }

@@ -280,6 +280,11 @@ pub mod lanes {
     }
 
     #[inline(always)]
+    pub fn sub<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+        [a[0].sub(b[0]), a[1].sub(b[1]), a[2].sub(b[2])]
+    }
+
+    #[inline(always)]
     pub fn dot<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> F {
         a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2]))
     }
@@ -297,6 +302,12 @@ pub mod lanes {
     #[inline(always)]
     pub fn fused_dot<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> F {
         a[0].fused(b[0], a[1].fused(b[1], a[2].mul(b[2])))
+    }
+
+    /// a·b + c.
+    #[inline(always)]
+    pub fn fused_sum<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3], c: F) -> F {
+        a[0].fused(b[0], a[1].fused(b[1], a[2].fused(b[2], c)))
     }
 
     #[inline(always)]

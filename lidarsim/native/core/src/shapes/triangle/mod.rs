@@ -22,7 +22,7 @@ use crate::geometry::vector::{self, Point, Vector};
 
 pub use crossing::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
 pub use each::Triangles;
-pub use leaf::{DirectionBounds, Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, TriangleTest};
+pub use leaf::{Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, RayBounds, TriangleTest};
 pub use sides::sides;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
