@@ -7,6 +7,7 @@ import sys
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -729,7 +730,17 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
         ),
         ({"layout": {"top": "hesai"}}, "layout: expected names of the sensors lidar, got 'top'"),
         ({"rate": 0}, "rate: expected a finite number > 0, got 0"),
-        ({"start": -1}, "start: expected a finite number >= 0, got -1"),
+        ({"start": -1}, "start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got -1 s since 1970"),
+        ({"start": 2**31}, "start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got 2147483648 s"),
+        ({"start": datetime(2026, 5, 1)}, "start: expected a datetime with a time zone, got 2026-05-01T00:00:00"),
+        (
+            {"start": datetime(1969, 12, 31, tzinfo=UTC)},
+            r"start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got 1969-12-31T00:00:00\+00:00",
+        ),
+        (
+            {"start": datetime(2038, 1, 19, 3, 14, 8, tzinfo=UTC)},
+            r"start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got 2038-01-19T03:14:08\+00:00",
+        ),
         ({"world": ""}, "world: expected a name of letters, digits and _, got ''"),
         ({"trajectory": np.zeros((4, 4))}, "trajectory: expected a last row of"),
     ],
