@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields
 from typing import Any, Self
 
 import numpy as np
@@ -36,9 +36,9 @@ class Pickled:
     @classmethod
     def _upgraded(cls, contents: dict[str, Any]) -> dict[str, Any]:
         """Return contents of an older format, with the default of each value that they lack."""
-        if not is_dataclass(cls):
+        if not hasattr(cls, "__dataclass_fields__"):
             return contents
-        known = fields(cls)
+        known = fields(cls)  # type: ignore[arg-type]
         defaults = {x.name: x.default if x.default_factory is MISSING else x.default_factory() for x in known}
         complete = defaults | contents
         if len(complete) > len(known) or any(value is MISSING for value in complete.values()):

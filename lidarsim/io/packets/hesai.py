@@ -269,7 +269,9 @@ class _Encoder:
         cycles = self._columns(len(since))
         cycles["state"] = state
         place = pulses.column.astype(np.intp) * self._layout.channels + pulses.ring
-        for name, values in zip(("distance", "reflectivity"), self._measured(scan), strict=True):
+        distances, brightness = self._measured(scan)
+        values: npt.NDArray[np.uint16] | npt.NDArray[np.uint8]
+        for name, values in (("distance", distances), ("reflectivity", brightness)):
             image = np.empty(len(place), values.dtype)
             for order, of_return in enumerate(values):
                 image[place] = of_return
