@@ -22,8 +22,8 @@ ROUNDING = 2.0**-53
 """Largest relative error of a float64 that is rounded once."""
 
 TURN = 8 * ROUNDING
-"""Error of a vector that is turned, relative to its length: entries of a matrix round four times, and their products with
-the vector four times."""
+"""Error of a vector that is turned, relative to its length: entries of a matrix round four times, and their products
+with the vector four times."""
 
 
 def flight(seed: int = 0, count: int = 9) -> ls.Trajectory:
