@@ -503,7 +503,7 @@ def test_patterns_without_rows_and_columns_need_a_size(name: str) -> None:
 
 
 def rounding(cloud: ls.PointCloud) -> Floats:
-    """Bound between a surface and a point of the world: eight roundings of the range and of the position, below 10 m."""
+    """Bound between a surface and a point of the world: eight roundings of the range and of the position, 10 m."""
     return 8 * ROUNDING * (cloud.range + 10.0)
 
 
