@@ -17,7 +17,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 if TYPE_CHECKING:
     import pyproj
 
-__all__ = ["ADJUSTMENT", "GPS_EPOCH", "Georeference", "gps_time", "projected"]
+__all__ = ["ADJUSTMENT", "GPS_EPOCH", "START", "Georeference", "gps_time", "projected", "unix_time"]
 
 SEMI_MAJOR_AXIS = 6_378_137.0
 """Semi-major axis of WGS 84, m (NIMA TR8350.2, 3rd ed., table 3.1)."""
@@ -29,6 +29,12 @@ SQUARED_ECCENTRICITY = FLATTENING * (2.0 - FLATTENING)
 
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 """Zero of GPS time."""
+
+UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+"""Zero of Unix time, which ROS and the sensors use."""
+
+START = datetime(2020, 1, 1, tzinfo=UTC)
+"""Moment of time 0 in bags and packets unless another is given. ROS treats a stamp of 0 as unset."""
 
 ADJUSTMENT = 1_000_000_000
 """LAS's adjusted standard GPS time is GPS time less this, s, so that a double keeps more digits."""
@@ -61,14 +67,47 @@ def gps_time(start: object) -> tuple[float, bool]:
         if isinstance(start, str):
             raise ArgumentTypeError("start", "seconds or a datetime with a time zone", shown(start))
         return real("start", start), False
-    if start.tzinfo is None or start.utcoffset() is None:
-        hint = "datetime.fromisoformat('2026-05-01T10:00:00+00:00') has one"
-        raise ArgumentValueError("start", "a datetime with a time zone", start.isoformat(), hint)
+    _check_zone(start)
     if start < GPS_EPOCH:
         raise ArgumentValueError("start", "a moment since the GPS epoch, 1980-01-06 UTC", start.isoformat())
     leaps = sum(start >= day for day in LEAP_SECONDS)
     microseconds = (start - GPS_EPOCH) // timedelta(microseconds=1)
     return (microseconds + (leaps - ADJUSTMENT) * 1_000_000) / 1e6, True
+
+
+def unix_time(start: object, *, limit: int) -> int:
+    """Return a moment as Unix time, ns: the time since 1970 in UTC, which does not count leap seconds.
+
+    Parameters
+    ----------
+    start : float or datetime
+        Seconds since 1970, or a moment with its time zone.
+    limit : int
+        Seconds since 1970 by which a format ends.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is neither, has no time zone, is before 1970 or is not before the limit.
+    """
+    if isinstance(start, datetime):
+        _check_zone(start)
+        seconds, got = (start - UNIX_EPOCH).total_seconds(), start.isoformat()
+    else:
+        seconds = real("start", start)
+        got = f"{seconds:.16g} s since 1970"
+    if not 0 <= seconds < limit:
+        end = UNIX_EPOCH + timedelta(seconds=limit)
+        raise ArgumentValueError("start", f"a moment from 1970-01-01 to {end:%Y-%m-%d} UTC", got)
+    if isinstance(start, datetime):
+        return (start - UNIX_EPOCH) // timedelta(microseconds=1) * 1000
+    return round(seconds * 1e9)
+
+
+def _check_zone(start: datetime) -> None:
+    if start.tzinfo is None or start.utcoffset() is None:
+        hint = "datetime.fromisoformat('2026-05-01T10:00:00+00:00') has one"
+        raise ArgumentValueError("start", "a datetime with a time zone", start.isoformat(), hint)
 
 
 def projected(crs: object) -> pyproj.CRS:

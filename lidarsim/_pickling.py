@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import copy
 import pickle
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import Any, Self
 
 import numpy as np
 
 from lidarsim._shown import short
 
-FORMAT = 1
-"""Format number of pickles, incremented whenever the contents of a public class change."""
+FORMAT = 2
+"""Format number of pickles, incremented whenever the contents of a public class change.
+
+A pickle of an older format has the defaults of what its class gained since; one of a newer format is refused.
+"""
 
 
 SHORT = 64  # maximum size of an array whose numbers are hashed
@@ -29,6 +32,18 @@ class Pickled:
     def _contents(self) -> dict[str, Any]:
         """Return the values that an equal object is made from, by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+    @classmethod
+    def _upgraded(cls, contents: dict[str, Any]) -> dict[str, Any]:
+        """Return contents of an older format, with the default of each value that they lack."""
+        if not hasattr(cls, "__dataclass_fields__"):
+            return contents
+        known = fields(cls)  # type: ignore[arg-type]
+        defaults = {x.name: x.default if x.default_factory is MISSING else x.default_factory() for x in known}
+        complete = defaults | contents
+        if len(complete) > len(known) or any(value is MISSING for value in complete.values()):
+            raise TypeError(f"{cls.__name__}: expected {', '.join(defaults)}, got {', '.join(contents)}")
+        return complete
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
@@ -97,9 +112,18 @@ def _hashable(value: object) -> object:
 
 
 def _restore(number: int, cls: type[Pickled], contents: dict[str, Any]) -> Pickled:
-    if number != FORMAT:
-        raise pickle.UnpicklingError(
-            f"pickle of a {cls.__name__}: expected format {FORMAT} of this version of lidarsim, got format {number};"
-            " pickles are for one version, files for more"
-        )
-    return cls._restored(contents)
+    if number == FORMAT:
+        return cls._restored(contents)
+    if number > FORMAT:
+        raise _refusal(number, cls, "a newer")
+    try:
+        return cls._restored(cls._upgraded(contents))
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise _refusal(number, cls, "an older") from error
+
+
+def _refusal(number: int, cls: type[Pickled], age: str) -> pickle.UnpicklingError:
+    return pickle.UnpicklingError(
+        f"pickle of a {cls.__name__}: expected format {FORMAT} of this version of lidarsim, got format {number}"
+        f" of {age} version; pickles are for one version, files for more"
+    )

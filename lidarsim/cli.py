@@ -380,7 +380,7 @@ def stream(
     """
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     run.check_coverage()
-    with packets.Sender(run.lidars, to, variant=variant, fast=fast) as sender:
+    with packets.Sender(run.lidars, to, start=run.clock, variant=variant, fast=fast) as sender:
         if metadata:
             for path in (written := sender.save_metadata(metadata)):
                 print_line(path)

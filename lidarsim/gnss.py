@@ -143,7 +143,7 @@ class Gnss(Value):
         return GnssFixes(times, *georeference.geodetic(position), self)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GnssFixes(Samples):
     """Fixes of a GNSS receiver.
 

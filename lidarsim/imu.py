@@ -375,7 +375,7 @@ class Samples(Pickled):
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ImuSamples(Samples):
     """Samples of an IMU.
 

@@ -20,7 +20,7 @@ SPREAD = 1e-3
 """Largest deviation of a beam from an equal step that counts as equal, in steps: ROS stores angles as float32."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LaserScan(Pickled):
     """The ranges of one turn of a 2D lidar, with the fields of ROS's ``sensor_msgs/LaserScan``.
 

@@ -393,6 +393,10 @@ class Rig(Pickled, Mapping[str, RigSensor]):
     def _contents(self) -> dict[str, Any]:
         return {"_sensors": self._sensors, "_imus": self._imus, "_receivers": self._receivers}
 
+    @classmethod
+    def _upgraded(cls, contents: dict[str, Any]) -> dict[str, Any]:
+        return {"_imus": {}, "_receivers": {}, **contents}
+
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 

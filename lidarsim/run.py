@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 import numpy as np
 
 from lidarsim._files import atomic_writer
-from lidarsim._georeference import Georeference
+from lidarsim._georeference import START, Georeference
 from lidarsim._validation import affine
 from lidarsim.errors import ArgumentValueError, ConfigError, FileFormatError
 from lidarsim.gnss import GnssFixes
@@ -29,8 +30,6 @@ from lidarsim.scan import check_coverage, moment_and_pose
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
     from lidarsim._files import PathLike
     from lidarsim._validation import Floats
     from lidarsim.gnss import Gnss
@@ -136,7 +135,8 @@ class Run:
     crs : int or str, optional
         Coordinate reference system of the world, for LAS and LAZ files in world coordinates; see `PointCloud.save`.
     start : float or datetime
-        Moment at which the clock of the run is 0, for the gps_time of LAS and LAZ files.
+        Moment at which the clock of the run is 0, for the gps_time of LAS and LAZ files; if it is a datetime, also for
+        the times of bags and packets.
     origin : tuple of 3 floats, optional
         Geodetic latitude and longitude, rad, and height, m, of the world's origin, for GNSS receivers; see
         `Georeference`.
@@ -231,6 +231,11 @@ class Run:
         if self.origin is None and self.crs is None:
             return None
         return Georeference(origin=self.origin, crs=self.crs)
+
+    @property
+    def clock(self) -> datetime:
+        """The moment of time 0 on the clock of bags and packets: `start` if it is a datetime, else that of 2020."""
+        return self.start if isinstance(self.start, datetime) else START
 
     @property
     def rate(self) -> float:
@@ -410,7 +415,7 @@ class Run:
     def bag(
         self, output: PathLike, *, layout: str | None = None, cut: Cut = "pattern", **limits: float | None
     ) -> rosbag.Writer:
-        """Return a writer of a ROS 2 bag for scans of this run, with its sensors and its trajectory.
+        """Return a writer of a ROS 2 bag for scans of this run, with its sensors, its trajectory and its `clock`.
 
         Parameters
         ----------
@@ -436,10 +441,10 @@ class Run:
         """
         options: dict[str, Any] = {"layout": layout, "cut": cut, **limits}
         sensors = self.sensor if isinstance(self.sensor, Rig) else None
-        return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, **options)
+        return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, start=self.clock, **options)
 
     def pcap(self, output: PathLike, *, variant: str | None = None) -> packets.Writer:
-        """Return a writer of the packets that the sensors of this run send.
+        """Return a writer of the packets that the sensors of this run send, with its `clock`.
 
         Parameters
         ----------
@@ -458,7 +463,8 @@ class Run:
         FileFormatError, TypeError, ValueError
             As in `lidarsim.io.packets.Writer`.
         """
-        return packets.Writer(output, self.lidars if isinstance(self.sensor, Rig) else self.sensor, variant=variant)
+        sensors = self.lidars if isinstance(self.sensor, Rig) else self.sensor
+        return packets.Writer(output, sensors, start=self.clock, variant=variant)
 
     def write(
         self,

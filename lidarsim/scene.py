@@ -959,7 +959,7 @@ class Scene(Pickled, Plotted):
         scene = cls.__new__(cls)
         Scene.__init__(scene)
         scene._class_names = contents["class_names"]
-        scene._atmosphere = contents["atmosphere"]
+        scene._atmosphere = contents.get("atmosphere")
         scene._items = {item.id: item for item in contents["objects"]}
         scene._next = contents["next"]
         scene._animations = contents.get("animations")

@@ -72,17 +72,17 @@ def test_drops_are_those_of_marshall_and_palmer(rate: float) -> None:
     with mpmath.workdps(30):
         number = mpmath.quad(lambda d: 8000 * mpmath.exp(-slope * d), [0, 1, 10, mpmath.inf])
         section = mpmath.quad(lambda d: 8000 * mpmath.exp(-slope * d) * mpmath.pi / 4 * d**2, [0, 1, 10, mpmath.inf])
-    # Drops per m³, and their geometric section, m²/m³; four roundings.
-    assert rain.intercept / rain.slope == pytest.approx(float(number), rel=1e-15)
-    assert rain.intercept * math.pi / 2 / rain.slope**3 == pytest.approx(float(section) * 1e-6, rel=2e-15)
+    # Drops per m³, and their geometric section, m²/m³; eight roundings, of which the power makes three.
+    assert rain.intercept / rain.slope == pytest.approx(float(number), rel=8 * 2.0**-53)
+    assert rain.intercept * math.pi / 2 / rain.slope**3 == pytest.approx(float(section) * 1e-6, rel=16 * 2.0**-53)
 
 
 def test_flakes_are_those_of_sekhon_and_srivastava() -> None:
     # At 1 mm/h of water: 2500 per m³ and mm, falling by e in 1/2.29 mm.
     snow = ls.Atmosphere.snow(1.0)
     assert (snow.intercept, snow.slope) == (2.5e6, 2290.0)
-    assert ls.Atmosphere.snow(4.0).slope == pytest.approx(2290.0 * 4.0**-0.45, rel=1e-15)
-    assert ls.Atmosphere.snow(4.0).intercept == pytest.approx(2.5e6 * 4.0**-0.94, rel=1e-15)
+    assert ls.Atmosphere.snow(4.0).slope == pytest.approx(2290.0 * 4.0**-0.45, rel=4 * 2.0**-53)
+    assert ls.Atmosphere.snow(4.0).intercept == pytest.approx(2.5e6 * 4.0**-0.94, rel=4 * 2.0**-53)
 
 
 def test_a_drop_reflects_at_both_sides() -> None:
@@ -93,7 +93,9 @@ def test_a_drop_reflects_at_both_sides() -> None:
     mirrored = ((n - 1) / (n + 1)) ** 2
     near = mirrored * (b / (2 * outside)) ** 2
     far = mirrored * (1 - mirrored) ** 2 * (b / (4 * inside - 2 * outside)) ** 2
-    assert ls.Atmosphere.rain(3.0).reflectance == pytest.approx((near + far) / a**2, rel=1e-7)  # (b/a)² is neglected
+    assert ls.Atmosphere.rain(3.0).reflectance == pytest.approx(
+        (near + far) / a**2, rel=(b / a) ** 2
+    )  # which is neglected
 
 
 # Fog
@@ -202,7 +204,7 @@ def test_pulses_into_the_sky_have_the_echo_of_fog() -> None:
     assert np.allclose(scan.intensity, echo[1], rtol=2.0**-23, atol=0)
     assert np.isnan(scan.normal).all()
     assert np.isnan(scan.incidence).all()
-    assert np.allclose(scan.true_points(), [[echo[0], 0.0, 0.0]], rtol=1e-15)
+    assert np.allclose(scan.true_points(), [[echo[0], 0.0, 0.0]], rtol=4 * 2.0**-53, atol=0)
     cloud = scan.point_cloud()
     assert len(cloud) == 200
     assert (cloud.source == ls.Source.atmosphere).all()
@@ -210,6 +212,7 @@ def test_pulses_into_the_sky_have_the_echo_of_fog() -> None:
 
 @pytest.mark.parametrize("beam", [None, ls.Beam(1e-4, rays=7)], ids=["ray", "beam"])
 def test_fog_weakens_what_is_behind_it_and_competes_with_it(beam: ls.Beam | None) -> None:
+    oblique = 5e-5**2 / 2  # at the edge of the beam, ranges are longer and cosines less by this
     for distance in (6.0, 30.0):
         # The sky lies behind the wall at the distance: what each mode reports of fog and wall.
         clear = sensor(beam=beam, extinction=FOG.extinction).scan(scene(None, distance))
@@ -230,8 +233,8 @@ def test_fog_weakens_what_is_behind_it_and_competes_with_it(beam: ls.Beam | None
             for k, which in enumerate(order):
                 (at, intensity), source = expected[which]
                 assert scan.source[0, k] == source
-                assert scan.range[0, k] == pytest.approx(at, rel=1e-8)  # of a beam, a mean
-                assert scan.intensity[0, k] == pytest.approx(intensity, rel=1e-6)
+                assert scan.range[0, k] == pytest.approx(at, rel=oblique)  # of a beam, a mean
+                assert float(scan.intensity[0, k]) == pytest.approx(float(intensity), rel=2.0**-23 + oblique)
     assert fog > wall  # the last wall, 30 m off
 
 

@@ -138,10 +138,11 @@ def test_several_frames_come_with_their_poses_and_times(pose: str) -> None:
     still = isinstance(run.pose, np.ndarray)
     for name, time_, found in zip(names, times, poses.poses, strict=True):
         expected = run.pose if still else run.pose.at(time_).as_matrix()
-        assert np.abs(found.as_matrix() - expected).max() < 1e-15
+        near = 8 * 2.0**-53  # of a quaternion and its matrix
+        assert np.abs(found.as_matrix() - expected).max() <= near
         x, y, z, qw, qx, qy, qz = viewpoint(name)
         assert [x, y, z] == expected[:3, 3].tolist()
-        assert np.abs(found.rotation.as_quat(canonical=True) - [qx, qy, qz, qw]).max() < 1e-15
+        assert np.abs(found.rotation.as_quat(canonical=True) - [qx, qy, qz, qw]).max() <= near
     assert still or poses.at(0.4).rotation.magnitude() == pytest.approx(np.radians(8))
 
 
@@ -154,7 +155,7 @@ def test_the_poses_are_those_of_the_moment_that_points_are_deskewed_to(deskew: s
     assert lidarsim("scan", "moving.yaml", "-o", "b.npz", "--set", "cloud.frame=world") == 0
     tum = np.loadtxt("a_poses.tum")
     assert np.array_equal(tum[:, 0], [0.0 + moment, 0.1 + moment])
-    assert np.abs(tum[:, 1] - 10 * tum[:, 0]).max() < 1e-14
+    assert np.abs(tum[:, 1] - 10 * tum[:, 0]).max() <= 2 * np.spacing(2.0)
     assert np.loadtxt("a_times.txt").tolist() == [0.0, 0.1]
     assert np.loadtxt("b_poses.tum")[:, 0].tolist() == [0.0, 0.1]
     for k, pose in enumerate(tum):
@@ -210,7 +211,7 @@ def test_a_rig_writes_each_sensor(capsys: pytest.CaptureFixture[str]) -> None:
             assert viewpoint(f"a_{name}_{k:04}.pcd")[:3] == scan.pose.at(scan.time).translation.tolist()
             assert Path(f"a_{name}_times.txt").read_text().splitlines()[k] == repr(scan.time)
     left = ls.Trajectory.load("a_left_poses.tum")
-    assert np.abs(left.poses.translation - [[0.25, 1, 1], [0.75, 1, 1]]).max() < 1e-15
+    assert np.abs(left.poses.translation - [[0.25, 1, 1], [0.75, 1, 1]]).max() <= 4 * 2.0**-53
     assert lidarsim("scan", "rig.yaml", "-o", "b.npz", "--frames", "1") == 0
     assert {path.name for path in Path().glob("b*")} == {"b_top.npz", "b_left.npz"}
 

@@ -41,10 +41,13 @@ def test_angles_and_ranges_give_the_points(name: str) -> None:
     x, y = found.ranges[there] * np.cos(angles[there]), found.ranges[there] * np.sin(angles[there])
     mine = np.column_stack((x, y))
     mine = mine[np.argsort(np.arctan2(mine[:, 1], mine[:, 0]))] if name == "rplidar-a1" else mine
-    # float32 ranges below 8 m are off by up to 2⁻²² m, and so may be an angle, times the range, by its spacing.
-    np.testing.assert_allclose(mine, cloud.xyz[:, :2], atol=1e-5)
+    # float32 ranges round by 2⁻²⁴. Angles, sums of the first and of a multiple of their step, and the direction of the
+    # pulse round by some spacings of π.
+    near = float(found.ranges[there].max()) * (2.0**-24 + 4 * np.spacing(np.pi))
+    np.testing.assert_allclose(mine, cloud.xyz[:, :2], rtol=0, atol=near)
     assert found.angle_increment > 0
-    assert np.isclose(found.angle_max, found.angle_min + (len(found) - 1) * found.angle_increment)
+    last = found.angle_min + (len(found) - 1) * found.angle_increment
+    assert abs(found.angle_max - last) <= 2 * np.spacing(np.pi)  # the step, its product and the sum round
     assert (found.scan_time, found.range_min, found.range_max) == (
         1.0 / lidar.pattern.rate,
         lidar.min_range,
@@ -63,7 +66,8 @@ def test_time_of_an_entry_is_that_of_its_pulse(clockwise: bool) -> None:
     directions = np.column_stack((np.cos(found.angles), np.sin(found.angles)))
     nearest = np.argmax(directions @ scan.pulses.directions[:, :2].T, axis=1)
     assert len(set(nearest.tolist())) == len(found) == 360
-    np.testing.assert_allclose(times, 5.0 + scan.pulses.time[nearest], rtol=0, atol=1e-12)
+    # The time of the first entry rounds, and both sums.
+    np.testing.assert_allclose(times, 5.0 + scan.pulses.time[nearest], rtol=0, atol=2 * np.spacing(5.1))
     np.testing.assert_array_equal(found.ranges, scan.range[nearest, 0].astype(np.float32))
     np.testing.assert_array_equal(found.intensities, scan.intensity[nearest, 0])
 

@@ -7,16 +7,19 @@ import re
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
 
 import lidarsim as ls
 from lidarsim.cli import main
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.run import RunFrame
+from tests.io.packets.captures import datagrams
 
 RUN = """\
 seed: 3
@@ -150,6 +153,34 @@ def test_las_files_of_a_run_are_on_one_clock_and_in_one_system(tmp_path: Path) -
     assert all(a.gps_time.max() < b.gps_time.min() for a, b in pairwise(files))
     run.write(tmp_path / "a.npz")
     assert ls.PointCloud.load(tmp_path / "a_0002.npz").time.max() < 1 / 10  # since the start of the scan, as ever
+
+
+def test_bags_and_packets_of_a_run_are_on_its_clock(tmp_path: Path) -> None:
+    """Unix time, unlike GPS time, does not count the 18 leap seconds since 1980."""
+    zero = 1_777_622_400 * 10**9 + 1000  # `date -u -d 2026-05-01T08:00:00 +%s`, and 1 µs
+    start = "georeference.start=2026-05-01T10:00:00.000001+02:00"
+    Path("gnss.yaml").write_text(RIG.replace("rig: {", WITH_GNSS, 1), encoding="utf-8")
+    ls.config.load("gnss.yaml", [ORIGIN, start]).write(tmp_path / "a.mcap")
+    ros, stamps, recorded = get_typestore(Stores.ROS2_JAZZY), dict[str, list[int]](), set[int]()
+    with Reader(tmp_path / "a.mcap") as bag:
+        for connection, time, data in bag.messages():
+            recorded.add(time - zero)
+            if connection.topic in {"/low/points", "/gnss/fix", "/clock"}:
+                message: Any = ros.deserialize_cdr(data, connection.msgtype)
+                stamp = message.clock if connection.topic == "/clock" else message.header.stamp
+                stamps.setdefault(connection.topic, []).append(stamp.sec * 10**9 + stamp.nanosec - zero)
+    assert stamps["/low/points"] == [0, 20_000_000, 40_000_000]
+    assert stamps["/gnss/fix"] == [0, 50_000_000, 100_000_000]
+    assert stamps["/clock"] == list(range(0, 100_000_001, 10_000_000))
+    assert min(recorded) == 0
+    assert max(recorded) == 100_000_000
+
+    run = ls.config.load("run.yaml", ["sensor={preset: ouster-os1-64}", "frames=1", start])
+    run.write(tmp_path / "a.pcap")
+    first = next(datagrams(tmp_path / "a.pcap")).payload
+    assert int.from_bytes(first[32:40], "little") == zero  # time stamp of the first column
+    undated = dataclasses.replace(run, start=12.5)  # seconds on a clock of one's own
+    assert undated.clock == datetime(2020, 1, 1, tzinfo=UTC)
 
 
 def test_options_of_the_files(tmp_path: Path) -> None:

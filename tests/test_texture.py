@@ -18,6 +18,9 @@ import pytest
 import lidarsim as ls
 from lidarsim import materials
 
+FLOAT32 = 2.0**-24
+"""Largest relative error of a float32 that is rounded once."""
+
 Floats = npt.NDArray[np.float64]
 WRAPS = materials.WRAP
 FAN = np.random.default_rng(3).uniform(-0.45, 0.45, (1300, 2))
@@ -188,7 +191,7 @@ def test_texels_have_their_places_in_the_image() -> None:
     scene = ls.Scene()
     scene.add(square(), material=ls.Material(reflectivity=ls.Texture(values), texture_coordinates=SQUARE))
     centres = [(10, (i + 0.5) / 2, (j + 0.5) / 3) for j in range(3) for i in range(2)]
-    assert np.allclose(seen(towards(centres).scan(scene)), np.ravel(values), rtol=1e-6)
+    assert np.allclose(seen(towards(centres).scan(scene)), np.ravel(values), rtol=2 * FLOAT32, atol=0)
 
 
 @pytest.mark.parametrize("wrap", WRAPS)
@@ -208,7 +211,7 @@ def test_the_size_of_a_triangle_does_not_matter(size: float) -> None:
     mesh = ls.TriangleMesh(size * square().vertices, square().faces)
     scene.add(mesh, material=ls.Material(reflectivity=ls.Texture([[0.2, 0.6]]), texture_coordinates=SQUARE))
     scan = towards([(10, 0.25, 0.4), (10, 0.5, 0.4), (10, 0.75, 0.4)]).scan(scene)
-    assert np.allclose(seen(scan), [0.2, 0.4, 0.6], rtol=1e-6, atol=0)
+    assert np.allclose(seen(scan), [0.2, 0.4, 0.6], rtol=2 * FLOAT32, atol=0)
 
 
 def moved() -> ls.Trajectory:
@@ -228,7 +231,7 @@ def test_textures_move_with_their_objects() -> None:
     left, right = fan().scan(moving, time=0.75), fan().scan(still)
     assert (left.status == ls.Status.hit).sum() > 1000
     assert np.ptp(left.intensity[np.isfinite(left.intensity)]) > 1
-    assert np.allclose(left.intensity, right.intensity, rtol=1e-6, atol=0, equal_nan=True)
+    assert np.allclose(left.intensity, right.intensity, rtol=2 * FLOAT32, atol=0, equal_nan=True)
 
 
 @pytest.mark.parametrize("measurement", [ls.Measurement(), ls.Measurement(beam=ls.Beam(0.02, rays=19))])
@@ -275,6 +278,8 @@ def test_a_lidar_sees_the_markings_of_a_road(sides: bool) -> None:
     cloud = scan.point_cloud(frame="world")
     x, y = cloud.xyz[:, 0], cloud.xyz[:, 1]
     found = cloud.intensity / np.cos(cloud.incidence.astype(float))
+    # Intensity and incidence are float32, and the latter is at most 86 degrees from the normal.
+    near = FLOAT32 * (1.0 + math.tan(math.radians(86)))
     # From the middle of a texel on, as the edge is linear over one.
     along = (40 - x) % 8
     lane = (np.abs(y) <= 0.075) & (along >= 0.05) & (along <= 2.95)
@@ -283,10 +288,10 @@ def test_a_lidar_sees_the_markings_of_a_road(sides: bool) -> None:
     bare = (np.abs(y) >= 0.125) & (np.abs(y) <= 3.675)
     for where, expected, least in ((lane, bright, 100), (lines, bright, 100), (gap, dark, 100), (bare, dark, 10_000)):
         assert where.sum() > least
-        assert np.allclose(found[where], expected, rtol=1e-4, atol=0)
+        assert np.allclose(found[where], expected, rtol=near, atol=0)
     between = ~(lane | lines | gap | bare)
-    assert (found[between] >= dark * 0.9999).all()
-    assert (found[between] <= bright * 1.0001).all()
+    assert (found[between] >= dark * (1.0 - near)).all()
+    assert (found[between] <= bright * (1.0 + near)).all()
 
 
 def test_a_beam_averages_a_texture_over_its_footprint() -> None:
@@ -296,7 +301,7 @@ def test_a_beam_averages_a_texture_over_its_footprint() -> None:
     scene.add(square(), material=ls.Material(reflectivity=stripes, texture_coordinates=SQUARE))
     ray = towards([(10, 17.5 / 32, 0.5)])
     beam = dataclasses.replace(ray, measurement=ls.Measurement(beam=ls.Beam(0.02, rays=91)))
-    assert seen(ray.scan(scene))[0] == pytest.approx(0.9, rel=1e-6)
+    assert seen(ray.scan(scene))[0] == pytest.approx(0.9, rel=2 * FLOAT32)
     assert seen(beam.scan(scene))[0] == pytest.approx(0.5, abs=0.05)
 
 

@@ -30,7 +30,7 @@ def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.
     Manual 63-9243; Ouster's retro-reflective part is logarithmic, with no published formula) and at 150 for Livox
     (Mid-360 User Manual); Hesai uses this line (PandarXT and Pandar64 User Manuals, linear mapping).
     """
-    held = np.clip(np.nan_to_num(intensity), 0, np.float32(255 / diffuse))
+    held = np.minimum(np.fmax(intensity, np.float32(0)), np.float32(255 / diffuse))  # nan becomes 0
     scaled: npt.NDArray[np.uint8] = np.rint(held * np.float32(diffuse)).astype(np.uint8)
     return scaled
 

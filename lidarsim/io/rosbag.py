@@ -61,6 +61,7 @@ import numpy.typing as npt
 from lidarsim import _validation
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing
+from lidarsim._georeference import START, unix_time
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
@@ -71,6 +72,8 @@ from lidarsim.scan import Scan
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from rosbags.typesys.store import Typestore
 
     from lidarsim._validation import Transform
@@ -86,7 +89,7 @@ SUFFIXES = (".mcap", ".db3")
 OLDEST = 0, 11
 """Oldest supported version of rosbags."""
 
-_START = 1_577_836_800.0  # 2020-01-01T00:00:00Z; ROS treats a stamp of 0 as unset
+_LIMIT = 2**31  # of seconds in builtin_interfaces/msg/Time
 _CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # in sensor_msgs/msg/PointField
 _CLOUD, _CUSTOM = "sensor_msgs/msg/PointCloud2", "livox_ros_driver2/msg/CustomMsg"
 _LASER, _IMU, _FIX = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
@@ -126,8 +129,9 @@ class Writer:
         One of `NAMES` for all sensors, or by the sensor's name; "laserscan" for 2D lidars. Default: by the
         vendor in the model of the `Lidar` (ouster, hesai, robosense or livox, as in the presets), and velodyne for all
         others.
-    start : float
-        ROS time at time 0 of the scans, s since 1970. Default: the start of 2020.
+    start : float or datetime
+        Moment at time 0 of the scans, before 2038: s since 1970, as ROS counts them, or a datetime with its time zone.
+        Default: the start of 2020.
     rate : float
         Rate of ``/tf``, ``/odom`` and ``/clock``, Hz.
     cut : {"pattern", "driver"} or float
@@ -183,7 +187,7 @@ class Writer:
         sensors: Mapping[str, Transform | RigSensor | Imu | Gnss] | None = None,
         trajectory: Trajectory | Transform | None = None,
         layout: str | Mapping[str, str] | None = None,
-        start: float = _START,
+        start: float | datetime = START,
         rate: float = 100.0,
         cut: Cut = "pattern",
         world: str = "map",
@@ -206,7 +210,7 @@ class Writer:
             self._trajectory = trajectory
         else:
             self._trajectory = Trajectory.from_twist(_validation.pose("trajectory", trajectory))
-        self._start = round(_validation.real("start", start, at_least=0.0) * 1e9)
+        self._start = unix_time(start, limit=_LIMIT)
         self._rate = _validation.real("rate", rate, above=0.0)
         self._cut = _cuts.check_cut(cut)
         self._world, self._body = _name("world", world), _name("body", body)
@@ -498,7 +502,7 @@ class Writer:
 
     def _stamp(self, time: float) -> int:
         stamp = self._start + round(_validation.real("time", time) * 1e9)
-        if not 0 <= stamp < 2**31 * 10**9:
+        if not 0 <= stamp < _LIMIT * 10**9:
             raise ArgumentValueError("time", "a time from 1970 to 2038 on the clock of the bag", f"{stamp / 1e9:g} s")
         return stamp
 

@@ -468,7 +468,7 @@ class TriangleMesh(Shape):
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
         made = {name: value for name, value in contents.items() if name not in {"crs", "grid"}}
-        return cls(**made)._note(contents["crs"], contents["grid"])
+        return cls(**made)._note(contents.get("crs"), contents.get("grid"))
 
     def __len__(self) -> int:
         return self._native.primitives()

@@ -82,14 +82,14 @@ def test_units_are_converted_without_a_second_rounding() -> None:
 
 def test_rotations_turn_about_fixed_axes_x_first() -> None:
     pose = load(CONFIG, "pose.rotation_deg={roll: 90, yaw: 90}", "pose.position_m=[0, 0, 0]").pose
-    assert np.abs(pose @ [0, 1, 0, 1] - [0, 0, 1, 1]).max() < 1e-15  # y, rolled up to z, stays there under yaw
-    assert np.abs(pose @ [0, 0, 1, 1] - [1, 0, 0, 1]).max() < 1e-15  # z, rolled down to -y, yaws to x
+    assert np.abs(pose @ [0, 1, 0, 1] - [0, 0, 1, 1]).max() <= 2.0**-52  # y, rolled up to z, stays there under yaw
+    assert np.abs(pose @ [0, 0, 1, 1] - [1, 0, 0, 1]).max() <= 2.0**-52  # z, rolled down to -y, yaws to x
 
 
 def test_objects_are_scaled_then_turned_then_moved() -> None:
     run = load(CONFIG, "scene.1.scale=[2, 3, -4]", "scene.1.rotation_deg={yaw: 90}", "scene.1.position_m=[5, 6, 7]")
     expected = [[0, -3, 0, 5], [2, 0, 0, 6], [0, 0, -4, 7], [0, 0, 0, 1]]
-    assert np.abs(run.scene.objects[1].transform - expected).max() < 1e-15
+    assert np.abs(run.scene.objects[1].transform - expected).max() <= 4 * 2.0**-52
 
 
 def test_a_matrix_is_taken_as_it_is() -> None:
@@ -413,7 +413,7 @@ def test_poses_from_a_file() -> None:
     curved = load(CONFIG, "pose={file: runs/drive.tum, interpolation: spline}").pose
     expected = ls.Trajectory(drive.times, drive.poses, interpolation="spline")
     assert np.array_equal(curved.at(0.5).as_matrix(), expected.at(0.5).as_matrix())
-    assert curved.at(0.5).translation[0] == pytest.approx(0.5, abs=1e-12)  # 2t², which a cubic can be
+    assert curved.at(0.5).translation[0] == pytest.approx(0.5, rel=0, abs=16 * 2.0**-53)  # 2t², which a cubic can be
     drive.save("runs/drive.kitti")
     Path("runs/times.txt").write_text("0\n1\n2\n3\n", encoding="utf-8")
     timed = load(CONFIG, "pose={file: runs/drive.kitti, times: runs/times.txt}").pose
@@ -478,7 +478,7 @@ def test_a_rig() -> None:
     assert (list(run.sensor), run.rate, run.frames, run.time(2)) == (["top", "left"], 10.0, range(3), 0.2)
     top, left = run.sensor.values()
     assert (top.mount[:3, 3].tolist(), top.offset, left.offset) == ([1, 0, 2], 0.0, 0.05)
-    assert np.abs(left.mount[:3, 0] - [0, 1, 0]).max() < 1e-15
+    assert np.abs(left.mount[:3, 0] - [0, 1, 0]).max() <= 2.0**-52
     assert (top.lidar.measurement.channel_bias_sigma, left.lidar.max_range) == (0.0173, 60.0)
     assert (top.lidar.name, left.lidar.name) == ("top", "left")
     frames = list(run.scans())

@@ -7,6 +7,7 @@ import sys
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -140,8 +141,9 @@ def test_the_layouts_of_the_drivers(layout: str, suffix: str, cloud: PointCloud,
     }
     for name in got.dtype.names:
         # Rounded to the type, half an ulp of it; the angles and the absolute time besides to a few ulps of float64.
+        near = np.spacing(2 * np.pi)
         eps = {"f4": 2.0**-24, "f8": 2.0**-52}.get(got.dtype[name].str[1:], 0)
-        np.testing.assert_allclose(got[name], expected[name], rtol=1.001 * eps, atol=1e-15 * (eps > 0), err_msg=name)
+        np.testing.assert_allclose(got[name], expected[name], rtol=1.001 * eps, atol=near * (eps > 0), err_msg=name)
 
 
 def test_mcap_ros2_reads_the_same(cloud: PointCloud, ros: Any, tmp_path: Path) -> None:
@@ -191,7 +193,9 @@ def test_samples_of_an_imu(suffix: str, cloud: PointCloud, ros: Any, tmp_path: P
         assert [rate.x, rate.y, rate.z] == samples.angular_rate[k].tolist()
         assert [force.x, force.y, force.z] == samples.specific_force[k].tolist()
         assert message.orientation_covariance[0] == -1
-        np.testing.assert_allclose(message.angular_velocity_covariance, np.eye(3).ravel() * 0.02**2 * 200, rtol=1e-15)
+        np.testing.assert_allclose(
+            message.angular_velocity_covariance, np.eye(3).ravel() * 0.02**2 * 200, rtol=2.0**-51
+        )
         assert not message.linear_acceleration_covariance.any()
     (_, frames), *_ = found["/tf_static"]
     placed = {frame.child_frame_id: frame.transform.translation for frame in frames.transforms}
@@ -233,7 +237,7 @@ def test_livox_custom_messages(count: int, suffix: str, cloud: PointCloud, ros: 
     assert (read.topic, read.frame_id, read.stamp) == ("/mid360/points", "mid360", START + 1_500_000_000)
     np.testing.assert_array_equal(read.cloud.xyz, cloud.xyz.astype(np.float32))
     np.testing.assert_array_equal(read.cloud.ring, cloud.ring)
-    np.testing.assert_allclose(read.cloud.time, cloud.time, rtol=0, atol=0.5e-9 + 1e-17)
+    np.testing.assert_allclose(read.cloud.time, cloud.time, rtol=0, atol=0.5e-9 + np.spacing(0.1))
     np.testing.assert_array_equal(read.cloud.reflectivity, shine)
 
 
@@ -340,7 +344,7 @@ def test_ousters_range_by_its_own_formula(ros: Any, tmp_path: Path) -> None:
     # millimetre is lost as range is whole ones, and as much as float32 loses at 20 m.
     direction = scan.pulses.directions[scan.status == ls.Status.hit]
     origin = scan.pulses.origins[scan.status == ls.Status.hit]
-    np.testing.assert_allclose(np.hypot(*origin[:, :2].T), 0.015806, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.hypot(*origin[:, :2].T), 0.015806, rtol=2.0**-51)
     xyz = origin + (got["range"] / 1000 - 0.015806)[:, None] * direction
     for axis, name in enumerate("xyz"):
         np.testing.assert_allclose(got[name], xyz[:, axis], rtol=0, atol=0.5e-3 + 2.0**-20)
@@ -415,7 +419,7 @@ def test_transforms_odometry_and_clock(suffix: str, cloud: PointCloud, ros: Any,
     translation, quaternion = fixed.transform.translation, fixed.transform.rotation
     assert (translation.x, translation.y, translation.z) == (1, 0, 2)
     turn = Rotation.from_quat([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
-    assert (turn * mount.rotation.inv()).magnitude() < 1e-15
+    assert (turn * mount.rotation.inv()).magnitude() <= 2.0**-50  # quaternions round
 
     times = [START + round(tick * 1e9 / 50) for tick in range(15)]
     for topic in ("/tf", "/odom", "/clock"):
@@ -426,18 +430,18 @@ def test_transforms_odometry_and_clock(suffix: str, cloud: PointCloud, ros: Any,
         assert (odometry.header.frame_id, odometry.child_frame_id) == ("map", "base_link")
         assert odometry.header.stamp.sec * 10**9 + odometry.header.stamp.nanosec == stamp
         where, facing = odometry.pose.pose.position, odometry.pose.pose.orientation
-        # The clock counts whole nanoseconds, in which the body goes 8e-9 m; the rest is rounding.
-        np.testing.assert_allclose([where.x, where.y, where.z], pose.translation, rtol=0, atol=1e-8)
+        # The pose and the quaternion round a few times.
+        np.testing.assert_allclose([where.x, where.y, where.z], pose.translation, rtol=0, atol=2.0**-50 * 8)
         turned = Rotation.from_quat([facing.x, facing.y, facing.z, facing.w])
-        assert (turned * pose.rotation.inv()).magnitude() < 1e-8
+        assert (turned * pose.rotation.inv()).magnitude() <= 2.0**-50
         (moved,) = transforms.transforms
         assert (moved.header.frame_id, moved.child_frame_id) == ("map", "base_link")
         assert moved.transform.translation.x == where.x
         assert moved.transform.rotation.w == facing.w
         linear, angular = odometry.twist.twist.linear, odometry.twist.twist.angular
-        # Central differences over 2h = 2 ms are off by v·(ω·h)²/6, 1.2e-7 m/s here, and rounding of positions over h.
-        np.testing.assert_allclose([linear.x, linear.y, linear.z], [8, 0, 0], rtol=0, atol=2e-7)
-        np.testing.assert_allclose([angular.x, angular.y, angular.z], [0, 0, 0.3], rtol=0, atol=1e-9)
+        # A velocity is turned into the axes of the body.
+        np.testing.assert_allclose([linear.x, linear.y, linear.z], [8, 0, 0], rtol=0, atol=2.0**-50 * 8)
+        np.testing.assert_allclose([angular.x, angular.y, angular.z], [0, 0, 0.3], rtol=0, atol=2.0**-50)
 
     stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for _, message in found["/top/points"]]
     assert stamps == [START, START + 10**8, START + 2 * 10**8]
@@ -498,10 +502,10 @@ def test_a_cloud_comes_back_in_the_vendors_units(suffix: str, cloud: PointCloud,
         np.testing.assert_array_equal(loaded.intensity, np.rint(100 * cloud.intensity))
         np.testing.assert_array_equal(loaded.ring, cloud.ring)
         # Half an ulp of float32 below 0.125 s; of float64 at 1.6e9 s; and half a nanosecond.
-        atol = {"velodyne": 2.0**-28, "hesai": 2.0**-23 + 0.5e-9}.get(layout, 0.5e-9) + 1e-16
+        atol = {"velodyne": 2.0**-28, "hesai": 2.0**-23 + 0.5e-9}.get(layout, 0.5e-9) + np.spacing(0.1)
         np.testing.assert_allclose(loaded.time, cloud.time, rtol=0, atol=atol)
         if layout == "ouster":
-            np.testing.assert_allclose(loaded.range, cloud.range, rtol=0, atol=0.5e-3 + 1e-15)
+            np.testing.assert_allclose(loaded.range, cloud.range, rtol=0, atol=0.5e-3 + np.spacing(50.0))
 
 
 def test_saving_and_loading_one_cloud(cloud: PointCloud, tmp_path: Path) -> None:
@@ -729,7 +733,17 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
         ),
         ({"layout": {"top": "hesai"}}, "layout: expected names of the sensors lidar, got 'top'"),
         ({"rate": 0}, "rate: expected a finite number > 0, got 0"),
-        ({"start": -1}, "start: expected a finite number >= 0, got -1"),
+        ({"start": -1}, "start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got -1 s since 1970"),
+        ({"start": 2**31}, "start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got 2147483648 s"),
+        ({"start": datetime(2026, 5, 1)}, "start: expected a datetime with a time zone, got 2026-05-01T00:00:00"),
+        (
+            {"start": datetime(1969, 12, 31, tzinfo=UTC)},
+            r"start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got 1969-12-31T00:00:00\+00:00",
+        ),
+        (
+            {"start": datetime(2038, 1, 19, 3, 14, 8, tzinfo=UTC)},
+            r"start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got 2038-01-19T03:14:08\+00:00",
+        ),
         ({"world": ""}, "world: expected a name of letters, digits and _, got ''"),
         ({"trajectory": np.zeros((4, 4))}, "trajectory: expected a last row of"),
     ],
@@ -1004,7 +1018,9 @@ def test_scans_of_2d_lidars_are_laser_scans(clockwise: bool, suffix: str, ros: A
         assert len(cloud) == len(points) > 100
         # Ranges below 8 m and angles below 4 rad are float32, the latter with the step times up to 360.
         np.testing.assert_allclose(cloud.xyz, points.xyz, atol=8 * 361 * 2.0**-23)
-        np.testing.assert_allclose(cloud.time, points.time - scan.pulses.time[order][0], rtol=0, atol=1e-7)
+        # The step in time is float32, too, and a stamp whole nanoseconds.
+        near = 2.0**-24 * 0.1 + 1e-9
+        np.testing.assert_allclose(cloud.time, points.time - scan.pulses.time[order][0], rtol=0, atol=near)
         np.testing.assert_array_equal(cloud.intensity, points.intensity)
 
 

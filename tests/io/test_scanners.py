@@ -84,7 +84,7 @@ def test_pose_and_grid_of_a_scan(tmp_path: Path) -> None:
     assert len(lines) == 10 + 24
     read = PointCloud.load(path)
     order = np.lexsort((cloud.ring, cloud.column))
-    np.testing.assert_allclose(read.xyz, cloud.transformed(pose).xyz[order], rtol=1e-15, atol=1e-13)
+    np.testing.assert_allclose(read.xyz, cloud.transformed(pose).xyz[order], rtol=0, atol=8 * 2.0**-53 * 32)
     np.testing.assert_array_equal(read.column, cloud.column[order])
     np.testing.assert_array_equal(read.ring, cloud.ring[order])
     twice = PointCloud.concatenate([cloud, cloud])  # each place twice: a single row

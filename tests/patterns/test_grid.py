@@ -16,14 +16,18 @@ def test_flash_fires_all_beams_at_once() -> None:
     assert not pulses.time.any()
     assert not pulses.origins.any()
     azimuth = np.degrees(np.arctan2(pulses.directions[:, 1], pulses.directions[:, 0])).reshape(16, 6)
-    np.testing.assert_allclose(azimuth, np.repeat(np.linspace(30, -30, 16)[:, None], 6, axis=1), atol=1e-13)
+    # Directions round thrice by 2⁻⁵³, and an angle and its degrees twice by half a spacing.
+    near = 3 * np.degrees(2.0**-53) / np.cos(np.radians(10)) + np.spacing(30.0)
+    expected = np.repeat(np.linspace(30, -30, 16)[:, None], 6, axis=1)
+    np.testing.assert_allclose(azimuth, expected, rtol=0, atol=near)
     elevation = np.degrees(np.arcsin(pulses.directions[:, 2])).reshape(16, 6)
-    np.testing.assert_allclose(elevation, np.repeat(np.linspace(10, -10, 6)[None], 16, axis=0), atol=1e-13)
+    expected = np.repeat(np.linspace(10, -10, 6)[None], 16, axis=0)
+    np.testing.assert_allclose(elevation, expected, rtol=0, atol=near)
 
 
 def test_columns_fire_one_after_the_other() -> None:
     pulses = COLUMNS.pulses(9)
-    np.testing.assert_allclose(pulses.time, [0, 0, 0.02, 0.02, 0.04, 0.04, 0.06, 0.06], rtol=1e-15)
+    np.testing.assert_allclose(pulses.time, [0, 0, 0.02, 0.02, 0.04, 0.04, 0.06, 0.06], rtol=2.0**-52)
     np.testing.assert_array_equal(pulses.ring, [0, 1] * 4)
     np.testing.assert_array_equal(pulses.column, [0, 0, 1, 1, 2, 2, 3, 3])
 

@@ -45,16 +45,19 @@ def floor() -> ls.PointCloud:
 def test_lines_are_the_edges_of_the_box_and_an_arrow_ahead() -> None:
     some = boxes((5, 1, 0.75), (9, -3, 0.75), yaw=0.5)
     ends = lines(some)
+    near = 8 * 16 * 2.0**-53  # a matrix, its product and a sum of less than 16 m
     assert ends.shape == (2, LINES, 2, 3)
     edges, arrows = ends[:, :12], ends[:, 12:]
     length = np.linalg.norm(edges[:, :, 0] - edges[:, :, 1], axis=-1)
     for row in length:
-        np.testing.assert_allclose(np.sort(row), [1.5] * 4 + [2.0] * 4 + [4.0] * 4)
+        np.testing.assert_allclose(np.sort(row), [1.5] * 4 + [2.0] * 4 + [4.0] * 4, rtol=0, atol=near)
     for center, arrow in zip(some.center, arrows, strict=True):
         ahead = np.array([np.cos(0.5), np.sin(0.5), 0.0])
-        np.testing.assert_allclose(arrow[:, 1], np.tile(center + (2.0 + 1.0) * ahead + [0, 0, 0.75], (2, 1)))
+        np.testing.assert_allclose(
+            arrow[:, 1], np.tile(center + (2.0 + 1.0) * ahead + [0, 0, 0.75], (2, 1)), rtol=0, atol=near
+        )
         side = (arrow[:, 0] - center) @ [-np.sin(0.5), np.cos(0.5), 0.0]
-        np.testing.assert_allclose(np.sort(side), [-1.0, 1.0])
+        np.testing.assert_allclose(np.sort(side), [-1.0, 1.0], rtol=0, atol=near)
 
 
 def test_boxes_move_with_the_points_of_the_sensor_frame(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,11 +74,13 @@ def test_boxes_move_with_the_points_of_the_sensor_frame(monkeypatch: pytest.Monk
     for picture in pictures:
         (frame,) = picture.frames
         assert frame.boxes is not None
-        np.testing.assert_allclose(frame.boxes.center, [[12, 3, 0.75]], rtol=1e-12)
+        np.testing.assert_allclose(
+            frame.boxes.center, [[12, 3, 0.75]], rtol=0, atol=4 * 8 * 12 * 2.0**-53
+        )  # four turns
         assert frame.boxes.contain(frame.cloud.xyz).all()
         assert len(frame.cloud) > 100
     back = moved(moved(scan.boxes(), pose.as_matrix()), pose.inv().as_matrix())
-    np.testing.assert_allclose(back.rotation, scan.boxes().rotation, atol=1e-14)
+    np.testing.assert_allclose(back.rotation, scan.boxes().rotation, rtol=0, atol=2 * 8 * 2.0**-53)
 
 
 def test_a_picture_has_boxes_where_they_are_with_their_names(tmp_path: Path) -> None:
@@ -171,7 +176,7 @@ def test_a_plan_has_no_perspective(monkeypatch: pytest.MonkeyPatch) -> None:
     (picture,) = pictures
     view = picture.view(0, picture.seen(), 1.5)
     low, high = (view.places(np.array([[10.0, y, z] for y in (-3, 3)]), 1.5) for z in (0.0, 5.0))
-    np.testing.assert_allclose(low, high, atol=1e-12)
+    np.testing.assert_allclose(low, high, rtol=0, atol=16 * 2.0**-53)
     assert low[0, 0] > 0 > low[1, 0]  # y grows to the left
     assert np.abs(view.places(picture.seen(), 1.5)).max() <= 1.0
 

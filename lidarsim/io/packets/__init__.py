@@ -13,14 +13,17 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from lidarsim._files import PathLike, atomic_writer, check_names, check_suffix
+from lidarsim._georeference import START
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io.packets import _pcap, hesai, livox, ouster, velodyne  # noqa: F401 - each vendor registers itself
-from lidarsim.io.packets._encoders import START, companions, encoders
+from lidarsim.io.packets._encoders import companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register, variants
 from lidarsim.io.packets._merged import Merged
 from lidarsim.io.packets._udp import Sender, Sent
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from lidarsim.scan import Scan
     from lidarsim.sensor import Lidar
 
@@ -57,8 +60,9 @@ class Writer:
     sensors : mapping of str to Lidar, or Lidar
         The sensors, by names of letters, digits, _ and -. The first sends from 192.168.1.201, each further one from the
         next address and to ports of its own.
-    start : float
-        Moment at time 0 of the scans, s since 1970, before 2106. Default: the start of 2020.
+    start : float or datetime
+        Moment at time 0 of the scans, before 2106: s since 1970, or a datetime with its time zone. Default: the start
+        of 2020.
     variant : str, optional
         Variant of the packets, one of those of each sensor's format. Default: by the sensor.
     port : int, optional
@@ -91,7 +95,7 @@ class Writer:
         path: PathLike,
         sensors: Mapping[str, Lidar] | Lidar,
         *,
-        start: float = START,
+        start: float | datetime = START,
         variant: str | None = None,
         port: int | None = None,
     ) -> None:

@@ -7,20 +7,27 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidarsim import _validation
+from lidarsim._georeference import START, unix_time
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.packets._format import Encoder, format_of
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from lidarsim.sensor import Lidar
 
-__all__ = ["START", "companions", "encoders"]
+__all__ = ["LIMIT", "companions", "encoders"]
 
-START = 1_577_836_800.0
-"""Moment of time 0 of the scans unless another is given: 2020-01-01T00:00:00Z, as in `lidarsim.io.rosbag`."""
+LIMIT = 2**32
+"""Seconds since 1970 by which packets end: some hold them in 32 bits."""
 
 
 def encoders(
-    sensors: Mapping[str, Lidar], *, start: float = START, variant: str | None = None, port: int | None = None
+    sensors: Mapping[str, Lidar],
+    *,
+    start: float | datetime = START,
+    variant: str | None = None,
+    port: int | None = None,
 ) -> dict[str, Encoder]:
     """Return an encoder for each sensor, each with UDP ports of its own.
 
@@ -28,8 +35,9 @@ def encoders(
     ----------
     sensors : mapping of str to Lidar
         The sensors by name.
-    start : float
-        Moment at time 0 of the scans, s since 1970, before 2106.
+    start : float or datetime
+        Moment at time 0 of the scans, before 2106: s since 1970, or a datetime with its time zone. Default: the start
+        of 2020.
     variant : str, optional
         Variant of the packets, one of those of each sensor's format. Default: by the sensor.
     port : int, optional
@@ -47,7 +55,7 @@ def encoders(
     TypeError, ValueError
         If an argument is of the wrong type or out of its range.
     """
-    moment = round(_validation.real("start", start, at_least=0.0, at_most=2.0**32 - 1.0) * 1e9)
+    moment = unix_time(start, limit=LIMIT)
     if port is not None:
         port = _validation.integer("port", port, at_least=1)
     if not sensors:

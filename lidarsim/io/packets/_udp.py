@@ -17,13 +17,15 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder
+from lidarsim._georeference import START, unix_time
 from lidarsim._validation import shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.io.packets._encoders import START, companions, encoders
+from lidarsim.io.packets._encoders import LIMIT, companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet
 from lidarsim.io.packets._merged import Merged
 
 if TYPE_CHECKING:
+    from datetime import datetime
     from types import TracebackType
 
     from lidarsim.scan import Scan
@@ -91,8 +93,9 @@ class Sender:
         Host, and optionally the port of the first sensor: a name, an IPv4 address, or an IPv6 address, such as
         ``"127.0.0.1"``, ``"localhost:7502"`` or ``"[::1]:7502"``. Each further sensor sends to the next two ports.
         Default: this machine, and the vendor's port.
-    start : float
-        Moment at time 0 of the scans, s since 1970.
+    start : float or datetime
+        Moment at time 0 of the scans, before 2106: s since 1970, or a datetime with its time zone. Default: the start
+        of 2020.
     variant : str, optional
         Layout of the packets, as in `encoders`.
     fast : bool
@@ -118,13 +121,13 @@ class Sender:
         sensors: Mapping[str, Lidar] | Lidar,
         to: str = "127.0.0.1",
         *,
-        start: float = START,
+        start: float | datetime = START,
         variant: str | None = None,
         fast: bool = False,
     ) -> None:
         host, port = _parsed(to)
         self._named = sensors if isinstance(sensors, Mapping) else {"": sensors}
-        self._start, self._variant, self._port = start, variant, port
+        self._start, self._variant, self._port = unix_time(start, limit=LIMIT) / 1e9, variant, port
         self._encoders = self._encoders_from(start)
         self._fast = fast
         self._clock: Callable[[], float] = time.monotonic
@@ -208,7 +211,7 @@ class Sender:
             self._transmit(batches)
         return self.sent
 
-    def _encoders_from(self, start: float) -> dict[str, Encoder]:
+    def _encoders_from(self, start: float | datetime) -> dict[str, Encoder]:
         return encoders(self._named, start=start, variant=self._variant, port=self._port)
 
     def _batches(self, scans: Scans | Callable[[], Scans], repeat: float, period: float) -> Iterator[list[Packet]]:

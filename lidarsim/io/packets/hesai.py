@@ -28,8 +28,9 @@ block is that of the head `first` before the first channel of the column fires, 
 of that channel.
 
 Ranges count from Hesai's zero (`Lidar.range_offset`). Time stamps are UTC, rounded to microseconds, and azimuths are
-rounded to 0.01 degrees. An OT128 and a Pandar128E3X are in operation mode 2 (standard), all columns in state 0; the
-measurements of their IMU are 0, and their packets are not signed.
+rounded to 0.01 degrees. An OT128 and a Pandar128E3X are in operation mode 2 (standard): their columns are in the states
+0 and 1 in turn, each with its own firetimes, if the sensor was read with Hesai's firetime correction file; those of the
+presets are all in state 0. The measurements of their IMU are 0, and their packets are not signed.
 
 Format: user manuals of the sensors, section 3; HesaiTechnology/HesaiLidar_SDK_2.0, libhesai/UdpProtocol and
 libhesai/UdpParser. Checked with packets of real sensors in tier4/nebula: see tests/io/packets/test_hesai.py.
@@ -45,11 +46,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
 from lidarsim.io.packets._cycles import Cycles, moments
 from lidarsim.io.packets._format import Packet, PacketFormat, register
-from lidarsim.patterns import Spinning
+from lidarsim.patterns import Spinning, Table
 
 if TYPE_CHECKING:
     from lidarsim.scan import Scan
@@ -66,6 +68,8 @@ NORMAL = 1 << 5
 """State of a sensor without faults."""
 STAMP_ERROR = 0.5
 """Greatest error of a rounded time stamp, us; the columns of a packet may drift from the decoder's by as much."""
+STEP = 0.01
+"""Unit of azimuths, degrees."""
 SAFETY_CYCLE = 5_000_000
 """Time after which the message on functional safety is new, ns; its counter has 3 bits."""
 
@@ -126,8 +130,13 @@ class _Layout(NamedTuple):
     """Year 0 of the date."""
     safety: tuple[int, int] = (0, 0)
     """Version of the message on functional safety, and how many bytes of it the checksum covers."""
-    firetimes: tuple[str, str] = ("Channel,fire time(us)", "{channel},{us}")
-    """Head and row of the firetime correction file."""
+    firetimes: tuple[str, str] = ("Channel,fire time(us)", "{channel},{us[0]}")
+    """Head and row of the firetime correction file, with the firetimes of a channel in each state."""
+
+    @property
+    def states(self) -> int:
+        """Number of states that columns may be in."""
+        return 2 if self.tail is _LONG_TAIL else 1
 
     def packet(self, *, sequence: bool) -> np.dtype[np.void]:
         """Return the type of a packet."""
@@ -159,7 +168,7 @@ _OT128 = _Layout(
     tail=_LONG_TAIL,
     modes=_WITH_FIRST,
     safety=(1, 12),
-    firetimes=("Operational State,0,0,0,0,2,2\nAzimuth State,0,1,2,3,0,1", "{channel},-,-,-,-,{us},{us}"),
+    firetimes=("Operational State,0,0,0,0,2,2\nAzimuth State,0,1,2,3,0,1", "{channel},-,-,-,-,{us[0]},{us[1]}"),
 )
 LAYOUTS = {
     "hesai-pandar40p": _Layout(
@@ -205,10 +214,23 @@ LAYOUTS = {
             "0" + ",distance>=A1,distance<A1" * 8 + "\n"
             "operation mode,0,0,0,0,0,0,0,0,2,2,2,2,3,3,3,3\n"
             "angle state,0,0,1,1,2,2,3,3,0,0,1,1,0,0,1,1",
-            "{channel}" + ",0" * 8 + ",{ns}" * 4 + ",0" * 4,
+            "{channel}" + ",0" * 8 + ",{ns[0]}" * 2 + ",{ns[1]}" * 2 + ",0" * 4,
         ),
     ),
 }
+
+
+class _Rotor(NamedTuple):
+    """A pattern in the words of the packets; angles in rad."""
+
+    elevations: Floats
+    azimuth_offsets: Floats
+    firing_times: Floats
+    """Shape (states, channels), s since the start of the column. Column k is in state k modulo their number."""
+    columns: float
+    """Columns of a turn."""
+    rate: float
+    start_azimuth: float
 
 
 class _Encoder:
@@ -217,14 +239,15 @@ class _Encoder:
     def __init__(self, lidar: Lidar, *, start: int, port: int, variant: str | None = None) -> None:
         self._lidar, self._start, self._port = lidar, start, port
         self._layout = layout = LAYOUTS[lidar.model]
-        self._pattern = _pattern(lidar, layout)
+        self._rotor = _rotor(lidar, layout)
         returns = lidar.measurement.returns
         if returns not in layout.modes:
             modes = ", ".join(map(repr, dict.fromkeys(layout.modes)))
             raise FileFormatError(f"returns: expected one of {modes} for packets of {lidar.model}, got {returns!r}")
         self._returns = lidar.measurement.max_returns
         self._type = layout.packet(sequence=variant != "plain")
-        self._speed = 360.0 * self._pattern.rate / 1e9  # degrees per ns
+        self._cycle = np.dtype([("state", "<u2"), ("blocks", self._type["blocks"].base, (self._returns,))])
+        self._speed = 360.0 * self._rotor.rate / 1e9  # degrees per ns
         self._sequence = 0
         self._cycles = Cycles(layout.blocks // self._returns, self._period, self._empty)
         self._template = self._blank(layout.modes[returns])
@@ -232,26 +255,29 @@ class _Encoder:
     @property
     def _period(self) -> float:
         """Time from one column to the next, ns."""
-        return 1e9 / (self._pattern.columns_per_turn * self._pattern.rate)
+        return 1e9 / (self._rotor.columns * self._rotor.rate)
 
     def packets(self, scan: Scan) -> Iterator[Packet]:
         """Yield the packets that a scan completes."""
-        if scan.lidar.pattern != self._pattern or scan.range.shape[1] != self._returns:
+        if scan.lidar.pattern != self._lidar.pattern or scan.range.shape[1] != self._returns:
             raise FileFormatError("scan: expected one of the sensor that the packets are of, got one of another")
-        channels = self._layout.channels
-        pulses = scan.pulses
-        place = pulses.column.astype(np.intp) * channels + pulses.ring
-        since = pulses.time[pulses.ring == 0] - self._pattern.firing_times[0]
+        pulses, rotor = scan.pulses, self._rotor
+        first = np.flatnonzero(pulses.ring == 0)
+        state = pulses.column[first] % len(rotor.firing_times)
+        since = pulses.time[first] - rotor.firing_times[state, 0]
         starts = moments(scan, self._start, since)
         cycles = self._columns(len(since))
-        steps, brightness = self._measured(scan)
-        for order in range(self._returns):
-            for name, values in (("distance", steps), ("reflectivity", brightness)):
-                image = np.zeros(len(place), values.dtype)
-                image[place] = values[:, order]
-                cycles["channels"][name][:, order] = image.reshape(-1, channels)
-        head = -np.degrees(self._pattern.start_azimuth) + self._speed * (since * 1e9 - self._layout.first * 1e3)
-        cycles["azimuth"] = _hundredths(head)[:, None]
+        cycles["state"] = state
+        place = pulses.column.astype(np.intp) * self._layout.channels + pulses.ring
+        distances, brightness = self._measured(scan)
+        values: npt.NDArray[np.uint16] | npt.NDArray[np.uint8]
+        for name, values in (("distance", distances), ("reflectivity", brightness)):
+            image = np.empty(len(place), values.dtype)
+            for order, of_return in enumerate(values):
+                image[place] = of_return
+                cycles["blocks"]["channels"][name][:, order] = image.reshape(len(cycles), -1)
+        head = -np.degrees(rotor.start_azimuth) + self._speed * (since * 1e9 - self._layout.first * 1e3)
+        cycles["blocks"]["azimuth"] = _hundredths(head)[:, None]
         yield from self._encoded(*self._cycles.add(cycles, starts))
 
     def rest(self) -> Iterator[Packet]:
@@ -262,12 +288,15 @@ class _Encoder:
 
     def companions(self) -> Mapping[str, bytes]:
         """Return the angle correction file and the firetime correction file."""
-        pattern = self._pattern
-        elevations, azimuths = np.degrees(pattern.elevations), -np.degrees(pattern.azimuth_offsets)
+        rotor = self._rotor
+        elevations, azimuths = np.degrees(rotor.elevations), -np.degrees(rotor.azimuth_offsets)
         angles = [f"{i},{_short(up)},{_short(right)}" for i, up, right in zip(count(1), elevations, azimuths)]
         head, row = self._layout.firetimes
-        times = pattern.firing_times * 1e6 + self._layout.first
-        firetimes = [row.format(channel=i, us=_short(t), ns=round(t * 1e3)) for i, t in enumerate(times.tolist(), 1)]
+        times = np.resize(rotor.firing_times * 1e6 + self._layout.first, (2, self._layout.channels))
+        firetimes = [
+            row.format(channel=i, us=[*map(_short, t)], ns=[round(us * 1e3) for us in t])
+            for i, t in enumerate(times.T.tolist(), 1)
+        ]
         return {
             ".angles.csv": _lines("Channel,Elevation,Azimuth", *angles),
             ".firetimes.csv": _lines(head, *firetimes),
@@ -281,7 +310,7 @@ class _Encoder:
         packet["blocks"]["mark"] = np.frombuffer(layout.mark, np.uint8)
         if layout.confidence is not None:
             packet["blocks"]["channels"]["confidence"] = layout.confidence
-        packet["speed"] = round(60.0 * self._pattern.rate)
+        packet["speed"] = round(60.0 * self._rotor.rate)
         packet["mode"], packet["factory"] = mode, FACTORY
         if "operation" in (self._type.names or ()):
             packet["operation"] = STANDARD
@@ -289,47 +318,51 @@ class _Encoder:
 
     def _empty(self, last: Any, number: int) -> npt.NDArray[np.void]:
         """Return columns without returns that follow the column `last`."""
-        cycles = self._columns(number)
-        later = self._speed * self._period * np.arange(1, number + 1)
-        cycles["azimuth"] = _hundredths(last["azimuth"][0] / 100.0 + later)[:, None]
+        cycles, later = self._columns(number), np.arange(1, number + 1)
+        cycles["state"] = (last["state"] + later) % len(self._rotor.firing_times)
+        azimuth = last["blocks"]["azimuth"][0] / 100.0 + self._speed * self._period * later
+        cycles["blocks"]["azimuth"] = _hundredths(azimuth)[:, None]
         return cycles
 
     def _columns(self, number: int) -> npt.NDArray[np.void]:
-        """Return columns without returns and azimuths, shape (number, returns)."""
-        block: npt.NDArray[np.void] = self._template["blocks"][0, :1]
-        return np.repeat(block, number * self._returns).reshape(number, self._returns)
+        """Return columns without returns and azimuths, shape (number,)."""
+        column = np.zeros(1, self._cycle)
+        column["blocks"] = self._template["blocks"][0, 0]
+        return np.repeat(column, number)
 
     def _measured(self, scan: Scan) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint8]]:
-        """Return distances in steps, 0 for none, and reflectivities, shape (n, returns), in the order of the blocks."""
+        """Return distances in steps, 0 for none, and reflectivities, shape (returns, n), in the order of the blocks."""
         offset = np.asarray(self._lidar.range_offset)
-        reported = scan.range + (offset[scan.pulses.ring][:, None] if offset.ndim else offset)
+        reported = np.ascontiguousarray(scan.range.T) + (offset[scan.pulses.ring] if offset.ndim else offset)
         steps = np.rint(reported / (self._layout.step / 1e3))
         wrong = (steps < 1) | (steps > 0xFFFF)
         if wrong.any():
-            pulse, number = np.argwhere(wrong)[0]
+            pulse, number = np.argwhere(wrong.T)[0]
             low, high = self._layout.step / 1e3, self._layout.step * 0xFFFF / 1e3
             raise FileFormatError(
                 f"range: expected {low:g} to {high:g} m for packets of {self._lidar.model}, "
-                f"got range[{pulse}, {number}] = {reported[pulse, number]:g}"
+                f"got range[{pulse}, {number}] = {reported[number, pulse]:g}"
             )
-        steps[np.isnan(steps)] = 0.0
-        measured = steps.astype(np.uint16), reflectivity(scan.intensity)
-        if self._returns == 1:
-            return measured
-        # The last return is the farther one; a single return is in both blocks.
-        first, second = measured[0].T
-        swapped, both = second > first, (second > first) | (second == 0)
-        distances, brightness = (
-            np.stack([np.where(swapped, b, a), np.where(both, a, b)], axis=1)
-            for a, b in (values.T for values in measured)
-        )
+        distances = np.fmax(steps, 0.0).astype(np.uint16)  # nan becomes 0
+        brightness = reflectivity(np.ascontiguousarray(scan.intensity.T))
+        if self._returns == 2:
+            # The last return is the farther one; a single return is in both blocks. The bits in which two returns
+            # differ turn one into the other.
+            first, second = distances
+            swapped = second > first
+            both = swapped | (second == 0)
+            for values in (distances, brightness):
+                differ = values[0] ^ values[1]
+                values[0] ^= differ * swapped
+                values[1] ^= differ * both
         return distances, brightness
 
     def _encoded(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
-        """Yield packets of columns of shape (packets, columns, returns) that start at `starts`, ns."""
+        """Yield packets of columns of shape (packets, columns) that start at `starts`, ns."""
         layout = self._layout
         packets = np.repeat(self._template, len(cycles))
-        packets["blocks"] = cycles.reshape(len(cycles), layout.blocks)
+        block = f"V{packets['blocks'].dtype.itemsize}"  # NumPy copies bytes faster than fields
+        packets["blocks"].view(block)[:] = cycles["blocks"].view(block).reshape(len(cycles), layout.blocks)
         stamp = starts[:, layout.stamped] - round(1e3 * (layout.first + layout.offset))
         seconds, packets["microseconds"] = np.divmod((stamp + 500) // 1000, 10**6)
         packets["date"] = _dates(seconds, layout)
@@ -337,9 +370,13 @@ class _Encoder:
         self._sequence += len(packets)
         if "sequence" in (self._type.names or ()):
             packets["sequence"] = number & 0xFFFFFFFF
-        if "crc" in (self._type.names or ()):
+        if layout.states > 1:
+            # Two bits for each of up to eight blocks, the first block's on top.
+            of_block = np.repeat(cycles["state"], self._returns, axis=1)
+            packets["states"] = (of_block << np.arange(14, 14 - 2 * layout.blocks, -2, dtype=np.uint16)).sum(axis=1)
             self._check(packets, stamp)
-        last = (starts[:, -1] + round(1e9 * self._pattern.firing_times.max())).tolist()
+        latest = np.rint(1e9 * self._rotor.firing_times.max(axis=1)).astype(np.int64)
+        last = (starts[:, -1] + latest[cycles["state"][:, -1]]).tolist()
         content, size = packets.tobytes(), packets.itemsize
         payloads = [content[i : i + size] for i in range(0, len(content), size)]
         yield from map(Packet, last, repeat(self._port), payloads)
@@ -368,25 +405,72 @@ def crc32_mpeg2(rows: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint32]:
     return np.frombuffer(mirrored, "<u4").astype(np.uint32)
 
 
-def _pattern(lidar: Lidar, layout: _Layout) -> Spinning:
-    """Return the pattern of a sensor, after checking that it fits in the packets."""
+def _rotor(lidar: Lidar, layout: _Layout) -> _Rotor:
+    """Return what a sensor's channels do, after checking that it fits in the packets."""
     pattern = lidar.pattern
-    if not isinstance(pattern, Spinning) or len(pattern.elevations) != layout.channels or not pattern.clockwise:
-        raise FileFormatError(
-            f"pattern: expected {layout.channels} channels that spin clockwise for packets of {lidar.model}, "
-            f"got {type(pattern).__name__} of {pattern.shape[0]}"
+    rotor = None
+    if isinstance(pattern, Spinning) and pattern.clockwise:
+        rotor = _Rotor(
+            pattern.elevations,
+            pattern.azimuth_offsets,
+            pattern.firing_times[None],
+            pattern.columns_per_turn,
+            pattern.rate,
+            pattern.start_azimuth,
         )
-    period = 1e6 / (pattern.columns_per_turn * pattern.rate)
+    elif isinstance(pattern, Table) and layout.states > 1:
+        rotor = _in_turn(pattern, layout)
+    if rotor is None or len(rotor.elevations) != layout.channels:
+        of_states = f" or the firetimes of {layout.states} states in turn" if layout.states > 1 else ""
+        raise FileFormatError(
+            f"pattern: expected {layout.channels} channels that spin clockwise{of_states} for packets of "
+            f"{lidar.model}, got {type(pattern).__name__} of {pattern.shape[0]}"
+        )
+    period = 1e6 / (rotor.columns * rotor.rate)
     columns = layout.blocks // lidar.measurement.max_returns
     if abs(period - layout.period) * (columns - 1) > STAMP_ERROR:
         raise FileFormatError(
             f"pattern: expected a column_period of {layout.period:g} us for packets of {lidar.model}, got {period:g} us"
         )
-    if round(60.0 * pattern.rate) > 0xFFFF:
+    if round(60.0 * rotor.rate) > 0xFFFF:
         raise FileFormatError(
-            f"pattern: expected a rate of at most {0xFFFF // 60} Hz for packets of {lidar.model}, got {pattern.rate:g}"
+            f"pattern: expected a rate of at most {0xFFFF // 60} Hz for packets of {lidar.model}, got {rotor.rate:g}"
         )
-    return pattern
+    return rotor
+
+
+def _in_turn(table: Table, layout: _Layout) -> _Rotor | None:
+    """Return the rotor whose columns are in the states of the layout in turn, as far as packets tell; else None.
+
+    Each channel fires once in each column, and every beam is within half a step of azimuths, and fires within
+    `STAMP_ERROR`, of the rotor's.
+    """
+    channels, states = table.shape[0], layout.states
+    columns = len(table.directions) // channels
+    if table.columns is None or columns < states:
+        return None
+    order = np.lexsort((table.rings, table.columns))
+    cells = np.arange(columns * channels)
+    if (
+        len(order) != len(cells)
+        or (table.columns[order].astype(np.intp) * channels + table.rings[order] != cells).any()
+    ):
+        return None
+    direction, time = (
+        table.directions[order].reshape(columns, channels, 3),
+        table.times[order].reshape(columns, channels),
+    )
+    firing = time - np.arange(columns)[:, None] / (columns * table.rate)
+    # Azimuths of the beams before the rotor has turned, counted from its start at pi.
+    turn = 2.0 * np.pi
+    azimuth = np.arctan2(direction[..., 1], direction[..., 0]) + turn * table.rate * time - np.pi
+    azimuth = (azimuth + np.pi) % turn - np.pi
+    elevation = np.arcsin(np.clip(direction[..., 2], -1.0, 1.0))
+    rotor = _Rotor(elevation[0], azimuth[0], firing[:states], columns, table.rate, np.pi)
+    late = np.abs(firing - rotor.firing_times[np.arange(columns) % states])
+    aside = np.abs((azimuth - azimuth[0] + np.pi) % turn - np.pi)
+    apart = max(aside.max(), np.abs(elevation - elevation[0]).max())
+    return rotor if apart <= np.radians(STEP / 2.0) and late.max() <= STAMP_ERROR * 1e-6 else None
 
 
 def _dates(seconds: npt.NDArray[np.int64], layout: _Layout) -> npt.NDArray[np.uint8]:

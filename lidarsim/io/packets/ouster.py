@@ -32,6 +32,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -173,7 +174,8 @@ class _Encoder:
     def _packed(self, columns: npt.NDArray[np.void], number: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
         """Return the columns in packets."""
         packets = np.zeros(len(columns) // COLUMNS, self._type)
-        packets["columns"] = columns.reshape(-1, COLUMNS)
+        column = f"V{columns.itemsize}"  # NumPy copies bytes faster than fields
+        packets["columns"].view(column)[:] = columns.view(column).reshape(-1, COLUMNS)
         if self._variant != "legacy":
             packets["type"] = LIDAR
             packets["frame"] = number[::COLUMNS] // self._geometry.columns & 0xFFFF
@@ -366,17 +368,21 @@ def crc64(words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
     ones = np.uint64(0xFFFFFFFFFFFFFFFF)
     left = words.copy()
     left[:, 0] ^= ones
-    step = once = _step()
+    doublings = 0
     while left.shape[1] > 1:
         if left.shape[1] % 2:
             left = np.pad(left, ((0, 0), (1, 0)))  # leading zeros change nothing, since the ones are added
-        left = _stepped(step, left[:, ::2]) ^ left[:, 1::2]
-        step = _stepped(step, step)
-    return _stepped(once, left)[:, 0] ^ ones
+        left = _stepped(_step(doublings), left[:, ::2]) ^ left[:, 1::2]
+        doublings += 1
+    return _stepped(_step(0), left)[:, 0] ^ ones
 
 
-def _step() -> npt.NDArray[np.uint64]:
-    """Return A of each value of each byte of a word, shape (8, 256)."""
+@cache
+def _step(doublings: int) -> npt.NDArray[np.uint64]:
+    """Return A of each value of each byte of a word, or A^(2^doublings), shape (8, 256)."""
+    if doublings:
+        half = _step(doublings - 1)
+        return _stepped(half, half)
     values = np.arange(256, dtype=np.uint64) << (8 * np.arange(8, dtype=np.uint64)[:, None])
     for _ in range(64):
         values = (values >> np.uint64(1)) ^ np.where(values & np.uint64(1), _POLYNOMIAL, np.uint64(0))
@@ -386,9 +392,9 @@ def _step() -> npt.NDArray[np.uint64]:
 def _stepped(step: npt.NDArray[np.uint64], words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
     """Return a step of each word, which is that of its bytes, added."""
     values = np.ascontiguousarray(words, dtype="<u8").view(np.uint8).reshape(*words.shape, 8)
-    result = np.zeros(words.shape, np.uint64)
+    result, part = np.zeros(words.shape, np.uint64), np.empty(words.shape, np.uint64)
     for table, value in zip(step, np.moveaxis(values, -1, 0), strict=True):
-        result ^= table.take(value)
+        result ^= table.take(value, out=part, mode="clip")  # without a buffer; a byte is never clipped
     return result
 
 

@@ -146,13 +146,15 @@ class Decoded(NamedTuple):
     xyz: Any
     head: Any
     """Azimuths of the blocks, shape (columns, returns), 0.01 degrees."""
+    state: Any
+    """Of the blocks, likewise."""
     sequence: list[int]
 
 
 def decode(model: str, packets: list[writing.Packet], files: dict[str, bytes]) -> Decoded:
     """Decode packets as the manuals say."""
     facts = FACTS[model]
-    ends, heads, units, sequence, returns, speed = [], [], [], [], 1, 0
+    ends, heads, units, states, sequence, returns, speed = [], [], [], [], [], 1, 0
     for _, _, data in packets:
         assert len(data) == facts.size
         returns = 2 if data[facts.mode] == 0x39 else 1
@@ -163,15 +165,18 @@ def decode(model: str, packets: list[writing.Packet], files: dict[str, bytes]) -
         stamp = 1_000_000 * (round(moment.timestamp()) - START) + microseconds
         sequence += struct.unpack_from("<I", data, facts.sequence)
         count = facts.blocks // returns
+        turns = struct.unpack_from("<H", data, STATES)[0] if model in IN_TURN else 0
         for number in range(facts.blocks):
+            states.append(turns << 2 * number >> 14 & 3)  # `getAngleState` in the SDK's udp_protocol_v1_4.h
             column, at = number // returns, facts.first + facts.block * number
             ends.append(stamp + facts.offset + facts.period * (column if facts.from_first else column - count + 1))
             heads += struct.unpack_from("<H", data, at + facts.azimuth)
             units.append(data[at + facts.azimuth + 2 : at + facts.block])
     angles = columns(files[".angles.csv"], 1)
     elevation, azimuth = np.radians(angles[:, 1]), np.radians(angles[:, 2])
-    firetime = columns(files[".firetimes.csv"], FIRETIMES[model].skip)[:, FIRETIMES[model].column]
-    firetime = firetime / FIRETIMES[model].per_us
+    place = FIRETIMES[model]
+    listed = columns(files[".firetimes.csv"], place.skip) / place.per_us
+    firetime = np.stack([listed[:, place.column + place.width * state] for state in states])
     raw = np.frombuffer(b"".join(units), np.uint8).reshape(-1, facts.channels, facts.unit)
     distance = facts.step * (raw[..., 0] + 256.0 * raw[..., 1])
     # 1 rpm is 6e-6 degrees a microsecond; azimuths grow clockwise from the x axis
@@ -185,7 +190,7 @@ def decode(model: str, packets: list[writing.Packet], files: dict[str, bytes]) -
     inner = (center * direction).sum(axis=-1)
     r = np.sqrt(np.maximum(inner**2 - x**2 - y**2 + distance**2, 0)) - inner  # |center + r direction| = distance
     time = 1e3 * (np.array(ends)[:, None] + firetime)
-    grids = [time, distance, raw[..., 2], center + r[..., None] * direction, np.array(heads)]
+    grids = [time, distance, raw[..., 2], center + r[..., None] * direction, np.array(heads), np.array(states)]
     return Decoded(*(grid.reshape(-1, returns, *grid.shape[1:]) for grid in grids), sequence)
 
 
@@ -195,12 +200,18 @@ class Firetimes(NamedTuple):
     skip: int = 1
     column: int = 1
     per_us: float = 1.0
+    width: int = 1
+    """Columns of a state: of far and near, or one of both."""
 
 
 FIRETIMES = dict.fromkeys(MODELS, Firetimes()) | {
     "hesai-ot128": Firetimes(2, 5),
-    "hesai-pandar128": Firetimes(3, 9, 1e3),
+    "hesai-pandar128": Firetimes(3, 9, 1e3, width=2),
 }
+IN_TURN = {"hesai-ot128": "OT128", "hesai-pandar128": "Pandar128E3X"}
+"""Models whose columns are in two states in turn, and the names in their files."""
+STATES = 814
+"""Offset of the states of the blocks in their packets."""
 
 
 def columns(content: bytes, skip: int) -> Any:
@@ -259,11 +270,26 @@ def reported_order(scans: list[ls.Scan]) -> Any:
     return ranges.transpose(0, 2, 1)
 
 
+def in_turn(model: str, *, returns: str = "strongest") -> ls.Lidar:
+    """Return a sensor from Hesai's own files, whose columns are in two states in turn."""
+    angles, times = (DATA / f"{IN_TURN[model]}_{kind}_Correction_File.csv" for kind in ("Angle", "Firetime"))
+    lidar = ls.Lidar.from_file(angles, firing_times=times, rate=20.0)
+    pattern = lidar.pattern
+    assert isinstance(pattern, ls.patterns.Table)
+    beam = ls.Beam(0.004, rays=7) if returns == "dual" else None
+    return dataclasses.replace(lidar, measurement=ls.Measurement(beam=beam, returns=returns))
+
+
+SENSORS = [*((model, sensor) for model in MODELS), *((model, in_turn) for model in IN_TURN)]
+
+
 @pytest.mark.parametrize("returns", ["strongest", "dual"])
-@pytest.mark.parametrize("model", MODELS)
-def test_every_pulse_of_a_moving_sensor_is_decoded_within_the_steps_of_the_packets(model: str, returns: str) -> None:
+@pytest.mark.parametrize(("model", "make"), SENSORS)
+def test_every_pulse_of_a_moving_sensor_is_decoded_within_the_steps_of_the_packets(
+    model: str, make: Any, returns: str
+) -> None:
     facts = FACTS[model]
-    lidar = dataclasses.replace(sensor(model, returns=returns), max_range=30.0)  # the ground goes on beyond
+    lidar = dataclasses.replace(make(model, returns=returns), max_range=30.0)  # the ground goes on beyond
     drive = ls.Trajectory.from_twist(np.eye(4), linear=(3, 0.5, 0), angular=(0, 0, 0.2))
     scans = list(lidar.frames(street(), drive, 3))
     packets, files = encoded(lidar, scans)
@@ -302,6 +328,65 @@ def test_every_pulse_of_a_moving_sensor_is_decoded_within_the_steps_of_the_packe
     assert {*np.unique(decoded.reflectivity[:count][hit])} <= {*np.unique(shown)}
     if returns == "strongest":
         assert np.array_equal(decoded.reflectivity[:count, 0], np.where(hit[:, 0], shown[..., 0], 0))
+
+
+@pytest.mark.parametrize("returns", ["strongest", "dual"])
+@pytest.mark.parametrize("model", IN_TURN)
+def test_columns_are_in_their_states_in_turn_with_hesais_own_firetimes(model: str, returns: str) -> None:
+    lidar = in_turn(model, returns=returns)
+    packets, files = encoded(lidar, [lidar.scan(street())])
+    assert decode(model, packets, files).state.tolist() == [[k % 2] * (1 + (returns == "dual")) for k in range(900)]
+    place = FIRETIMES[model]
+    path = DATA / f"{IN_TURN[model]}_Firetime_Correction_File.csv"
+    theirs = columns(path.read_text(encoding="utf-8-sig").encode(), place.skip)
+    ours = columns(files[".firetimes.csv"], place.skip)
+    shown = [place.column, place.column + place.width]
+    assert (theirs[:, shown[0]] != theirs[:, shown[1]]).any()
+    assert ours[:, shown] == pytest.approx(theirs[:, shown], rel=0, abs=5e-7)  # 6 decimals
+
+
+def test_states_in_turn_are_recognised_within_the_steps_of_packets() -> None:
+    """Half a step of azimuths is 0.005 degrees, and a stamp is right to 0.5 us."""
+    lidar = in_turn("hesai-ot128")
+    table: ls.patterns.Table = lidar.pattern  # type: ignore[assignment]
+    refused = "pattern: expected 128 channels that spin clockwise or the firetimes of 2 states in turn for packets of"
+
+    def check(fits: bool, **changes: Any) -> None:
+        other = dataclasses.replace(lidar, pattern=dataclasses.replace(table, **changes), range_offset=0.0)
+        if fits:
+            assert writing.encoders({"": other})
+        else:
+            with pytest.raises(FileFormatError, match=f"^{refused} hesai-ot128, got Table of "):
+                writing.encoders({"": other})
+
+    check(
+        True,
+        directions=table.directions[::-1],
+        **{  # another order
+            name: getattr(table, name)[::-1] for name in ("times", "rings", "columns", "origins")
+        },
+    )
+    for place in (7, 64_000):
+        azimuth, up = np.arctan2(*table.directions[place, 1::-1]), np.arcsin(table.directions[place, 2])
+        for degrees, fits in ((0.0045, True), (-0.0045, True), (0.0055, False), (-0.0055, False)):
+            for along, across in ((degrees, 0.0), (0.0, degrees)):
+                a, e = azimuth + np.radians(along), up + np.radians(across)
+                directions = table.directions.copy()
+                directions[place] = np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)
+                check(fits, directions=directions)
+        for late, fits in ((0.45e-6, True), (0.55e-6, False)):
+            times = table.times.copy()
+            times[place] += late
+            check(fits, times=times)
+    rings = table.rings.copy()
+    rings[5] = 6
+    check(False, rings=rings)
+    check(False, columns=None)
+    check(False, **{name: getattr(table, name)[:-1] for name in ("directions", "times", "rings", "columns", "origins")})
+    with pytest.raises(
+        FileFormatError, match="pattern: expected 32 channels that spin clockwise for packets of hesai-xt"
+    ):
+        writing.encoders({"": dataclasses.replace(lidar, model="hesai-xt32")})
 
 
 def test_of_dual_returns_the_last_comes_first_and_a_single_one_twice() -> None:

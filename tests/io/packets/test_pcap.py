@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import UTC, datetime
 from ipaddress import IPv4Address
 from pathlib import Path
 
@@ -183,7 +184,8 @@ def test_bad_arguments(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
         packets.Writer(path, {})
     with pytest.raises(TypeError, match=r"^sensors: expected a Lidar, or Lidars by name, got NoneType$"):
         packets.Writer(path, {"fast": fast, "none": None})  # type: ignore[dict-item]
-    for start in (-1.0, 2.0**32):
+    late = datetime(2106, 2, 7, 6, 28, 16, tzinfo=UTC)  # 2³² s since 1970
+    for start in (-1.0, 2.0**32, 1e300, late, late.replace(tzinfo=None)):
         with pytest.raises(ValueError, match=r"^start: expected "):
             packets.Writer(path, fast, start=start)
     assert packets.encoders({"a": fast}, port=0xFFFE)

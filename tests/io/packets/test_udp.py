@@ -17,10 +17,10 @@ import pytest
 import lidarsim as ls
 from lidarsim.cli import _print_sent, main
 from lidarsim.io import packets
-from lidarsim.io.packets import Packet, Sender, _encoders, _format, _udp
+from lidarsim.io.packets import Packet, Sender, _format, _udp
 from tests.io.packets import toy
 
-START = _encoders.START
+START = 1_577_836_800.0  # 2020-01-01T00:00:00Z
 
 
 @pytest.fixture(autouse=True)

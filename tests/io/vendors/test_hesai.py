@@ -14,6 +14,10 @@ import lidarsim as ls
 from lidarsim.errors import FileFormatError
 from lidarsim.patterns import PolygonMirror, Pulses, Spinning, Table
 
+TURNED = 4 * np.spacing(3 * np.pi)
+"""Greatest difference of two unit vectors from the same angles, which go up to 3π: an angle of the head is a product
+and a sum, and has an offset, each rounded by half a spacing on both sides; sines, cosines and their product less."""
+
 DATA = Path(__file__).parents[2] / "data" / "sensors" / "hesai"
 ANGLES = DATA / "Pandar40P_Angle_Correction_File.csv"
 TIMES = DATA / "Pandar40P_Firetime_Correction_File.csv"
@@ -55,7 +59,7 @@ def test_points_are_where_the_vendors_formula_puts_them(path: Path, name: str) -
             x += right * math.cos(rotor) + front * math.sin(rotor)
             y += front * math.cos(rotor) - right * math.sin(rotor)
             got = pulses.origins[i] + distance * pulses.directions[i]
-            assert np.abs(got - (y, -x, distance * math.sin(elevation))).max() < 1e-12
+            assert np.abs(got - (y, -x, distance * math.sin(elevation))).max() <= TURNED * (distance + front)
 
 
 @pytest.mark.parametrize("model", ["Pandar40P", "PandarQT", "Pandar128E3X", "OT128", "QT128C2X"])
@@ -83,13 +87,13 @@ def test_at128_spans_what_its_decoder_says() -> None:
     pattern = ls.Lidar.from_file(path).pattern
     assert isinstance(pattern, PolygonMirror)
     angles = np.radians(table(path)[:, 1:])
-    np.testing.assert_allclose(pattern.elevations, angles[:, 0])
-    np.testing.assert_allclose(pattern.azimuth_offsets, -angles[:, 1])
+    np.testing.assert_array_equal(pattern.elevations, angles[:, 0])
+    np.testing.assert_array_equal(pattern.azimuth_offsets, -angles[:, 1])
     preset = ls.Lidar.preset("hesai-at128").pattern
     assert isinstance(preset, PolygonMirror)
-    np.testing.assert_allclose(preset.azimuth_offsets, pattern.azimuth_offsets)
+    np.testing.assert_array_equal(preset.azimuth_offsets, pattern.azimuth_offsets)
     azimuth = azimuths(pattern.pulses())[0]  # 1200 columns of a tenth of a degree, from 60 - 2.4 degrees on
-    np.testing.assert_allclose(azimuth, 57.6 - 0.1 * np.arange(1200), atol=1e-12)
+    np.testing.assert_allclose(azimuth, 57.6 - 0.1 * np.arange(1200), rtol=0, atol=np.degrees(TURNED))
     fast = ls.Lidar.from_file(path, rate=20.0).pattern
     assert fast.shape == (128, 600)
 
@@ -113,8 +117,8 @@ def mirror_parts() -> tuple[np.ndarray, ...]:
 def test_dat_and_csv_have_opposite_azimuths_and_the_same_directions() -> None:
     _, dat_azimuth, dat_elevation, *_ = mirror_parts()
     csv = table(DATA / "nebula_PandarAT128.csv")
-    np.testing.assert_allclose(dat_azimuth, -csv[:, 2], atol=1e-12)
-    np.testing.assert_allclose(dat_elevation, csv[:, 1], atol=0.05)  # two units, with angles to 0.01 degrees
+    np.testing.assert_array_equal(dat_azimuth, -csv[:, 2])
+    np.testing.assert_allclose(dat_elevation, csv[:, 1], rtol=0, atol=0.05)  # two units, with angles to 0.01 degrees
     dat, preset = ls.Lidar.from_file(MIRROR), ls.Lidar.from_file(DATA / "nebula_PandarAT128.csv")
     assert (dat.name, dat.max_range) == (preset.name, preset.max_range)
     assert isinstance(dat.pattern, Table)
@@ -146,7 +150,9 @@ def test_dat_points_where_the_vendors_decoder_does() -> None:
             a = math.radians(2.0 * (encoder - starts[frame]) - azimuth[ring] + adjust[0])
             e = math.radians(elevation[ring] + adjust[1])
             expected = (math.cos(e) * math.sin(a), math.cos(e) * math.cos(a), math.sin(e))
-            np.testing.assert_allclose(pulses.directions[i], expected, rtol=0, atol=1e-12)
+            # Angles of the encoder go up to 480 degrees, and are doubled.
+            near = TURNED + 2 * np.radians(np.spacing(480.0))
+            np.testing.assert_allclose(pulses.directions[i], expected, rtol=0, atol=near)
             checked += 1
     assert checked > 1400
 
@@ -211,18 +217,22 @@ def test_states_of_the_standard_mode_take_turns(model: str, skip: int, states: t
     preset = ls.Lidar.from_file(angles).pattern
     assert pattern.shape == preset.shape == (128, 1800)
     assert isinstance(preset, Spinning)
-    np.testing.assert_allclose(preset.firing_times, expected[:, 0] - expected[:, 0].min(), atol=1e-12)
+    # Numbers of 1 ms at most in three units, and their difference.
+    near = 4 * np.spacing(1e-3)
+    np.testing.assert_allclose(preset.firing_times, expected[:, 0] - expected[:, 0].min(), rtol=0, atol=near)
     pulses = pattern.pulses(1)
     assert len(pulses) == 128 * 1800
     since = pulses.time - pulses.column / 18000.0
-    np.testing.assert_allclose(since, expected[pulses.ring, pulses.column % 2], atol=1e-12)
+    near += 2 * np.spacing(0.1)  # the period, its multiple and the sum round, and the time of the column here
+    np.testing.assert_allclose(since, expected[pulses.ring, pulses.column % 2], rtol=0, atol=near)
     # both turn and look alike: the preset is the first state
     first = preset.pulses()
     even = pulses.column == 0
     np.testing.assert_allclose(
         pulses.directions[even][np.argsort(pulses.ring[even])],
         first.directions[first.column == 0][np.argsort(first.ring[first.column == 0])],
-        atol=2.0 * np.pi * 10.0 * 1e-6,  # E3X: the file counts from the earliest of both states, less than 1 us apart
+        rtol=0,
+        atol=TURNED,
     )
 
 
@@ -239,16 +249,20 @@ def test_channels_of_a_qt128_take_turns() -> None:
         assert set(pulses.ring[in_loop]) == {int(number) - 1 for number in fired[:, 0]}
         when = dict(zip(fired[:, 0].astype(int) - 1, fired[:, 1] - 0.6, strict=True))  # the first fires at 0.6 us
         expected = [when[ring] for ring in pulses.ring[in_loop]]
-        np.testing.assert_allclose((pulses.time - pulses.column / 9000.0)[in_loop] * 1e6, expected, atol=1e-6)
+        near = 2e6 * np.spacing(0.1) + 4 * np.spacing(1e3)  # the period, its multiple, the sum and the column; us
+        since = (pulses.time - pulses.column / 9000.0)[in_loop] * 1e6
+        np.testing.assert_allclose(since, expected, rtol=0, atol=near)
     elevation = np.degrees(np.arcsin(pulses.directions[:, 2]))
-    np.testing.assert_allclose(elevation, table(angles)[pulses.ring, 1], atol=1e-12)
+    # Of the sine of at most 53 degrees, and in degrees.
+    near = 3 * np.degrees(2.0**-53) / np.cos(np.radians(53)) + np.spacing(53.0)
+    np.testing.assert_allclose(elevation, table(angles)[pulses.ring, 1], rtol=0, atol=near)
     right, front = 0.0072, 0.0354
     rotor = math.pi + 20.0 * math.pi * pulses.time
     origin = [front * np.cos(rotor) - right * np.sin(rotor), -right * np.cos(rotor) - front * np.sin(rotor)]
-    np.testing.assert_allclose(pulses.origins[:, :2].T, origin, atol=1e-12)
+    np.testing.assert_allclose(pulses.origins[:, :2].T, origin, rtol=0, atol=TURNED * front)
     azimuth = -(rotor + np.radians(table(angles)[pulses.ring, 2]))
     flat = pulses.directions[:, :2] / np.hypot(*pulses.directions[:, :2].T)[:, None]
-    np.testing.assert_allclose(flat, np.c_[np.cos(azimuth), np.sin(azimuth)], atol=1e-12)
+    np.testing.assert_allclose(flat, np.c_[np.cos(azimuth), np.sin(azimuth)], rtol=0, atol=TURNED)
 
 
 def test_firing_times_count_from_the_first() -> None:
@@ -257,11 +271,12 @@ def test_firing_times_count_from_the_first() -> None:
     rows = table(TIMES)
     by_channel = dict(zip(rows[:, 0].astype(int), rows[:, 1], strict=True))
     expected = [by_channel[channel] + 54.67 for channel in range(1, 41)]
-    np.testing.assert_allclose(pattern.firing_times * 1e6, expected, atol=1e-9)
+    np.testing.assert_allclose(pattern.firing_times * 1e6, expected, rtol=0, atol=4 * np.spacing(60.0))  # us
     # the preset's times are another transcript of the same table
     preset = ls.Lidar.preset("hesai-pandar40p").pattern
     assert isinstance(preset, Spinning)
-    np.testing.assert_allclose(pattern.firing_times, preset.firing_times, atol=1e-12)
+    near = 4 * np.spacing(1e-3)  # numbers below 1 ms, in two units and from another zero
+    np.testing.assert_allclose(pattern.firing_times, preset.firing_times, rtol=0, atol=near)
 
 
 def test_rate_and_noise_may_be_said() -> None:

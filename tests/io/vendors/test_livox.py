@@ -36,8 +36,9 @@ def test_pattern_is_that_of_the_file(tmp_path: Path, name: str, shape: tuple[int
     for frame in range(4):
         got, expected = lidar.pattern.pulses(frame), preset.pattern.pulses(frame % 3)
         # angles rounded to 0.01 degrees, half of it in each of two
-        np.testing.assert_allclose(got.directions, expected.directions, atol=np.radians(0.0071))
-        np.testing.assert_allclose(got.time, expected.time, atol=1e-12)
+        near = np.sqrt(2) * np.radians(0.005) + np.spacing(1.0)
+        np.testing.assert_allclose(got.directions, expected.directions, rtol=0, atol=near)
+        np.testing.assert_allclose(got.time, expected.time, rtol=0, atol=2 * np.spacing(0.3))  # of three frames
         np.testing.assert_array_equal(got.ring, expected.ring)
 
 
@@ -46,9 +47,9 @@ def test_pulse_rate_of_another_model_may_be_said(tmp_path: Path) -> None:
     path.write_text("Time/s,Azimuth/deg,Zenith/deg\n0,0,90\n1,10,80\n2,350,100\n")
     lidar = ls.Lidar.from_file(path, pulse_rate=50.0, rate=10.0)
     assert [len(lidar.pattern.pulses(frame)) for frame in range(2)] == [3, 3]
-    np.testing.assert_allclose(lidar.pattern.pulses().time, [0.0, 0.02, 0.04])
+    np.testing.assert_allclose(lidar.pattern.pulses().time, [0.0, 0.02, 0.04], rtol=2 * 2.0**-53)
     z = np.sin(np.radians([0.0, 10.0, -10.0]))
-    np.testing.assert_allclose(lidar.pattern.pulses().directions[:, 2], z, atol=1e-15)
+    np.testing.assert_allclose(lidar.pattern.pulses().directions[:, 2], z, rtol=0, atol=4 * 2.0**-53)
     assert lidar.name == "livox"
 
 

@@ -150,7 +150,7 @@ fn explained(py: Python<'_>, why: &(dyn Any + Send)) -> PyErr {
         return raised(py);
     }
     if let Some(OutOfMemory { bytes, purpose }) = why.downcast_ref() {
-        return PyMemoryError::new_err(format!("expected {bytes} bytes of memory for {purpose}, got none"));
+        return PyMemoryError::new_err(format!("out of memory: {bytes} bytes for {purpose}"));
     }
     let text = why.downcast_ref::<&str>().copied().or_else(|| why.downcast_ref().map(String::as_str));
     PyRuntimeError::new_err(format!("a fault in lidarsim, please report it: {}", text.unwrap_or("unknown")))
