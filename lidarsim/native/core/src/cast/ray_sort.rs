@@ -8,6 +8,7 @@ use crate::arith::simd::{Floats, Isa, Task};
 use crate::bvh::LANES;
 use crate::geometry::vector::Point;
 use crate::memory;
+use crate::scene::Rays;
 
 /// Rays that are sorted together if adjacent rays are coherent: they and their hits stay in the first-level
 /// cache.
@@ -33,6 +34,9 @@ pub struct RaySort {
     /// The number of the world at which the rays are cast.
     world: u64,
     has_times: bool,
+    /// So many rays of a pulse follow one another.
+    bundle: usize,
+    are_scattered: bool,
     group: usize,
     start: usize,
     /// The number of sorted rays.
@@ -40,6 +44,9 @@ pub struct RaySort {
     /// Whether these share one origin, to the bit.
     has_one_origin: bool,
     last: LastSorted,
+    /// Of bundles, their first rays.
+    axes: Vec<Point>,
+    starts: Vec<Point>,
     places: Vec<u32>,
     octants: Vec<u32>,
     keys: Vec<u32>,
@@ -77,16 +84,19 @@ impl Task for Advance<'_> {
 }
 
 impl RaySort {
-    /// Restarts for rays with these directions. `has_times` says that each has a time, at which it meets
-    /// moving objects. The last order is kept if it was for the same world.
-    pub fn restart(&mut self, directions: &[Point], (world, size): (u64, f64), has_times: bool) {
-        self.group = if are_scattered(directions) { MOST } else { NEAR };
-        self.has_times = has_times;
+    /// Restarts for these rays. The last order is kept if it was for the same world.
+    pub fn restart(&mut self, rays: &Rays, (world, size): (u64, f64)) {
+        let Rays { directions, times, bundle, .. } = *rays;
+        self.are_scattered = are_scattered(directions, bundle);
+        self.bundle = bundle;
+        // A bundle is sorted as one, so that many rays cost little.
+        self.group = if bundle > 1 || self.are_scattered { MOST.max(bundle) / bundle * bundle } else { NEAR };
+        self.has_times = !times.is_empty();
         (self.size, self.start, self.count) = (size, 0, 0);
         if self.world != world {
             (self.world, self.last.start) = (world, None);
         }
-        let room = self.group.min(directions.len()) + BLOCK + LONG_RUN;
+        let room = self.group.min(directions.len()) + BLOCK + LONG_RUN.max(bundle);
         let RaySort { places, octants, keys, near, items, sorted, order, .. } = self;
         for vector in [places, octants, keys, near, items, sorted] {
             vector.clear();
@@ -109,7 +119,11 @@ impl RaySort {
             return false;
         }
         (self.start, self.count) = (group.end, group.len());
-        self.has_one_origin = self.group == NEAR && are_equal(&origins[group.clone()]);
+        if self.bundle > 1 {
+            self.sort_bundles::<I>(&origins[group.clone()], &directions[group.clone()], group.start);
+            return true;
+        }
+        self.has_one_origin = !self.are_scattered && are_equal(&origins[group.clone()]);
         let together = !self.has_times && self.has_one_origin;
         if together && self.takes_over::<I>(directions, group.clone()) {
             return true;
@@ -118,7 +132,7 @@ impl RaySort {
         let (low, high) = self.find_places::<I>(&directions[group.clone()]);
         let width = if together { WIDTH } else { 1.0 };
         self.direction_keys(low, high, width);
-        if self.group != NEAR {
+        if self.are_scattered {
             self.add_cells::<I>(&origins[group.clone()]);
             self.near.clear();
             self.near.resize(self.keys.len(), 0);
@@ -132,6 +146,44 @@ impl RaySort {
             self.radix_sort::<LONG_RUN>(group.start);
         }
         true
+    }
+
+    /// Sorts rays by the places of their bundles.
+    #[inline(always)]
+    fn sort_bundles<I: Isa>(&mut self, origins: &[Point], directions: &[Point], first: usize) {
+        self.last.start = None;
+        let bundle = self.bundle;
+        let (mut axes, mut starts) = (std::mem::take(&mut self.axes), std::mem::take(&mut self.starts));
+        axes.clear();
+        axes.extend(directions.iter().step_by(bundle));
+        starts.clear();
+        starts.extend(origins.iter().step_by(bundle));
+        self.has_one_origin = !self.are_scattered && are_equal(&starts);
+        let together = !self.has_times && self.has_one_origin;
+        let (low, high) = self.find_places::<I>(&axes);
+        self.direction_keys(low, high, if together { WIDTH } else { 1.0 });
+        let within = if self.are_scattered { self.add_cells::<I>(&starts) } else { 2 * DIRECTION };
+        (self.axes, self.starts) = (axes, starts);
+        let signs = |ray: &Point| ray.map(|x| u32::from(x < 0.0));
+        self.items.clear();
+        for ((k, key), rays) in self.keys.iter().enumerate().zip(directions.chunks_exact(bundle)) {
+            let axis = signs(&rays[0]);
+            let other = rays.iter().map(signs).fold([0; 3], |all, signs| {
+                [all[0] | signs[0] ^ axis[0], all[1] | signs[1] ^ axis[1], all[2] | signs[2] ^ axis[2]]
+            });
+            if other == [0; 3] {
+                self.items.push(key << 16 | ((bundle * k) as u32) << 1 | 1);
+                continue;
+            }
+            // Packets hold one octant, so each ray goes to those of its own.
+            for (i, ray) in rays.iter().enumerate() {
+                let [x, y, z] = signs(ray);
+                let key = (x | y << 1 | z << 2) << within | key & ((1 << within) - 1);
+                self.items.push(key << 16 | ((bundle * k + i) as u32) << 1);
+            }
+        }
+        self.sort_items();
+        self.put_in_order(first, directions.len(), bundle);
     }
 
     /// Records what identifies groups similar to the one just sorted.
@@ -291,9 +343,9 @@ impl RaySort {
     }
 
     /// Inserts the cell of the origin between octant and direction, which becomes coarser, unless the origins
-    /// are close together relative to the scene.
+    /// are close together relative to the scene. Returns the number of bits below the octant.
     #[inline(always)]
-    fn add_cells<I: Isa>(&mut self, origins: &[Point]) {
+    fn add_cells<I: Isa>(&mut self, origins: &[Point]) -> u32 {
         const FINE: u32 = 2 * DIRECTION;
         const CELLS: u32 = 1 << ORIGIN;
         let (mut least, mut most) = (origins[0].map(I::F64x8::splat), origins[0].map(I::F64x8::splat));
@@ -307,7 +359,7 @@ impl RaySort {
         let low = least.map(|x| x.smallest());
         let size = (0..3).fold(0.0_f64, |m, i| m.max(most[i].largest() - low[i]));
         if !(size > self.size / 64.0) {
-            return;
+            return FINE;
         }
         let (low, scale) = (low.map(I::F64x8::splat), I::F64x8::splat(f64::from(CELLS) / size));
         for (keys, block) in self.keys.chunks_mut(BLOCK).zip(origins.chunks(BLOCK)) {
@@ -329,14 +381,12 @@ impl RaySort {
                 *key = (octant << (3 * ORIGIN) | cell) << COARSE | within >> (FINE - COARSE);
             }
         }
+        3 * ORIGIN + COARSE
     }
 
     /// Sorts the indices by key; the sort is stable.
     #[inline(always)]
     fn radix_sort<const LENGTH: usize>(&mut self, first: usize) {
-        const DIGITS: usize = 2;
-        let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
-        let mut ends = [[0_u32; 1 << 8]; DIGITS];
         // An index, and a bit that distinguishes runs from single rays.
         self.items.clear();
         for (run, keys) in self.keys.chunks(LENGTH).enumerate() {
@@ -344,11 +394,22 @@ impl RaySort {
             let whole = keys.len() == LENGTH
                 && self.near[start + 1..start + LENGTH].iter().fold(1, |all, near| all & near) == 1;
             for (i, key) in keys[..if whole { 1 } else { keys.len() }].iter().enumerate() {
-                let item = key << 16 | ((start + i) as u32) << 1 | u32::from(whole);
-                for k in 0..DIGITS {
-                    ends[k][digit(item, k)] += 1;
-                }
-                self.items.push(item);
+                self.items.push(key << 16 | ((start + i) as u32) << 1 | u32::from(whole));
+            }
+        }
+        self.sort_items();
+        self.put_in_order(first, self.keys.len(), LENGTH);
+    }
+
+    /// Sorts the items by key.
+    #[inline(always)]
+    fn sort_items(&mut self) {
+        const DIGITS: usize = 2;
+        let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
+        let mut ends = [[0_u32; 1 << 8]; DIGITS];
+        for item in &self.items {
+            for k in 0..DIGITS {
+                ends[k][digit(*item, k)] += 1;
             }
         }
         self.sorted.clear();
@@ -369,15 +430,20 @@ impl RaySort {
             }
             std::mem::swap(&mut self.items, &mut self.sorted);
         }
+    }
+
+    /// Puts the `count` rays from `first` on into the order of the items, of which runs have `length` rays.
+    #[inline(always)]
+    fn put_in_order(&mut self, first: usize, count: usize, length: usize) {
         // The next ray overwrites the excess of a run over a single ray.
-        self.order.resize(self.keys.len() + LENGTH - 1, 0);
+        self.order.resize(count + length - 1, 0);
         let mut end = 0;
         for item in &self.items {
             let at = first as u32 + ((item & 0xffff) >> 1);
-            for (i, place) in self.order[end..end + LENGTH].iter_mut().enumerate() {
+            for (i, place) in self.order[end..end + length].iter_mut().enumerate() {
                 *place = at + i as u32;
             }
-            end += if item & 1 != 0 { LENGTH } else { 1 };
+            end += if item & 1 != 0 { length } else { 1 };
         }
     }
 }
@@ -429,12 +495,12 @@ fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
     ]
 }
 
-/// Whether adjacent rays are incoherent, so that sorting larger groups pays off.
-pub fn are_scattered(directions: &[Point]) -> bool {
+/// Whether adjacent rays are incoherent, so that sorting larger groups pays off; of bundles, their first.
+pub fn are_scattered(directions: &[Point], bundle: usize) -> bool {
     const SAMPLES: usize = 16;
-    let n = directions.len();
+    let n = directions.len() / bundle;
     let diverges = |i: usize| {
-        let (a, b) = (directions[i], directions[i + 1]);
+        let (a, b) = (directions[bundle * i], directions[bundle * (i + 1)]);
         let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         // More than 30°.
         dot(a, b) < 0.866 * (dot(a, a) * dot(b, b)).sqrt()
@@ -509,9 +575,9 @@ mod tests {
             let mut groups = Vec::new();
             let mut order = RaySort::default();
             // Some earlier use.
-            order.restart(&[[1.0, 0.0, 0.0]; 2], (1, 1.0), false);
+            order.restart(&Rays::new(&[], &[[1.0, 0.0, 0.0]; 2], &[]), (1, 1.0));
             assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
-            order.restart(directions, (2, size), false);
+            order.restart(&Rays::new(origins, directions, &[]), (2, size));
             while order.advance::<I>(origins, directions) {
                 groups.push(order.sorted().to_vec());
             }
@@ -634,7 +700,7 @@ mod tests {
             let Pieces(pieces, worlds) = self;
             let mut order = RaySort::default();
             [0, 1].map(|k| {
-                order.restart(pieces[k], (worlds[k], 100.0), false);
+                order.restart(&Rays::new(&[], pieces[k], &[]), (worlds[k], 100.0));
                 assert!(order.advance::<I>(&[[0.0; 3]; NEAR], pieces[k]));
                 order.sorted().to_vec()
             })
@@ -659,12 +725,12 @@ mod tests {
     #[test]
     fn neighbours_point_the_same_way() {
         let directions = scattered(70_000);
-        assert!(are_scattered(&directions) && !are_scattered(&sweep(70_000)));
+        assert!(are_scattered(&directions, 1) && !are_scattered(&sweep(70_000), 1));
         for far in [0.0, 100.0] {
             let origins = places(70_000, far);
             let order = groups(&origins, &directions, 100.0).concat();
             let sorted: Vec<Point> = order.iter().map(|&i| directions[i as usize]).collect();
-            assert!(!are_scattered(&sorted));
+            assert!(!are_scattered(&sorted, 1));
             // If origins differ, they are close to each other, too: below the mean distance in a cube, 0.66
             // of its side.
             let step = |pair: &[u32]| {

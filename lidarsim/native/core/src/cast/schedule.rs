@@ -14,7 +14,7 @@ pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
     let (threads, all) = (parallel::threads(), directions.len() * rays);
     let turns = all.div_ceil(threads * MOST).max(1);
     let even = all.div_ceil(turns * threads).max(NEAR);
-    let scattered = are_scattered(directions);
+    let scattered = are_scattered(directions, 1);
     let (mut pieces, mut start) = (Vec::new(), 0);
     while start < directions.len() {
         let left = (directions.len() - start) * rays;

@@ -1,5 +1,6 @@
 //! Beams that widen, and their sub-rays.
 
+use super::direction::length_beside;
 use super::parameters::Parameters;
 use crate::arith::elementary::{exp, sin_cos};
 
@@ -12,6 +13,8 @@ pub struct Beam {
     /// Per sub-ray: tangents of azimuth and elevation to the axis, and its share of the energy. The first
     /// sub-ray is the axis.
     cells: Vec<([f64; 2], f64)>,
+    /// Eight sub-rays each: both tangents, and the length that belongs to them. The axis fills the last.
+    eights: Vec<[[f64; 8]; 3]>,
     /// Standard deviation of the pulse, as a range, m.
     pub(super) pulse_sigma: f64,
     /// The least distance at which the receiver tells two echoes apart, m.
@@ -81,7 +84,13 @@ impl Beam {
                 cells.push((offset, energy / inside(1.0) / (6 * k) as f64));
             }
         }
-        Beam { cells, pulse_sigma: sigma(pulse_length), separation: 0.0 }
+        let offset = |sub_ray: usize| cells.get(sub_ray).map_or([0.0; 2], |(offset, _)| *offset);
+        let eight = |first: usize| {
+            let offsets: [[f64; 2]; 8] = std::array::from_fn(|k| offset(first + k));
+            [offsets.map(|[left, _]| left), offsets.map(|[_, up]| up), offsets.map(length_beside)]
+        };
+        let eights = (0..cells.len()).step_by(8).map(eight).collect();
+        Beam { cells, eights, pulse_sigma: sigma(pulse_length), separation: 0.0 }
     }
 
     /// The number of sub-rays.
@@ -108,9 +117,9 @@ impl Beam {
         parts.count().min(self.cells.len() - 1)
     }
 
-    /// Offset of each sub-ray.
-    pub(super) fn offsets(&self) -> impl Iterator<Item = [f64; 2]> {
-        self.cells.iter().map(|(offset, _)| *offset)
+    /// The sub-rays in eights, by tangent to the left, upward, and the length that belongs to them.
+    pub(super) fn eights(&self) -> &[[[f64; 8]; 3]] {
+        &self.eights
     }
 
     /// The ray and the share of energy of each sub-ray of a pulse.

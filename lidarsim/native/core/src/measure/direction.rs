@@ -17,12 +17,43 @@ pub fn turned(direction: Point, azimuth: f64, elevation: f64) -> Point {
 
 /// `direction`, unit, and to the left and upward of it by these tangents.
 #[inline(always)]
-pub fn beside(direction: Point, [left, up]: [f64; 2]) -> Point {
-    let (level, [x, y]) = heading(direction);
-    let [dx, dy, dz] = direction;
-    let v = [dx - left * y - up * dz * x, dy + left * x - up * dz * y, dz + up * level];
-    let length = (1.0 + left * left + up * up).sqrt();
-    v.map(|c| c / length)
+pub fn beside(direction: Point, offset: [f64; 2]) -> Point {
+    let ([left, up], length) = (offset, length_beside(offset));
+    Axis::of(direction).beside([left, up, length])
+}
+
+/// The length of a vector from unit length on to the left and upward by these tangents.
+#[inline(always)]
+pub fn length_beside([left, up]: [f64; 2]) -> f64 {
+    (1.0 + left * left + up * up).sqrt()
+}
+
+/// The axis of a beam.
+pub struct Axis {
+    direction: Point,
+    level: f64,
+    heading: [f64; 2],
+}
+
+impl Axis {
+    #[inline(always)]
+    pub fn of(direction: Point) -> Self {
+        let (level, heading) = heading(direction);
+        Axis { direction, level, heading }
+    }
+
+    /// As [`beside`], of N offsets: to the left, upward, and the length that belongs to them.
+    #[inline(always)]
+    pub fn beside<F: Floats<f64, N>, const N: usize>(&self, [left, up, length]: [F; 3]) -> [F; 3] {
+        let [dx, dy, dz] = lanes::splat::<F, N>(self.direction);
+        let [x, y, level] = lanes::splat::<F, N>([self.heading[0], self.heading[1], self.level]);
+        let down = up.mul(dz);
+        [
+            dx.sub(left.mul(y)).sub(down.mul(x)).div(length),
+            dy.add(left.mul(x)).sub(down.mul(y)).div(length),
+            dz.add(up.mul(level)).div(length),
+        ]
+    }
 }
 
 /// Length and direction of the horizontal part; at a pole the direction is x.
