@@ -289,8 +289,7 @@ mod tests {
                 let world = scene.during([0.0; 2]);
                 let cast = |level, rays: Range<usize>| {
                     let mut hits = HitArrays::of(rays.len());
-                    let rays =
-                        Rays::new(&origins[rays.clone()], &directions[rays], &[]);
+                    let rays = Rays::new(&origins[rays.clone()], &directions[rays], &[]);
                     assert!(world.cast(level, rays, range, &mut hits.columns()));
                     hits.iter().collect::<Vec<_>>()
                 };

@@ -19,6 +19,11 @@ pub fn turned(direction: Point, azimuth: f64, elevation: f64) -> Point {
 #[inline(always)]
 pub fn beside(direction: Point, offset: [f64; 2]) -> Point {
     let ([left, up], length) = (offset, length_beside(offset));
+    let [x, y, z] = direction;
+    if [left, up] == [0.0; 2] && x * x + y * y > 0.0 {
+        // Only the signs of zeros matter of the heading, and these are those of x and y.
+        return [x - left * y - up * z * x, y + left * x - up * z * y, z + up];
+    }
     Axis::of(direction).beside([left, up, length])
 }
 
@@ -124,7 +129,7 @@ mod tests {
     use crate::arith::number::{Dyadic, Number, UNIT};
     use crate::geometry::point::dot;
     use crate::geometry::vector;
-    use crate::testing::{assert_slack, worst};
+    use crate::testing::{assert_slack, numbers, worst};
 
     #[test]
     fn beside_is_left_and_up() {
@@ -135,6 +140,29 @@ mod tests {
         // Straight up, left and up are as after a turn from straight ahead.
         let [x, y, z] = beside([0.0, 0.0, 1.0], [0.1, 0.2]);
         assert!((y / z - 0.1).abs() < 1e-15 && (x / z + 0.2).abs() < 1e-15);
+    }
+
+    /// To the bit, signs of zeros too: with the heading, and of the axis without it.
+    #[test]
+    fn many_lie_beside_an_axis_as_each_does() {
+        let mut number = numbers();
+        let zeros = [0.0, -0.0, 1.0, -1.0];
+        let special = (0..64).map(|k| [zeros[k % 4], zeros[k / 4 % 4], zeros[k / 16]]);
+        let others: Vec<Point> = (0..200).map(|_| [0; 3].map(|_: u8| number() - 0.5)).collect();
+        for direction in special.chain(others) {
+            for left in [0.0, -0.0, 0.01, -0.02] {
+                for up in [0.0, -0.0, 0.02, -0.01] {
+                    let offset = [left, up, length_beside([left, up])];
+                    let expected: Point = Axis::of(direction).beside(offset);
+                    let found = beside(direction, [left, up]);
+                    assert_eq!(
+                        found.map(f64::to_bits),
+                        expected.map(f64::to_bits),
+                        "{direction:?} {offset:?}"
+                    );
+                }
+            }
+        }
     }
 
     /// Coordinates of unit vectors, or of vectors 1e-6 longer than that.

@@ -72,7 +72,12 @@ impl<C: Caster> Scan<'_, C> {
             rays.times.extend(times.flat_map(|time| std::iter::repeat_n(time, measurement.rays())));
         }
         hits.resize(count);
-        let rays = Rays { origins: &rays.origins, directions: &rays.directions, times: &rays.times, bundle: self.measurement.rays() };
+        let rays = Rays {
+            origins: &rays.origins,
+            directions: &rays.directions,
+            times: &rays.times,
+            bundle: self.measurement.rays(),
+        };
         self.caster.cast::<I>(rays, hits);
         Ok(())
     }

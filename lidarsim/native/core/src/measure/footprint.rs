@@ -56,7 +56,7 @@ impl<C: Caster> Scan<'_, C> {
             (self.measurement.most_returns(), self.measurement.rays(), &self.measurement.beam);
         let indices = std::mem::take(&mut scratch.indices);
         let batch = self.frame.pulses(pulses.clone(), &indices);
-        let (mut waveform, mut echoes, mut reported) = (Waveform::default(), Vec::new(), Vec::new());
+        let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
         for pulse in 0..pulses.len() {
             if !is_wanted(scratch, pulse) {
                 continue;
@@ -78,9 +78,15 @@ impl<C: Caster> Scan<'_, C> {
                 let place = echoes.partition_point(|nearer| nearer.range <= echo.range);
                 echoes.insert(place, echo);
             }
-            self.measurement.returns.choose(&echoes, &mut reported);
+            // Of one there is no choice.
+            let reported = if echoes.len() < 2 {
+                &echoes
+            } else {
+                self.measurement.returns.choose(&echoes, &mut chosen);
+                &chosen
+            };
             let mut row = pulse * most;
-            for echo in &reported {
+            for echo in reported {
                 if echo.source == Source::FalseReturn {
                     report_false(row, echo, scratch, rows);
                     row += 1;
