@@ -242,8 +242,8 @@ impl Scratch {
     }
 }
 
-/// The mean of ranges relative to one of them, by power. None where no power comes back, from a black surface,
-/// or infinite power, from distance zero: then 0.
+/// The mean of ranges relative to one of them, by power. There is none where no power comes back, from a
+/// black surface, or infinite power, from distance zero: then 0.
 #[inline(always)]
 fn mean(moment: f64, power: f64) -> f64 {
     let mean = moment / power;

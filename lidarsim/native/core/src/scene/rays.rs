@@ -20,8 +20,8 @@ pub struct Rays<'a> {
     pub directions: &'a [Point],
     /// May be empty if nothing moves.
     pub times: &'a [f64],
-    /// So many consecutive rays each have one origin and time, and differ little in direction: the sub-rays of
-    /// a pulse. 1 if nothing is known of neighbours.
+    /// How many consecutive rays are the sub-rays of a pulse, which have one origin and time and differ
+    /// little in direction. 1 if nothing is known of neighbours.
     pub bundle: usize,
 }
 
