@@ -5,7 +5,8 @@ use std::ops::Range;
 use super::beam::{Beam, REACH};
 use super::echo::{Echo, Light};
 use super::scratch::Scratch;
-use crate::arith::elementary::exp;
+use super::slopes::Gaussians;
+use crate::arith::simd::Isa;
 use crate::geometry::point::dot;
 
 /// Received light over range: a sum of one Gaussian for each sub-ray, as wide as the pulse, with the power of
@@ -30,6 +31,7 @@ pub(super) struct Waveform {
     samples: Vec<f64>,
     before: Vec<usize>,
     slopes: Vec<f64>,
+    gaussians: Gaussians,
     /// The lights of each peak.
     peaks: Vec<Range<usize>>,
     /// The peaks that the receiver tells apart.
@@ -48,7 +50,13 @@ struct Peak {
 impl Waveform {
     /// The echoes of the `pulse`-th pulse of the batch, by rising range.
     #[inline(always)]
-    pub(super) fn echoes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize, echoes: &mut Vec<Echo>) {
+    pub(super) fn echoes<I: Isa>(
+        &mut self,
+        beam: &Beam,
+        scratch: &Scratch,
+        pulse: usize,
+        echoes: &mut Vec<Echo>,
+    ) {
         let Waveform { lights, .. } = self;
         echoes.clear();
         if let Some(echo) = scratch.only_echo(beam, pulse) {
@@ -74,7 +82,7 @@ impl Waveform {
             return;
         }
         lights.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
-        self.sample_slopes(beam, scratch, pulse);
+        self.sample_slopes::<I>(beam, scratch, pulse);
         self.peaks.clear();
         let (mut first, mut falls) = (0, false);
         for (slope, before) in self.slopes.iter().zip(&self.before) {
@@ -119,8 +127,8 @@ impl Waveform {
     /// from the second with a·b = σ², if they are of one width and more than 2σ apart. Else they have no
     /// valley of their own, but others may make one: half way.
     #[inline(always)]
-    fn sample_slopes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize) {
-        let Waveform { lights, variances, samples, before, slopes, .. } = self;
+    fn sample_slopes<I: Isa>(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize) {
+        let Waveform { lights, variances, samples, before, gaussians, slopes, .. } = self;
         let first = pulse * beam.len();
         variances.clear();
         variances.extend(lights.iter().map(|light| scratch.variance(beam, light, first)));
@@ -144,21 +152,14 @@ impl Waveform {
                 before.push(i + 1);
             }
         }
-        slopes.clear();
-        slopes.resize(samples.len(), 0.0);
+        gaussians.clear();
         for (light, variance) in lights.iter().zip(&*variances) {
             // Of a black surface there is no light, and no variance where it is grazed.
             if light.clear_power > 0.0 {
-                let (sigma, weight) = (variance.sqrt(), light.clear_power / variance);
-                let (inverse, reach) = (1.0 / sigma, REACH * sigma);
-                let start = samples.partition_point(|place| *place < light.range - reach);
-                let end = samples.partition_point(|place| *place <= light.range + reach);
-                for (slope, place) in slopes[start..end].iter_mut().zip(&samples[start..end]) {
-                    let way = (light.range - place) * inverse;
-                    *slope += weight * way * exp(-0.5 * (way * way));
-                }
+                gaussians.add(light.range, light.clear_power, *variance);
             }
         }
+        gaussians.slopes::<I>(samples, slopes);
     }
 }
 
