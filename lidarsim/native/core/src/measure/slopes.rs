@@ -99,7 +99,7 @@ impl Gaussians {
         for Gaussian { range, weight, inverse, .. } in &self.all {
             let (range, inverse) = (I::F64x8::splat(*range), I::F64x8::splat(*inverse));
             let way = I::narrow(range.sub(low).mul(inverse), range.sub(high).mul(inverse));
-            // Of these operands the second stays where it is NaN.
+            // NaN stays NaN.
             let way = I::F32x16::splat(-CUT).max(I::F32x16::splat(CUT).min(way));
             let part = gaussian::<I>(way).mul(I::F32x16::splat((weight / most) as f32)).mul(way);
             (slope, size) = (slope.add(part), size.add(part.abs()));
@@ -133,4 +133,111 @@ fn gaussian<I: Isa>(x: I::F32x16) -> I::F32x16 {
         p = p.mul(p);
     }
     p
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::simd::{Level, Task, dispatch};
+    use crate::testing::{assert_slack, numbers};
+
+    struct Estimate<'a>(&'a Gaussians, &'a [f64; 16], f64);
+
+    impl Task for Estimate<'_> {
+        type Output = ([f32; 16], u32);
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            self.0.estimate::<I>(self.1, self.2)
+        }
+    }
+
+    struct Slopes<'a>(&'a mut Gaussians, &'a [f64]);
+
+    impl Task for Slopes<'_> {
+        type Output = Vec<f64>;
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Vec<f64> {
+            let mut slopes = vec![7.0];
+            self.0.slopes::<I>(self.1, &mut slopes);
+            slopes
+        }
+    }
+
+    fn levels() -> impl Iterator<Item = Level> {
+        Level::ALL.into_iter().filter(|level| *level <= Level::best())
+    }
+
+    /// Of a few lights about 20 m, and places among them.
+    fn draw(count: usize, next: &mut impl FnMut() -> f64) -> (Gaussians, [f64; 16]) {
+        let mut gaussians = Gaussians::default();
+        for _ in 0..count {
+            let sigma = 0.1 + next();
+            gaussians.add(20.0 + 12.0 * next(), (20.0 * next()).exp2(), sigma * sigma);
+        }
+        (gaussians, [0; 16].map(|_: u8| 18.0 + 16.0 * next()))
+    }
+
+    #[test]
+    fn estimates_are_as_near_as_it_says() {
+        let (mut next, mut share) = (numbers(), 0.0_f64);
+        for round in 0..2000 {
+            let (gaussians, places) = draw(1 + round % 19, &mut next);
+            let most = gaussians.all.iter().fold(0.0_f64, |most, one| one.weight.max(most));
+            let (n, u) = (gaussians.all.len() as f64, f64::from(U));
+            for level in levels() {
+                let (estimates, _) = dispatch(level, Estimate(&gaussians, &places, most));
+                let halves = places.as_chunks::<8>().0.iter().flat_map(|eight| gaussians.sum(eight));
+                for ((place, estimate), slope) in places.iter().zip(estimates).zip(halves) {
+                    let size = |one: &Gaussian| {
+                        let way = (one.range - place) * one.inverse;
+                        (one.weight / most * way * (-0.5 * way * way).exp()).abs()
+                    };
+                    let size: f64 = gaussians.all.iter().map(size).sum();
+                    let bound = (1024.0 + 2.0 * n) * u * size + n * f64::from(DARK);
+                    share = share.max((f64::from(estimate) - slope / most).abs() / bound);
+                }
+            }
+        }
+        assert_slack("estimates", share, 0.42);
+    }
+
+    /// A place half way between two equal lights has no slope, which float32 cannot tell.
+    #[test]
+    fn signs_are_those_of_the_sum() {
+        let odd = [0.0, f64::INFINITY, f64::NAN, 5e-324, 1e-300, 1e300];
+        let (mut next, mut certain, mut uncertain) = (numbers(), 0, 0);
+        for round in 0..2000 {
+            let (mut gaussians, places) = draw(1 + round % 19, &mut next);
+            let mut places = places[..1 + round % 16].to_vec();
+            if round % 3 == 0 {
+                gaussians.clear();
+                gaussians.add(20.0, 2.0, 0.25);
+                gaussians.add(21.0, 2.0, 0.25);
+                places.extend([20.5; 20]);
+            }
+            if round % 3 == 1 {
+                let mut draw = |x: f64| if next() < 0.3 { odd[(6.0 * next()) as usize] } else { x };
+                let (range, power, variance) = (draw(25.0), draw(1.0), draw(0.1));
+                gaussians.add(range, power, variance);
+                places.push(draw(25.0));
+            }
+            for level in levels() {
+                let slopes = dispatch(level, Slopes(&mut gaussians, &places));
+                assert_eq!(slopes.len(), places.len());
+                for (place, slope) in places.iter().zip(slopes) {
+                    let [sum, ..] = gaussians.sum(&[*place; 8]);
+                    assert_eq!(
+                        [slope > 0.0, slope < 0.0],
+                        [sum > 0.0, sum < 0.0],
+                        "{place}: {slope}, {sum}, {level:?}"
+                    );
+                }
+                uncertain += gaussians.uncertain.len();
+                certain += places.len() - gaussians.uncertain.len();
+            }
+        }
+        assert!(certain > 10_000 && uncertain > 10_000, "{certain}, {uncertain}");
+    }
 }
