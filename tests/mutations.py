@@ -54,12 +54,32 @@ MUTANTS = [
     Mutant("patterns: turns taken away", "if turns.abs() > MOST_TURNS { turns.floor() }", "if turns.is_nan() { 1.0 }"),
     Mutant("patterns: no turns taken away", "turns[0].abs() > MOST_TURNS ||", "turns[0].abs() > 1e99 && "),
     Mutant("patterns: reflection behind others", "if square < squares[lane] { square }", "if square < 2.0 { square }"),
-    Mutant("leaf: volumes, rounding 32u", "reach * (32.0 * UNIT * reach +", "reach * (16.0 * UNIT * reach +"),
-    Mutant("leaf: volumes, vertices 8ε", "* reach + 8.0 * error), 8.0", "* reach + 4.0 * error), 8.0"),
-    Mutant("leaf: volumes, direction 8ε", "error), 8.0 * reach * reach]", "error), 4.0 * reach * reach]"),
+    Mutant("leaf: volumes, rounding 64u", "reach * (64.0 * UNIT * reach +", "reach * (32.0 * UNIT * reach +"),
+    Mutant("leaf: volumes, vertices 12ε", "* reach + 12.0 * error), 12.0", "* reach + 6.0 * error), 12.0"),
+    Mutant("leaf: volumes, direction 12ε", "error), 12.0 * reach * reach]", "error), 6.0 * reach * reach]"),
+    Mutant(
+        "leaf: moments", "fused_sum(direction, normal, lanes::fused_dot(moment, side))", "fused_dot(direction, normal)"
+    ),
+    Mutant("leaf: moments of many rays", "(least, most) = (least.add(less), most.add(more))", "let _ = (less, more)"),
+    Mutant("leaf: spread", "(farthest + 2.0 * scale + spread + error)", "(farthest + 2.0 * scale + error)"),
+    Mutant(
+        "leaf: starts of eight rays", "distance.add(lanes::fused_dot(lanes::splat(normal), rays.start))", "distance"
+    ),
+    Mutant("leaf: start of a ray", "lanes::fused_dot::<f64, 1>(normal, ray.start)", "0.0"),
+    Mutant(
+        "rays: errors of others than the first",
+        "error = Floats::max(I::F64x8::load(&self.origin_error",
+        "error = Floats::min(I::F64x8::load(&self.origin_error",
+    ),
+    Mutant(
+        "rays: spread",
+        "spread = Floats::max(start[axis].abs(), spread)",
+        "spread = Floats::min(start[axis].abs(), spread)",
+    ),
+    Mutant("sort: order of other groups", "self.last.start = None;\n        let (low, high)", "let (low, high)"),
     Mutant("leaf: t, vertices 4δ", "moved: 4.0 * (size * off", "moved: 2.0 * (size * off"),
-    Mutant("leaf: t, distance 32u", "off + 32.0 * UNIT * square", "off + 16.0 * UNIT * square"),
-    Mutant("leaf: t, volumes 256u", "turned: [256.0 * UNIT", "turned: [128.0 * UNIT"),
+    Mutant("leaf: t, distance 64u", "off + 64.0 * UNIT * square", "off + 32.0 * UNIT * square"),
+    Mutant("leaf: t, volumes 512u", "turned: [512.0 * UNIT", "turned: [256.0 * UNIT"),
     Mutant("leaf: t, direction 4ε", "square, 4.0 * size]", "square, 2.0 * size]"),
     Mutant("eight disks: t, height 5u", "splat(5.0 * UNIT), I::F64x8", "splat(2.0 * UNIT), I::F64x8"),
     Mutant("eight spheres: t, twice the numerator", "splat(2.0 * inverse)", "splat(1.0 * inverse)"),
@@ -320,12 +340,12 @@ MUTANTS = [
     ),
     Mutant(
         "leaf: reach 4u",
-        "(farthest + 2.0 * scale + error) * (1.0 + 4.0 * UNIT)",
-        "(farthest + 2.0 * scale + error) * (1.0 + 0.0 * UNIT)",
+        "(farthest + 2.0 * scale + spread + error) * (1.0 + 4.0 * UNIT)",
+        "(farthest + 2.0 * scale + spread + error) * (1.0 + 0.0 * UNIT)",
         slack="the bounds that it goes into have 4 times as much to spare, or more",
     ),
-    Mutant("leaf: reach two sides", "(farthest + 2.0 * scale + error)", "(farthest + 1.0 * scale + error)"),
-    Mutant("leaf: vertices 3u", "3.0 * UNIT * self.reach + self.error", "1.5 * UNIT * self.reach + self.error"),
+    Mutant("leaf: reach two sides", "(farthest + 2.0 * scale + spread", "(farthest + 1.0 * scale + spread"),
+    Mutant("leaf: vertices 4u", "4.0 * UNIT * self.reach + self.error", "2.0 * UNIT * self.reach + self.error"),
     Mutant(
         "leaf: grid 2u",
         "exact.abs() * (2.0 * UNIT)",
@@ -354,8 +374,8 @@ MUTANTS = [
     ),
     Mutant(
         "leaf: distances that underflow",
-        "+ 32.0 * UNIT * square * edges.reach) + f64::MIN_POSITIVE",
-        "+ 32.0 * UNIT * square * edges.reach)",
+        "+ 64.0 * UNIT * square * edges.reach) + f64::MIN_POSITIVE",
+        "+ 64.0 * UNIT * square * edges.reach)",
         slack="as of the volumes",
     ),
     Mutant(
@@ -368,8 +388,8 @@ MUTANTS = [
     ),
     Mutant(
         "leaf: length of many directions 4u",
-        "length: length * (1.0 + 4.0 * UNIT)",
-        "length: length * (1.0 + 0.0 * UNIT)",
+        "let length = length * (1.0 + 4.0 * UNIT)",
+        "let length = length * (1.0 + 0.0 * UNIT)",
         slack="the bound that it goes into has an eighth to spare",
     ),
     Mutant("reciprocal length: terms", "1.0 - e * (0.5 - e * (0.375 - e * 0.3125))", "1.0 - e * 0.5"),

@@ -13,6 +13,7 @@ from typing import Any
 
 from lidarsim import _native
 from lidarsim._files import atomic_writer
+from lidarsim.bench import presets
 from lidarsim.bench.peers import ABSENT, FAILING
 from lidarsim.viewers import _plots as plots
 
@@ -60,6 +61,10 @@ field. Time at 0.5 m above, and the ratios to it of the same rays at z = 0 exact
 PATTERNS = """\
 Frames that differ from the one before, in the city, on one thread. The pulses of a frame, a cast of its rays, and the
 scan of a new frame, which makes the pulses, casts their rays and measures. Times of a pulse."""
+
+PRESETS = """\
+A frame of the rays of sensors, from the points that their beams start at, with as many threads as there are. Times of a
+ray, and the ratio to Open3D."""
 
 SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
@@ -252,6 +257,24 @@ def to_markdown(results: Results) -> str:
                 for row in results["in_plane"]
             ),
         ),
+        "## Sensors",
+        PRESETS,
+        _table(
+            "scene | sensor | rays | lidarsim, ns | Open3D, ns | ratio",
+            (
+                [
+                    row["scene"],
+                    row["sensor"],
+                    f"{row['rays']:,}",
+                    _short(1e9 * row["lidarsim"]),
+                    *(
+                        "" if row[key] is None else _short(factor * row[key])
+                        for key, factor in (("Open3D", 1e9), ("ratio", 1))
+                    ),
+                ]
+                for row in results["presets"]
+            ),
+        ),
         "## New frames",
         PATTERNS,
         _table(
@@ -422,6 +445,13 @@ def summary(results: Results) -> str:
     if slowest is not None:
         most = max(slowest["in_plane"], slowest["next"])
         lines.append(f"rays in the plane of a surface: at most {_short(most)} × of rays above ({slowest['what']})")
+    together = presets.mean(results["presets"])
+    if together is not None:
+        least = min(results["presets"], key=lambda row: row["ratio"])
+        lines.append(
+            f"rays of {len(presets.SENSORS)} sensors: {_short(together)} × Open3D, "
+            f"at least {_short(least['ratio'])} ({least['sensor']}, {least['scene']})"
+        )
     errors = [row["error"] for row in results["speed"] + results["growth"] if row["method"] == "lidarsim"]
     wrong = sum(error["lost"] + error["invented"] + error["other"] for error in errors)
     worst = max((error["max_ulp"] for error in errors if error["max_ulp"] is not None), default=0.0)

@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._terminal import paragraph
-from lidarsim.bench import building, exact, in_plane, motion, patterns, report, robots, scenes
+from lidarsim.bench import building, exact, in_plane, motion, patterns, presets, report, robots, scenes
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
@@ -236,6 +236,7 @@ class _Run:
         self.robots: list[dict[str, Any]] = []
         self.in_plane: list[dict[str, Any]] = []
         self.patterns: list[dict[str, Any]] = []
+        self.presets: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
         self.scaling: list[dict[str, Any]] = []
         self.scenes: list[dict[str, Any]] = []
@@ -249,6 +250,7 @@ class _Run:
             for rays in self._rays(world):
                 self.speed += self._compare(world, rays, methods, self.plan.threads)
             self._scale(world, self._rays(world)[0], methods["lidarsim"])
+            self._sensors(world, methods)
             world = self._world(make, scenes.UTM)
             methods = self._built(world, 0)
             self.speed += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
@@ -284,6 +286,13 @@ class _Run:
             }
             for n, seconds in times.items()
         ]
+
+    def _sensors(self, world: World, methods: dict[str, Caster]) -> None:
+        """Measure the rays of sensors beside Open3D."""
+        self.progress(f"{world.name}: sensors")
+        casters = {name: caster for name, caster in methods.items() if name in {"lidarsim", "Open3D"}}
+        what = presets.calls(world, casters, self.plan.threads[-1])
+        self.presets += presets.over(interleave(what, self.plan.rounds, self.plan.seconds), world)
 
     def sizes(self) -> None:
         """Measure terrains with increasing numbers of triangles."""
@@ -486,6 +495,7 @@ class _Run:
             "robots": self.robots,
             "in_plane": self.in_plane,
             "patterns": self.patterns,
+            "presets": self.presets,
             "sight": self.sight,
             "scaling": self.scaling,
             "scenes": self.scenes,

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim.bench import building, in_plane, motion, patterns, peers, robots, scenes, speed
+from lidarsim.bench import building, in_plane, motion, patterns, peers, presets, robots, scenes, speed
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
 
@@ -191,6 +192,29 @@ def test_new_frames_are_of_every_pattern_whose_frames_differ(results: dict[str, 
         assert row["pulses"] == pytest.approx(len(made[0]), abs=200)  # one column more or less
         assert row["ratio"] == pytest.approx(row["scan"] / row["cast"])
         assert row["make"] > 0.0
+
+
+def test_sensors_are_timed_beside_open3d_on_their_own_rays(results: dict[str, Any]) -> None:
+    rows = results["presets"]
+    assert [(row["scene"], row["sensor"]) for row in rows] == list(itertools.product(speed.MESHES, presets.SENSORS))
+    for row in rows:
+        assert row["rays"] == len(ls.Lidar.preset(row["sensor"]).pattern.pulses(0))
+        assert row["ratio"] == pytest.approx(row["Open3D"] / row["lidarsim"])
+    ratios = np.array([row["ratio"] for row in rows])
+    assert presets.mean(rows) == pytest.approx(np.exp(np.log(ratios).mean()))
+    assert presets.mean([{"ratio": None}]) is None
+
+
+def test_rays_of_sensors_start_where_their_beams_do() -> None:
+    world = scenes.city(1000)
+    found = {name: presets.rays(name, world) for name in presets.SENSORS}
+    starts = {name: len(np.unique(rays.origins, axis=0)) for name, rays in found.items()}
+    assert {name for name, count in starts.items() if count == 1} == {
+        name for name, rays in found.items() if rays.one_origin
+    }
+    assert starts["ouster-os1-128"] == 1024
+    assert starts["velodyne-vlp16"] == len(found["velodyne-vlp16"])
+    assert all(np.abs(rays.origins - world.sensor).max() < 0.3 for rays in found.values())
 
 
 def test_robots_cast_the_rays_that_they_scan_with() -> None:

@@ -143,7 +143,7 @@ impl PyScene {
             self.scene.prepare();
             let world = self.scene.during(span(times));
             let world = world.ignoring(ignored);
-            work(RayCast { world, kernels, rays: Rays { origins, directions, times }, range })
+            work(RayCast { world, kernels, rays: Rays::new(origins, directions, times), range })
         })?;
         if !legal {
             legal_rays(origins, directions)?;

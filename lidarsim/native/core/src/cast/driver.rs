@@ -122,7 +122,7 @@ pub struct PacketSource<'a> {
 
 impl<'a> PacketSource<'a> {
     pub fn new(world: &World, rays: Rays<'a>, ray_sort: &'a mut RaySort) -> Self {
-        ray_sort.restart(rays.directions, (world.number, world.size), !rays.times.is_empty());
+        ray_sort.restart(&rays, (world.number, world.size));
         PacketSource { rays, ray_sort, start: 0, done: 0 }
     }
 
@@ -270,10 +270,7 @@ mod tests {
                     });
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                         let mut hits = HitArrays::of(origins.len());
-                        let (world, rays) = (
-                            scene.during([0.0; 2]),
-                            Rays { origins: &origins, directions: &directions, times: &[] },
-                        );
+                        let (world, rays) = (scene.during([0.0; 2]), Rays::new(&origins, &directions, &[]));
                         assert!(world.cast(level, rays, TRange::RAY, &mut hits.columns()));
                         for (hit, o) in hits.iter().zip(&origins) {
                             // The surfaces differ where the last vertex has a weight.
@@ -315,8 +312,7 @@ mod tests {
                 let before = Hit { t: 7.0, normal: [7.0; 3], object: 7, primitive: 7 };
                 let mut hits = HitArrays::of(origins.len());
                 (0..origins.len()).for_each(|i| hits.columns().write(i, before));
-                let (world, rays) =
-                    (scene.during([0.0; 2]), Rays { origins: &origins, directions: &directions, times: &[] });
+                let (world, rays) = (scene.during([0.0; 2]), Rays::new(&origins, &directions, &[]));
                 assert!(!world.cast(level, rays, TRange::RAY, &mut hits.columns()));
                 for (i, hit) in hits.iter().enumerate() {
                     let Hit { t, normal, object, primitive } = hit;

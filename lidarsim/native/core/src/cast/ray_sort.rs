@@ -9,6 +9,7 @@ use crate::bvh::LANES;
 use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 use crate::memory;
+use crate::scene::Rays;
 
 /// Rays that are sorted together if later ones take over their order: they and their hits stay in the
 /// first-level cache.
@@ -37,6 +38,8 @@ pub struct RaySort {
     /// The number of the world at which the rays are cast.
     world: u64,
     has_times: bool,
+    /// As in `Rays`.
+    bundle: usize,
     /// Most rays that are sorted together.
     group: usize,
     start: usize,
@@ -45,6 +48,9 @@ pub struct RaySort {
     /// Whether these share one origin, to the bit.
     has_one_origin: bool,
     last: LastSorted,
+    /// Of bundles, their first rays.
+    axes: Vec<Point>,
+    starts: Vec<Point>,
     places: Vec<u32>,
     octants: Vec<u32>,
     keys: Vec<u32>,
@@ -82,22 +88,27 @@ impl Task for Advance<'_> {
 }
 
 impl RaySort {
-    /// Restarts for rays with these directions. `has_times` says that each has a time, at which it meets
-    /// moving objects. The last order is kept if it was for the same world.
-    pub fn restart(&mut self, directions: &[Point], (world, size): (u64, f64), has_times: bool) {
-        self.group = group_size(directions);
-        self.has_times = has_times;
+    /// Restarts for these rays. The last order is kept if it was for the same world.
+    pub fn restart(&mut self, rays: &Rays, (world, size): (u64, f64)) {
+        let Rays { directions, times, bundle, .. } = *rays;
+        self.bundle = bundle;
+        self.group = group_size(directions, bundle);
+        self.has_times = !times.is_empty();
         (self.size, self.start, self.count) = (size, 0, 0);
         if self.world != world {
             (self.world, self.last.start) = (world, None);
         }
-        let room = self.group.min(directions.len()) + BLOCK + LONG_RUN;
+        let room = self.group.min(directions.len()) + BLOCK + LONG_RUN.max(bundle);
         let RaySort { places, octants, keys, near, items, sorted, order, .. } = self;
         for vector in [places, octants, keys, near, items, sorted] {
             vector.clear();
             memory::reserve(vector, room);
         }
         memory::reserve(order, room);
+        for vector in [&mut self.axes, &mut self.starts] {
+            vector.clear();
+            memory::reserve(vector, if bundle > 1 { room / bundle } else { 0 });
+        }
     }
 
     /// Takes the next group of rays, if any, sorted by octant, by the cell of the origin if origins differ,
@@ -114,36 +125,71 @@ impl RaySort {
             return false;
         }
         (self.start, self.count) = (group.end, group.len());
-        self.has_one_origin = are_equal(&origins[group.clone()]);
-        let (low, high);
-        if self.group != NEAR {
-            (low, high) = self.find_places::<I>(&directions[group.clone()]);
-            self.direction_keys(low, high, 1.0);
-            self.add_cells::<I>(&origins[group.clone()]);
-            self.near.clear();
-            self.near.resize(self.keys.len(), 0);
-            self.radix_sort::<RUN>(group.start);
+        if self.bundle > 1 {
+            self.sort_bundles::<I>(&origins[group.clone()], &directions[group.clone()], group.start);
             return true;
         }
-        // Rays of any origins that are close together form packets, but rays of few times if objects move.
-        let together =
-            !self.has_times && (self.has_one_origin || self.are_close::<I>(&origins[group.clone()]));
+        self.has_one_origin = are_equal(&origins[group.clone()]);
+        let together = self.group == NEAR && self.is_together::<I>(&origins[group.clone()]);
         if together && self.takes_over::<I>(directions, group.clone()) {
             return true;
         }
         self.last.start = None;
-        (low, high) = self.find_places::<I>(&directions[group.clone()]);
-        if together {
-            self.direction_keys(low, high, WIDTH);
-            self.find_near::<RUN>(low, high, WIDTH, 2.0);
+        let (low, high) = self.find_places::<I>(&directions[group.clone()]);
+        let width = if together { WIDTH } else { 1.0 };
+        self.direction_keys(low, high, width);
+        if self.group != NEAR {
+            self.add_cells::<I>(&origins[group.clone()]);
+            self.near.clear();
+            self.near.resize(self.keys.len(), 0);
+            self.radix_sort::<RUN>(group.start);
+        } else if together {
+            self.find_near::<RUN>(low, high, width, 2.0);
             self.radix_sort::<RUN>(group.start);
             self.keep::<I>(directions, group);
         } else {
-            self.direction_keys(low, high, 1.0);
-            self.find_near::<LONG_RUN>(low, high, 1.0, 3.0);
+            self.find_near::<LONG_RUN>(low, high, width, 3.0);
             self.radix_sort::<LONG_RUN>(group.start);
         }
         true
+    }
+
+    /// Sorts rays by the places of their bundles.
+    #[inline(always)]
+    fn sort_bundles<I: Isa>(&mut self, origins: &[Point], directions: &[Point], first: usize) {
+        self.last.start = None;
+        let bundle = self.bundle;
+        let (mut axes, mut starts) = (std::mem::take(&mut self.axes), std::mem::take(&mut self.starts));
+        axes.clear();
+        axes.extend(directions.iter().step_by(bundle));
+        starts.clear();
+        starts.extend(origins.iter().step_by(bundle));
+        self.has_one_origin = are_equal(&starts);
+        let (low, high) = self.find_places::<I>(&axes);
+        self.direction_keys(low, high, if self.is_together::<I>(&starts) { WIDTH } else { 1.0 });
+        let within = self.add_cells::<I>(&starts);
+        (self.axes, self.starts) = (axes, starts);
+        self.items.clear();
+        for ((k, key), rays) in self.keys.iter().enumerate().zip(directions.chunks_exact(bundle)) {
+            let (axis, mut other) = (rays[0].map(f64::to_bits), [0; 3]);
+            for ray in rays {
+                for i in 0..3 {
+                    other[i] |= ray[i].to_bits() ^ axis[i];
+                }
+            }
+            if (other[0] | other[1] | other[2]) >> 63 == 0 {
+                self.items.push(key << 16 | ((bundle * k) as u32) << 1 | 1);
+                continue;
+            }
+            // Packets hold one octant, so each ray goes to those of its own.
+            for (i, ray) in rays.iter().enumerate() {
+                let [x, y, z] = ray.map(|x| u32::from(x.is_sign_negative()));
+                let key = (x | y << 1 | z << 2) << within | key & ((1 << within) - 1);
+                self.items.push(key << 16 | ((bundle * k + i) as u32) << 1);
+            }
+        }
+        self.sort_items();
+        self.put_in_order(first, directions.len(), bundle);
     }
 
     /// Records what identifies groups similar to the one just sorted.
@@ -302,21 +348,22 @@ impl RaySort {
         }
     }
 
-    /// Whether these origins are close together relative to the scene.
+    /// Whether rays with these origins may form packets of any shape: origins are close together relative to
+    /// the scene, and no rays meet objects at times of their own.
     #[inline(always)]
-    fn are_close<I: Isa>(&self, origins: &[Point]) -> bool {
-        !(extent::<I>(origins).1 > self.size / CLOSE)
+    fn is_together<I: Isa>(&self, origins: &[Point]) -> bool {
+        !self.has_times && (self.has_one_origin || !(extent::<I>(origins).1 > self.size / CLOSE))
     }
 
     /// Inserts the cell of the origin between octant and direction, which becomes coarser, unless the origins
-    /// are close together relative to the scene.
+    /// are close together relative to the scene. Returns the number of bits below the octant.
     #[inline(always)]
-    fn add_cells<I: Isa>(&mut self, origins: &[Point]) {
+    fn add_cells<I: Isa>(&mut self, origins: &[Point]) -> u32 {
         const FINE: u32 = 2 * DIRECTION;
         const CELLS: u32 = 1 << ORIGIN;
         let (low, size) = extent::<I>(origins);
         if !(size > self.size / CLOSE) {
-            return;
+            return FINE;
         }
         let (low, scale) = (low.map(I::F64x8::splat), I::F64x8::splat(f64::from(CELLS) / size));
         for (keys, block) in self.keys.chunks_mut(BLOCK).zip(origins.chunks(BLOCK)) {
@@ -338,14 +385,12 @@ impl RaySort {
                 *key = (octant << (3 * ORIGIN) | cell) << COARSE | within >> (FINE - COARSE);
             }
         }
+        3 * ORIGIN + COARSE
     }
 
     /// Sorts the indices by key; the sort is stable.
     #[inline(always)]
     fn radix_sort<const LENGTH: usize>(&mut self, first: usize) {
-        const DIGITS: usize = 2;
-        let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
-        let mut ends = [[0_u32; 1 << 8]; DIGITS];
         // An index, and a bit that distinguishes runs from single rays.
         self.items.clear();
         for (run, keys) in self.keys.chunks(LENGTH).enumerate() {
@@ -353,11 +398,22 @@ impl RaySort {
             let whole = keys.len() == LENGTH
                 && self.near[start + 1..start + LENGTH].iter().fold(1, |all, near| all & near) == 1;
             for (i, key) in keys[..if whole { 1 } else { keys.len() }].iter().enumerate() {
-                let item = key << 16 | ((start + i) as u32) << 1 | u32::from(whole);
-                for k in 0..DIGITS {
-                    ends[k][digit(item, k)] += 1;
-                }
-                self.items.push(item);
+                self.items.push(key << 16 | ((start + i) as u32) << 1 | u32::from(whole));
+            }
+        }
+        self.sort_items();
+        self.put_in_order(first, self.keys.len(), LENGTH);
+    }
+
+    /// Sorts the items by key.
+    #[inline(always)]
+    fn sort_items(&mut self) {
+        const DIGITS: usize = 2;
+        let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
+        let mut ends = [[0_u32; 1 << 8]; DIGITS];
+        for item in &self.items {
+            for k in 0..DIGITS {
+                ends[k][digit(*item, k)] += 1;
             }
         }
         self.sorted.clear();
@@ -378,15 +434,20 @@ impl RaySort {
             }
             std::mem::swap(&mut self.items, &mut self.sorted);
         }
+    }
+
+    /// Puts the `count` rays from `first` on into the order of the items, of which runs have `length` rays.
+    #[inline(always)]
+    fn put_in_order(&mut self, first: usize, count: usize, length: usize) {
         // The next ray overwrites the excess of a run over a single ray.
-        self.order.resize(self.keys.len() + LENGTH - 1, 0);
+        self.order.resize(count + length - 1, 0);
         let mut end = 0;
         for item in &self.items {
             let at = first as u32 + ((item & 0xffff) >> 1);
-            for (i, place) in self.order[end..end + LENGTH].iter_mut().enumerate() {
+            for (i, place) in self.order[end..end + length].iter_mut().enumerate() {
                 *place = at + i as u32;
             }
-            end += if item & 1 != 0 { LENGTH } else { 1 };
+            end += if item & 1 != 0 { length } else { 1 };
         }
     }
 }
@@ -438,7 +499,7 @@ fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
 }
 
 /// Whether adjacent rays are incoherent, so that sorting larger groups pays off.
-pub fn are_scattered(directions: &[Point]) -> bool {
+fn are_scattered(directions: &[Point]) -> bool {
     const SAMPLES: usize = 16;
     let n = directions.len();
     let diverges = |i: usize| {
@@ -451,8 +512,15 @@ pub fn are_scattered(directions: &[Point]) -> bool {
 
 /// The number of rays to sort together: as few as suffice where later rays are earlier ones, rotated, and
 /// take over their order; else many, which gives narrower packets, as with rosettes.
-pub fn group_size(directions: &[Point]) -> usize {
-    if are_scattered(directions) || !are_rotated(directions) { MOST } else { NEAR }
+pub fn group_size(directions: &[Point], bundle: usize) -> usize {
+    // A bundle is sorted as one, so that many rays cost little.
+    if bundle > 1 {
+        MOST.max(bundle) / bundle * bundle
+    } else if are_scattered(directions) || !are_rotated(directions) {
+        MOST
+    } else {
+        NEAR
+    }
 }
 
 /// Whether the second `NEAR` rays are about the first ones, rotated, as with a spinning sensor: the angles
@@ -553,21 +621,21 @@ mod tests {
         scattered(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
     }
 
-    struct All<'a>(&'a [Point], &'a [Point], f64, bool);
+    struct All<'a>(Rays<'a>, f64);
 
     impl Task for All<'_> {
         type Output = Vec<Vec<u32>>;
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Self::Output {
-            let All(origins, directions, size, has_times) = self;
+            let All(rays, size) = self;
             let mut groups = Vec::new();
             let mut order = RaySort::default();
             // Some earlier use.
-            order.restart(&[[1.0, 0.0, 0.0]; 2], (1, 1.0), false);
+            order.restart(&Rays::new(&[], &[[1.0, 0.0, 0.0]; 2], &[]), (1, 1.0));
             assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
-            order.restart(directions, (2, size), has_times);
-            while order.advance::<I>(origins, directions) {
+            order.restart(&rays, (2, size));
+            while order.advance::<I>(rays.origins, rays.directions) {
                 groups.push(order.sorted().to_vec());
             }
             groups
@@ -575,7 +643,7 @@ mod tests {
     }
 
     fn groups(origins: &[Point], directions: &[Point], size: f64) -> Vec<Vec<u32>> {
-        dispatch(Level::best(), All(origins, directions, size, false))
+        dispatch(Level::best(), All(Rays::new(origins, directions, &[]), size))
     }
 
     fn octant(d: Point) -> [bool; 3] {
@@ -608,6 +676,73 @@ mod tests {
         }
     }
 
+    /// Seven rays about each of these directions.
+    fn bundles(axes: &[Point]) -> Vec<Point> {
+        let around = |axis: &Point| {
+            let [x, y, z] = *axis;
+            (0..7).map(move |k| if k == 0 { [x, y, z] } else { [x, y + 1e-3 * f64::from(k - 3), z - 1e-3] })
+        };
+        axes.iter().flat_map(around).collect()
+    }
+
+    /// A sensor that turns and one that looks anywhere; some rays look up where the others of their bundle
+    /// look down, or left and right.
+    #[test]
+    fn bundles_stay_together_but_for_rays_of_other_octants() {
+        for (n, near) in [(1, true), (3, false), (1170, true), (1171, true), (5000, true), (5000, false)] {
+            let axes = if near { sweep(n) } else { scattered(n) };
+            let directions = bundles(&axes);
+            for far in [0.0, 100.0] {
+                let starts: Vec<Point> = places(n, far).iter().flat_map(|start| [*start; 7]).collect();
+                let rays = Rays { bundle: 7, ..Rays::new(&starts, &directions, &[]) };
+                let groups = dispatch(Level::best(), All(rays, 100.0));
+                assert_eq!(groups.len(), n.div_ceil(MOST / 7));
+                for group in &groups {
+                    let mut octants: Vec<_> = group.iter().map(|&i| octant(directions[i as usize])).collect();
+                    octants.dedup();
+                    let runs = octants.len();
+                    octants.sort_unstable();
+                    octants.dedup();
+                    assert_eq!(octants.len(), runs, "an octant comes twice");
+                }
+                let order = groups.concat();
+                let mut all = order.clone();
+                all.sort_unstable();
+                assert!(all.into_iter().eq(0..7 * n as u32));
+                let is_whole = |k: usize| {
+                    directions[7 * k..][..7].iter().all(|ray| octant(*ray) == octant(directions[7 * k]))
+                };
+                let (mut whole, mut at) = (0, 0);
+                while at < order.len() {
+                    let (k, rest) = (order[at] as usize / 7, order[at] % 7);
+                    if is_whole(k) {
+                        assert!(rest == 0 && order[at..at + 7].windows(2).all(|pair| pair[1] == pair[0] + 1));
+                        whole += 1;
+                    }
+                    at += if is_whole(k) { 7 } else { 1 };
+                }
+                assert!(n < 100 || whole > n / 2 && whole < n, "{whole} of {n}");
+            }
+        }
+    }
+
+    /// Fired a column at a time, packets in the order of the sensor are tall and narrow; in tiles they are
+    /// smaller.
+    #[test]
+    fn packets_of_bundles_are_tiles() {
+        let direction = |i: usize| {
+            let (azimuth, elevation) = (0.006 * (i / 128) as f64 + 0.2, 0.006 * (i % 128) as f64 + 0.1);
+            [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
+        };
+        let directions = bundles(&(0..128 * 32).map(direction).collect::<Vec<_>>());
+        let starts = vec![[0.0; 3]; directions.len()];
+        let rays = Rays { bundle: 7, ..Rays::new(&starts, &directions, &[]) };
+        let order = dispatch(Level::best(), All(rays, 100.0)).concat();
+        let given: Vec<u32> = (0..directions.len() as u32).collect();
+        let [size, before] = [order, given].map(|order| mean_size(&order, &directions));
+        assert!(size < before, "{size}, {before}");
+    }
+
     /// A packet of square tiles covers eight columns of this sensor.
     #[test]
     fn packets_have_few_times_if_the_scene_moves() {
@@ -619,8 +754,10 @@ mod tests {
         let origins = vec![[0.0; 3]; directions.len()];
         let times =
             |packet: &[u32]| packet.iter().map(|i| i / 128).collect::<std::collections::BTreeSet<_>>().len();
-        let [few, more] = [true, false].map(|has_times| {
-            let order = dispatch(Level::best(), All(&origins, &directions, 100.0, has_times)).concat();
+        let each: Vec<f64> = (0..directions.len()).map(|i| (i / 128) as f64).collect();
+        let [few, more] = [&each[..], &[]].map(|times_of_rays| {
+            let rays = Rays::new(&origins, &directions, times_of_rays);
+            let order = dispatch(Level::best(), All(rays, 100.0)).concat();
             order.chunks(LANES).map(times).sum::<usize>() as f64 / (order.len() / LANES) as f64
         });
         assert!(few < 6.5 && more > 7.5, "{few}, {more}");
@@ -635,9 +772,9 @@ mod tests {
         };
         for n in [0, 1, 2, NEAR, 2 * NEAR - 1, 2 * NEAR, 9 * NEAR] {
             let rosette: Vec<Point> = (0..n).map(rosette).collect();
-            assert_eq!(group_size(&rosette), if n < 2 * NEAR { NEAR } else { MOST }, "{n}");
-            assert_eq!(group_size(&sweep(n)), NEAR, "{n}");
-            assert_eq!(group_size(&scattered(n)), if n < 2 { NEAR } else { MOST }, "{n}");
+            assert_eq!(group_size(&rosette, 1), if n < 2 * NEAR { NEAR } else { MOST }, "{n}");
+            assert_eq!(group_size(&sweep(n), 1), NEAR, "{n}");
+            assert_eq!(group_size(&scattered(n), 1), if n < 2 { NEAR } else { MOST }, "{n}");
         }
     }
 
@@ -694,19 +831,19 @@ mod tests {
         assert!((100..140).contains(&taken_over), "{taken_over}");
     }
 
-    /// The orders of two consecutive pieces of `NEAR` rays of one origin, each cast at a world.
-    struct Pieces<'a>([&'a [Point]; 2], [u64; 2]);
+    /// The orders of consecutive pieces of rays of one origin, each cast at a world.
+    struct Pieces<'a, const N: usize>([&'a [Point]; N], [u64; N]);
 
-    impl Task for Pieces<'_> {
-        type Output = [Vec<u32>; 2];
+    impl<const N: usize> Task for Pieces<'_, N> {
+        type Output = [Vec<u32>; N];
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Self::Output {
             let Pieces(pieces, worlds) = self;
             let mut order = RaySort::default();
-            [0, 1].map(|k| {
-                order.restart(pieces[k], (worlds[k], 100.0), false);
-                assert!(order.advance::<I>(&[[0.0; 3]; NEAR], pieces[k]));
+            std::array::from_fn(|k| {
+                order.restart(&Rays::new(&[], pieces[k], &[]), (worlds[k], 100.0));
+                assert!(order.advance::<I>(&vec![[0.0; 3]; pieces[k].len()], pieces[k]));
                 order.sorted().to_vec()
             })
         }
@@ -725,6 +862,11 @@ mod tests {
         let orders = |worlds| dispatch(Level::best(), Pieces(pieces, worlds));
         assert_eq!(orders([7, 7]), [alone[0].clone(), alone[0].clone()]);
         assert_eq!(orders([7, 8]), alone);
+        // Rays in other groups in between leave another order.
+        let others = scattered(NEAR);
+        let pieces = [&directions[..NEAR], &others, &directions[19 * NEAR..]];
+        let [first, _, last] = dispatch(Level::best(), Pieces(pieces, [7; 3]));
+        assert_eq!([first, last], alone);
     }
 
     #[test]

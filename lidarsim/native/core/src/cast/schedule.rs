@@ -8,13 +8,13 @@ use crate::{memory, parallel};
 
 /// Consecutive pieces of pulses for the threads; a pulse has `rays` rays. Pieces are large enough to sort
 /// neighbours together and small enough to keep the rays and their hits in the second-level cache. They
-/// shrink towards the end, so that all threads finish together. Rays that are sorted in
-/// larger groups have larger pieces of equal size.
+/// shrink towards the end, so that all threads finish together. Rays that are sorted in larger groups have
+/// larger pieces of equal size.
 pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
     let (threads, all) = (parallel::threads(), directions.len() * rays);
     let turns = all.div_ceil(threads * MOST).max(1);
     let even = all.div_ceil(turns * threads).max(NEAR);
-    let are_large = group_size(directions) == MOST;
+    let are_large = group_size(directions, 1) == MOST;
     let (mut pieces, mut start) = (Vec::new(), 0);
     while start < directions.len() {
         let left = (directions.len() - start) * rays;

@@ -289,8 +289,7 @@ mod tests {
                 let world = scene.during([0.0; 2]);
                 let cast = |level, rays: Range<usize>| {
                     let mut hits = HitArrays::of(rays.len());
-                    let rays =
-                        Rays { origins: &origins[rays.clone()], directions: &directions[rays], times: &[] };
+                    let rays = Rays::new(&origins[rays.clone()], &directions[rays], &[]);
                     assert!(world.cast(level, rays, range, &mut hits.columns()));
                     hits.iter().collect::<Vec<_>>()
                 };
@@ -329,7 +328,7 @@ mod tests {
                 let (origins, directions) = ([[0.0, 0.0, 3.0]; 64], [[0.125, 0.25, -1.0]; 64]);
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                     let mut hits = HitArrays::of(64);
-                    let rays = Rays { origins: &origins, directions: &directions, times: &[] };
+                    let rays = Rays::new(&origins, &directions, &[]);
                     assert!(scene.during([0.0; 2]).cast(level, rays, TRange::RAY, &mut hits.columns()));
                     for hit in hits.iter() {
                         assert_eq!((hit.t, hit.normal), (2.0, [0.0, 0.0, -1.0]), "{level:?}, {size}");

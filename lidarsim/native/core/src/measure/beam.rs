@@ -1,5 +1,6 @@
 //! Beams that widen, and their sub-rays.
 
+use super::direction::length_beside;
 use super::parameters::Parameters;
 use crate::arith::elementary::{exp, sin_cos};
 
@@ -9,9 +10,12 @@ pub(super) const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
 /// A diverging beam as a few sub-rays.
 #[derive(Clone, Debug)]
 pub struct Beam {
-    /// Per sub-ray: tangents of azimuth and elevation to the axis, and its share of the energy. The first
-    /// sub-ray is the axis.
-    cells: Vec<([f64; 2], f64)>,
+    /// Per sub-ray: tangents of azimuth and elevation to the axis. The first sub-ray is the axis.
+    offsets: Vec<[f64; 2]>,
+    /// Per sub-ray: its share of the energy.
+    shares: Vec<f64>,
+    /// Eight sub-rays each: both tangents, and the length that belongs to them. The axis fills the last.
+    eights: Vec<[[f64; 8]; 3]>,
     /// Standard deviation of the pulse, as a range, m.
     pub(super) pulse_sigma: f64,
     /// The least distance at which the receiver tells two echoes apart, m.
@@ -71,51 +75,56 @@ impl Beam {
         // In units of the half angle w.
         let width = 1.0 / (rings as f64 + 0.5);
         let inside = |radius: f64| 1.0 - exp(-2.0 * radius * radius);
-        let mut cells = vec![([0.0; 2], inside(width / 2.0) / inside(1.0))];
+        let (mut offsets, mut shares) = (vec![[0.0; 2]], vec![inside(width / 2.0) / inside(1.0)]);
         for k in 1..=rings {
             let radius = k as f64 * width;
             let energy = inside(radius + width / 2.0) - inside(radius - width / 2.0);
             for j in 0..6 * k {
                 let (sin, cos) = sin_cos(std::f64::consts::TAU * j as f64 / (6 * k) as f64);
-                let offset = [radius * cos * divergence[0] / 2.0, radius * sin * divergence[1] / 2.0];
-                cells.push((offset, energy / inside(1.0) / (6 * k) as f64));
+                offsets.push([radius * cos * divergence[0] / 2.0, radius * sin * divergence[1] / 2.0]);
+                shares.push(energy / inside(1.0) / (6 * k) as f64);
             }
         }
-        Beam { cells, pulse_sigma: sigma(pulse_length), separation: 0.0 }
+        let eight = |these: &[[f64; 2]]| {
+            let these: [[f64; 2]; 8] = std::array::from_fn(|k| *these.get(k).unwrap_or(&offsets[0]));
+            [these.map(|[left, _]| left), these.map(|[_, up]| up), these.map(length_beside)]
+        };
+        let eights = offsets.chunks(8).map(eight).collect();
+        Beam { offsets, shares, eights, pulse_sigma: sigma(pulse_length), separation: 0.0 }
     }
 
     /// The number of sub-rays.
     pub(super) fn len(&self) -> usize {
-        self.cells.len()
+        self.offsets.len()
     }
 
     pub(super) fn offset(&self, sub_ray: usize) -> [f64; 2] {
-        self.cells[sub_ray].0
+        self.offsets[sub_ray]
     }
 
-    /// The share of the energy that a sub-ray carries.
-    pub(super) fn share(&self, sub_ray: usize) -> f64 {
-        self.cells[sub_ray].1
+    /// The share of the energy that each sub-ray carries.
+    pub(super) fn shares(&self) -> &[f64] {
+        &self.shares
     }
 
     /// The sub-ray in whose part of the energy this share of it ends.
     pub(super) fn at_share(&self, share: f64) -> usize {
         let mut sum = 0.0;
-        let parts = self.cells.iter().take_while(|(_, part)| {
-            sum += part;
+        let parts = self.shares.iter().take_while(|part| {
+            sum += **part;
             sum < share
         });
-        parts.count().min(self.cells.len() - 1)
+        parts.count().min(self.len() - 1)
     }
 
-    /// Offset of each sub-ray.
-    pub(super) fn offsets(&self) -> impl Iterator<Item = [f64; 2]> {
-        self.cells.iter().map(|(offset, _)| *offset)
+    /// The sub-rays in eights, by tangent to the left, upward, and the length that belongs to them.
+    pub(super) fn eights(&self) -> &[[[f64; 8]; 3]] {
+        &self.eights
     }
 
     /// The ray and the share of energy of each sub-ray of a pulse.
     pub(super) fn sub_rays(&self, pulse: usize) -> impl Iterator<Item = (usize, f64)> {
-        (pulse * self.cells.len()..).zip(&self.cells).map(|(ray, (_, share))| (ray, *share))
+        (pulse * self.len()..).zip(self.shares.iter().copied())
     }
 }
 
@@ -127,10 +136,11 @@ mod tests {
     fn a_beam_has_all_of_its_energy_and_is_balanced() {
         for (rays, rings) in [(7, 1), (19, 2), (37, 3), (61, 4), (91, 5)] {
             let beam = Beam::new([2.0, 1.0], rays, 1.0);
-            assert_eq!(beam.cells.len(), rays);
-            assert_eq!(beam.cells[0].0, [0.0; 2]);
-            let sum =
-                |of: fn([f64; 2]) -> f64| beam.cells.iter().map(|(at, share)| share * of(*at)).sum::<f64>();
+            assert_eq!((beam.len(), beam.shares.len()), (rays, rays));
+            assert_eq!(beam.offset(0), [0.0; 2]);
+            let sum = |of: fn([f64; 2]) -> f64| {
+                beam.offsets.iter().zip(&beam.shares).map(|(at, share)| share * of(*at)).sum::<f64>()
+            };
             assert!((sum(|_| 1.0) - 1.0).abs() < 1e-15);
             assert!(
                 sum(|[x, _]| x).abs() < 1e-16
@@ -142,7 +152,7 @@ mod tests {
             let moment = (1.0 - 3.0 * (-2.0_f64).exp()) / (2.0 * (1.0 - (-2.0_f64).exp()));
             assert!((sum(|[x, _]| x * x) / (moment / 2.0) - 1.0).abs() < 0.01);
             assert!((sum(|[_, y]| y * y) / (moment / 8.0) - 1.0).abs() < 0.01);
-            let outermost = beam.cells.iter().map(|(at, _)| at[0]).fold(0.0, f64::max);
+            let outermost = beam.offsets.iter().map(|at| at[0]).fold(0.0, f64::max);
             assert!((outermost - f64::from(rings) / (f64::from(rings) + 0.5)).abs() < 1e-15);
         }
     }

@@ -158,7 +158,7 @@ fn find_solid<I: Isa, C: Caster>(solid: &C, ways: &mut Ways) {
             continue;
         }
         hits.resize(origins.len());
-        solid.cast::<I>(Rays { origins, directions, times }, hits);
+        solid.cast::<I>(Rays::new(origins, directions, times), hits);
         for (at, step) in steps.iter_mut().filter(|step| is_asked(step)).enumerate() {
             step.solid = Some(hits.at(at));
         }

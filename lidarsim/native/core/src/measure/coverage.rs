@@ -214,7 +214,7 @@ impl AimedPulses {
 
     fn rays(&self, world: &World) -> Rays<'_> {
         let times = if world.scene.moves() { &self.moments[..] } else { &[] };
-        Rays { origins: &self.origins, directions: &self.directions, times }
+        Rays::new(&self.origins, &self.directions, times)
     }
 
     /// Some of the pulses.

@@ -17,12 +17,48 @@ pub fn turned(direction: Point, azimuth: f64, elevation: f64) -> Point {
 
 /// `direction`, unit, and to the left and upward of it by these tangents.
 #[inline(always)]
-pub fn beside(direction: Point, [left, up]: [f64; 2]) -> Point {
-    let (level, [x, y]) = heading(direction);
-    let [dx, dy, dz] = direction;
-    let v = [dx - left * y - up * dz * x, dy + left * x - up * dz * y, dz + up * level];
-    let length = (1.0 + left * left + up * up).sqrt();
-    v.map(|c| c / length)
+pub fn beside(direction: Point, offset: [f64; 2]) -> Point {
+    let ([left, up], length) = (offset, length_beside(offset));
+    let [x, y, z] = direction;
+    if [left, up] == [0.0; 2] && x * x + y * y > 0.0 {
+        // Only the signs of zeros matter of the heading, and these are those of x and y.
+        return [x - left * y - up * z * x, y + left * x - up * z * y, z + up];
+    }
+    Axis::of(direction).beside([left, up, length])
+}
+
+/// The length of a vector from unit length on to the left and upward by these tangents.
+#[inline(always)]
+pub fn length_beside([left, up]: [f64; 2]) -> f64 {
+    (1.0 + left * left + up * up).sqrt()
+}
+
+/// The axis of a beam.
+pub struct Axis {
+    direction: Point,
+    level: f64,
+    heading: [f64; 2],
+}
+
+impl Axis {
+    #[inline(always)]
+    pub fn of(direction: Point) -> Self {
+        let (level, heading) = heading(direction);
+        Axis { direction, level, heading }
+    }
+
+    /// As [`beside`], of N offsets: to the left, upward, and the length that belongs to them.
+    #[inline(always)]
+    pub fn beside<F: Floats<f64, N>, const N: usize>(&self, [left, up, length]: [F; 3]) -> [F; 3] {
+        let [dx, dy, dz] = lanes::splat::<F, N>(self.direction);
+        let [x, y, level] = lanes::splat::<F, N>([self.heading[0], self.heading[1], self.level]);
+        let down = up.mul(dz);
+        [
+            dx.sub(left.mul(y)).sub(down.mul(x)).div(length),
+            dy.add(left.mul(x)).sub(down.mul(y)).div(length),
+            dz.add(up.mul(level)).div(length),
+        ]
+    }
 }
 
 /// Length and direction of the horizontal part; at a pole the direction is x.
@@ -93,7 +129,7 @@ mod tests {
     use crate::arith::number::{Dyadic, Number, UNIT};
     use crate::geometry::point::dot;
     use crate::geometry::vector;
-    use crate::testing::{assert_slack, worst};
+    use crate::testing::{assert_slack, numbers, worst};
 
     #[test]
     fn beside_is_left_and_up() {
@@ -104,6 +140,29 @@ mod tests {
         // Straight up, left and up are as after a turn from straight ahead.
         let [x, y, z] = beside([0.0, 0.0, 1.0], [0.1, 0.2]);
         assert!((y / z - 0.1).abs() < 1e-15 && (x / z + 0.2).abs() < 1e-15);
+    }
+
+    /// To the bit, signs of zeros too: with the heading, and of the axis without it.
+    #[test]
+    fn many_lie_beside_an_axis_as_each_does() {
+        let mut number = numbers();
+        let zeros = [0.0, -0.0, 1.0, -1.0];
+        let special = (0..64).map(|k| [zeros[k % 4], zeros[k / 4 % 4], zeros[k / 16]]);
+        let others: Vec<Point> = (0..200).map(|_| [0; 3].map(|_: u8| number() - 0.5)).collect();
+        for direction in special.chain(others) {
+            for left in [0.0, -0.0, 0.01, -0.02] {
+                for up in [0.0, -0.0, 0.02, -0.01] {
+                    let offset = [left, up, length_beside([left, up])];
+                    let expected: Point = Axis::of(direction).beside(offset);
+                    let found = beside(direction, [left, up]);
+                    assert_eq!(
+                        found.map(f64::to_bits),
+                        expected.map(f64::to_bits),
+                        "{direction:?} {offset:?}"
+                    );
+                }
+            }
+        }
     }
 
     /// Coordinates of unit vectors, or of vectors 1e-6 longer than that.

@@ -4,13 +4,13 @@
 use std::ops::Range;
 
 use super::caster::Caster;
-use super::direction::{beside, is_finite, is_unit};
+use super::direction::{Axis, is_finite, is_unit};
 use super::effects::Pulses;
 use super::frame::{BadPulse, Frame};
 use super::origins::Origins;
 use super::scan::Scan;
 use super::scratch::{RayArrays, Scratch, Velocities};
-use crate::arith::simd::{self, Isa};
+use crate::arith::simd::{self, Floats, Isa};
 use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
 use crate::memory::resize;
@@ -72,7 +72,12 @@ impl<C: Caster> Scan<'_, C> {
             rays.times.extend(times.flat_map(|time| std::iter::repeat_n(time, measurement.rays())));
         }
         hits.resize(count);
-        let rays = Rays { origins: &rays.origins, directions: &rays.directions, times: &rays.times };
+        let rays = Rays {
+            origins: &rays.origins,
+            directions: &rays.directions,
+            times: &rays.times,
+            bundle: self.measurement.rays(),
+        };
         self.caster.cast::<I>(rays, hits);
         Ok(())
     }
@@ -95,14 +100,25 @@ impl<C: Caster> Scan<'_, C> {
         let (ray_origins, ray_directions) = (&mut rays.origins[first..], &mut rays.directions[first..]);
         let mut legal = true;
         if let Some(beam) = &self.measurement.beam {
-            let mut rays = ray_origins.iter_mut().zip(ray_directions);
+            let mut first = 0;
             for (pulse, (nominal, direction)) in pulses.zip(nominal.iter().zip(directions)) {
                 let origin = origins.of(pulse);
                 legal &= is_finite(origin) & is_unit(*nominal);
-                let origin = pose.place(origin);
-                for (offset, (o, d)) in beam.offsets().zip(&mut rays) {
-                    (*o, *d) = (origin, pose.turn(beside(*direction, offset)));
+                ray_origins[first..first + beam.len()].fill(pose.place(origin));
+                let axis = Axis::of(*direction);
+                for (start, [left, up, length]) in (first..).step_by(8).zip(beam.eights()) {
+                    let offset = [I::F64x8::load(left), I::F64x8::load(up), I::F64x8::load(length)];
+                    let beside = pose.turn(axis.beside(offset));
+                    // The next pulse overwrites what is too much, and after the last there is no room for it.
+                    if let Some(places) = ray_directions[start..].first_chunk_mut() {
+                        simd::store_points::<I>(beside, flat(places));
+                    } else {
+                        let (mut points, places) = ([[0.0; 3]; 8], &mut ray_directions[start..]);
+                        simd::store_points::<I>(beside, flat(&mut points));
+                        places.copy_from_slice(&points[..places.len()]);
+                    }
                 }
+                first += beam.len();
             }
             return legal;
         }
@@ -123,6 +139,12 @@ impl<C: Caster> Scan<'_, C> {
         }
         legal
     }
+}
+
+/// The coordinates of eight points.
+#[inline(always)]
+fn flat(points: &mut [Point; 8]) -> &mut [f64; 24] {
+    &mut points.as_flattened_mut().as_chunks_mut().0[0]
 }
 
 impl Velocities {

@@ -28,7 +28,7 @@ impl<C: Caster> Scan<'_, C> {
         self.keep_light::<I>(scratch);
         resize(&mut scratch.rows.squared_sine, pulses.len() * most, 0.0);
         resize(&mut scratch.rows.cosine, pulses.len() * most, 0.0);
-        self.measure_pulses(pulses, |_, _| true, scratch, rows);
+        self.measure_pulses::<I>(pulses, |_, _| true, scratch, rows);
     }
 
     /// Measures those pulses, of one ray each, whose light went on from the first surface.
@@ -40,12 +40,12 @@ impl<C: Caster> Scan<'_, C> {
         rows: &mut Rows,
     ) {
         self.keep_light_of::<I>(|scratch, part| scratch.ways.touch(part), scratch);
-        self.measure_pulses(pulses, |scratch, pulse| !scratch.ways.of(pulse).is_empty(), scratch, rows);
+        self.measure_pulses::<I>(pulses, |scratch, pulse| !scratch.ways.of(pulse).is_empty(), scratch, rows);
     }
 
     /// Measures the pulses that `is_wanted` tells.
     #[inline(always)]
-    fn measure_pulses(
+    fn measure_pulses<I: Isa>(
         &self,
         pulses: Range<usize>,
         is_wanted: impl Fn(&Scratch, usize) -> bool,
@@ -56,13 +56,13 @@ impl<C: Caster> Scan<'_, C> {
             (self.measurement.most_returns(), self.measurement.rays(), &self.measurement.beam);
         let indices = std::mem::take(&mut scratch.indices);
         let batch = self.frame.pulses(pulses.clone(), &indices);
-        let (mut waveform, mut echoes, mut reported) = (Waveform::default(), Vec::new(), Vec::new());
+        let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
         for pulse in 0..pulses.len() {
             if !is_wanted(scratch, pulse) {
                 continue;
             }
             match beam {
-                Some(beam) => waveform.echoes(beam, scratch, pulse, &mut echoes),
+                Some(beam) => waveform.echoes::<I>(beam, scratch, pulse, &mut echoes),
                 None => scratch.echoes_of_ray(pulse, &mut echoes),
             }
             for (echo, number) in echoes.iter_mut().zip(0..) {
@@ -78,9 +78,15 @@ impl<C: Caster> Scan<'_, C> {
                 let place = echoes.partition_point(|nearer| nearer.range <= echo.range);
                 echoes.insert(place, echo);
             }
-            self.measurement.returns.choose(&echoes, &mut reported);
+            // Of one there is no choice.
+            let reported = if echoes.len() < 2 {
+                &echoes
+            } else {
+                self.measurement.returns.choose(&echoes, &mut chosen);
+                &chosen
+            };
             let mut row = pulse * most;
-            for echo in &reported {
+            for echo in reported {
                 if echo.source == Source::FalseReturn {
                     report_false(row, echo, scratch, rows);
                     row += 1;

@@ -28,8 +28,13 @@ impl<C: Caster> Scan<'_, C> {
         let whole = hits.len().next_multiple_of(8);
         resize(reflectivity, whole, 0.0);
         let surfaces = hits.object.iter().zip(&hits.primitive);
+        // Neighbours often hit the same object.
+        let mut last = (-1, None);
         for (i, (reflectivity, (object, primitive))) in reflectivity.iter_mut().zip(surfaces).enumerate() {
-            if let Some(appearance) = self.appearances.get(*object as usize) {
+            if last.0 != *object {
+                last = (*object, self.appearances.get(*object as usize));
+            }
+            if let Some(appearance) = last.1 {
                 let hit = || (hits.at(i), rays.at(i));
                 *reflectivity = appearance.reflectivity.at(*primitive, hit, self.caster);
                 *is_lambert &= appearance.backscatter.is_none();
@@ -90,8 +95,8 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
     ) {
         let whole = scratch.hits.len();
-        let LightArrays { range, cosine, intensity, transmission } = &mut scratch.light;
-        for numbers in [range, cosine, intensity] {
+        let LightArrays { range, cosine, intensity, transmission, received, power } = &mut scratch.light;
+        for numbers in [range, cosine, intensity, received, power] {
             resize(numbers, whole, 0.0);
         }
         transmission.clear();
@@ -110,8 +115,15 @@ impl<C: Caster> Scan<'_, C> {
                 intensity.as_chunks_mut().0[part] = lights.intensity.mul(shares).store();
             }
         }
-        let LightArrays { range, transmission, .. } = &mut scratch.light;
+        let LightArrays { range, intensity, transmission, received, power, .. } = &mut scratch.light;
         self.measurement.effects.attenuate(range, transmission);
+        for part in 0..whole / 8 {
+            let (range, clear): (I::F64x8, I::F64x8) =
+                (lanes::load(range, part), lanes::load(intensity, part));
+            let left = clear.mul(lanes::load(transmission, part));
+            received.as_chunks_mut().0[part] = left.store();
+            power.as_chunks_mut().0[part] = left.div(range.mul(range)).store();
+        }
     }
 }
 
@@ -128,8 +140,9 @@ impl Scratch {
         if self.hits.object[ray] < 0 {
             return None;
         }
-        let (range, clear) = (self.light.range[ray], self.light.intensity[ray]);
-        let (intensity, square) = (clear * self.light.transmission[ray], range * range);
-        Some(Light { ray, range, intensity, power: intensity / square, clear_power: clear / square })
+        let LightArrays { range, intensity: clear, received, power, .. } = &self.light;
+        let (range, clear) = (range[ray], clear[ray]);
+        let clear_power = clear / (range * range);
+        Some(Light { ray, range, intensity: received[ray], power: power[ray], clear_power })
     }
 }

@@ -35,7 +35,7 @@ impl Measurement {
 
     /// The share of the energy of a pulse that one of its rays carries.
     pub(super) fn share(&self, sub_ray: usize) -> f64 {
-        self.beam.as_ref().map_or(1.0, |beam| beam.share(sub_ray))
+        self.beam.as_ref().map_or(1.0, |beam| beam.shares()[sub_ray])
     }
 
     /// Standard deviation of the pulse, as a range, m.

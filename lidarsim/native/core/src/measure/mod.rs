@@ -34,6 +34,7 @@ pub mod rng;
 mod scan;
 mod scratch;
 mod single_ray;
+mod slopes;
 mod source;
 mod status;
 mod texture;

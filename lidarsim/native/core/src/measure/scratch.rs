@@ -53,6 +53,9 @@ pub(super) struct LightArrays {
     pub(super) intensity: Vec<f64>,
     /// The share that the atmosphere leaves.
     pub(super) transmission: Vec<f64>,
+    /// What the atmosphere leaves of the intensity, and the power of that.
+    pub(super) received: Vec<f64>,
+    pub(super) power: Vec<f64>,
 }
 
 /// Per row: factors of columns that are computed for all rows at once.

@@ -5,7 +5,8 @@ use std::ops::Range;
 use super::beam::{Beam, REACH};
 use super::echo::{Echo, Light};
 use super::scratch::Scratch;
-use crate::arith::elementary::exp;
+use super::slopes::Gaussians;
+use crate::arith::simd::Isa;
 use crate::geometry::point::dot;
 
 /// Received light over range: a sum of one Gaussian for each sub-ray, as wide as the pulse, with the power of
@@ -30,6 +31,7 @@ pub(super) struct Waveform {
     samples: Vec<f64>,
     before: Vec<usize>,
     slopes: Vec<f64>,
+    gaussians: Gaussians,
     /// The lights of each peak.
     peaks: Vec<Range<usize>>,
     /// The peaks that the receiver tells apart.
@@ -48,9 +50,19 @@ struct Peak {
 impl Waveform {
     /// The echoes of the `pulse`-th pulse of the batch, by rising range.
     #[inline(always)]
-    pub(super) fn echoes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize, echoes: &mut Vec<Echo>) {
+    pub(super) fn echoes<I: Isa>(
+        &mut self,
+        beam: &Beam,
+        scratch: &Scratch,
+        pulse: usize,
+        echoes: &mut Vec<Echo>,
+    ) {
         let Waveform { lights, .. } = self;
         echoes.clear();
+        if let Some(echo) = scratch.only_echo(beam, pulse) {
+            echoes.push(echo);
+            return;
+        }
         lights.clear();
         lights.extend(
             beam.sub_rays(pulse).filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dimmed(share))),
@@ -70,7 +82,7 @@ impl Waveform {
             return;
         }
         lights.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
-        self.sample_slopes(beam, scratch, pulse);
+        self.sample_slopes::<I>(beam, scratch, pulse);
         self.peaks.clear();
         let (mut first, mut falls) = (0, false);
         for (slope, before) in self.slopes.iter().zip(&self.before) {
@@ -115,8 +127,8 @@ impl Waveform {
     /// from the second with a·b = σ², if they are of one width and more than 2σ apart. Else they have no
     /// valley of their own, but others may make one: half way.
     #[inline(always)]
-    fn sample_slopes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize) {
-        let Waveform { lights, variances, samples, before, slopes, .. } = self;
+    fn sample_slopes<I: Isa>(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize) {
+        let Waveform { lights, variances, samples, before, gaussians, slopes, .. } = self;
         let first = pulse * beam.len();
         variances.clear();
         variances.extend(lights.iter().map(|light| scratch.variance(beam, light, first)));
@@ -140,21 +152,14 @@ impl Waveform {
                 before.push(i + 1);
             }
         }
-        slopes.clear();
-        slopes.resize(samples.len(), 0.0);
+        gaussians.clear();
         for (light, variance) in lights.iter().zip(&*variances) {
             // Of a black surface there is no light, and no variance where it is grazed.
             if light.clear_power > 0.0 {
-                let (sigma, weight) = (variance.sqrt(), light.clear_power / variance);
-                let (inverse, reach) = (1.0 / sigma, REACH * sigma);
-                let start = samples.partition_point(|place| *place < light.range - reach);
-                let end = samples.partition_point(|place| *place <= light.range + reach);
-                for (slope, place) in slopes[start..end].iter_mut().zip(&samples[start..end]) {
-                    let way = (light.range - place) * inverse;
-                    *slope += weight * way * exp(-0.5 * (way * way));
-                }
+                gaussians.add(light.range, light.clear_power, *variance);
             }
         }
+        gaussians.slopes::<I>(samples, slopes);
     }
 }
 
@@ -162,9 +167,9 @@ impl Peak {
     fn of(number: usize, lights: &[Light]) -> Self {
         let nearest = lights[0].range;
         let power: f64 = lights.iter().map(|l| l.clear_power).sum();
-        let mean = lights.iter().map(|l| l.clear_power * (l.range - nearest)).sum::<f64>() / power;
-        // No mean, and perhaps no power, as in `merge`.
-        Peak { number, range: nearest + if mean.is_finite() { mean } else { 0.0 }, power: power.max(0.0) }
+        let moment: f64 = lights.iter().map(|l| l.clear_power * (l.range - nearest)).sum();
+        // Perhaps no power, either.
+        Peak { number, range: nearest + mean(moment, power), power: power.max(0.0) }
     }
 }
 
@@ -190,6 +195,34 @@ impl Scratch {
         range * range * (leftward * leftward + upward * upward)
     }
 
+    /// The echo of a pulse whose sub-rays all end at one object, within an extent of 2σ: as `merge` has it.
+    #[inline(always)]
+    fn only_echo(&self, beam: &Beam, pulse: usize) -> Option<Echo> {
+        let first = pulse * beam.len();
+        let rays = first..first + beam.len();
+        let (objects, ranges) = (&self.hits.object[rays.clone()], &self.light.range[rays.clone()]);
+        if !self.ways.is_empty() || objects[0] < 0 || objects.iter().any(|object| *object != objects[0]) {
+            return None;
+        }
+        let (least, most) =
+            ranges.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), range| (a.min(*range), b.max(*range)));
+        if !(most - least <= 2.0 * beam.pulse_sigma) {
+            return None;
+        }
+        let (received, powers) = (&self.light.received[rays.clone()], &self.light.power[rays]);
+        let shares = beam.shares();
+        let power = shares.iter().zip(powers).map(|(share, power)| share * power).sum();
+        let moment = shares
+            .iter()
+            .zip(powers)
+            .zip(ranges)
+            .map(|((share, power), range)| share * power * (range - ranges[0]))
+            .sum();
+        let intensity = shares.iter().zip(received).map(|(share, intensity)| share * intensity).sum();
+        let main = Light { ray: first, range: ranges[0], intensity, power, clear_power: f64::NAN };
+        Some(Echo { range: main.range + mean(moment, power), ..Echo::of(main) })
+    }
+
     /// The echo of one light or more.
     fn merge(&self, lights: &[Light]) -> Echo {
         let object = |light: &Light| self.hits.object[light.ray];
@@ -201,10 +234,8 @@ impl Scratch {
         });
         let power: f64 = lights.iter().map(|l| l.power).sum();
         let moment: f64 = lights.iter().map(|l| l.power * (l.range - main.range)).sum();
-        // No mean where no power comes back, from a black surface, or infinite power, from distance zero.
-        let mean = moment / power;
         Echo {
-            range: main.range + if mean.is_finite() { mean } else { 0.0 },
+            range: main.range + mean(moment, power),
             intensity: lights.iter().map(|l| l.intensity).sum(),
             power,
             ..Echo::of(main)
@@ -212,9 +243,18 @@ impl Scratch {
     }
 }
 
+/// The mean of ranges relative to one of them, by power. There is none where no power comes back, from a
+/// black surface, or infinite power, from distance zero: then 0.
+#[inline(always)]
+fn mean(moment: f64, power: f64) -> f64 {
+    let mean = moment / power;
+    if mean.is_finite() { mean } else { 0.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::numbers;
 
     /// Ranges of the peaks that are told apart, of one light each.
     fn told_apart(separation: f64, lights: &[(f64, f64)]) -> Vec<f64> {
@@ -225,6 +265,55 @@ mod tests {
         }
         waveform.tell_apart(separation);
         waveform.told_apart.iter().map(|peak| peak.range).collect()
+    }
+
+    /// A pulse of seven sub-rays, after one that hits nothing.
+    fn seven(beam: &Beam, ranges: [f64; 7], powers: [f64; 7]) -> Scratch {
+        let mut scratch = Scratch::default();
+        scratch.hits.resize(14);
+        scratch.hits.object[7..].fill(3);
+        let both = |values: [f64; 7]| [[f64::NAN; 7], values].concat();
+        scratch.light.range = both(ranges);
+        scratch.light.power = both(powers);
+        scratch.light.received = both(std::array::from_fn(|k| powers[k] * ranges[k] * ranges[k]));
+        scratch.light.intensity = scratch.light.received.clone();
+        assert_eq!(beam.len(), 7);
+        scratch
+    }
+
+    #[test]
+    fn the_only_echo_is_what_its_lights_merge_to() {
+        let mut number = numbers();
+        let beam = Beam::new([3e-3; 2], 7, 0.75);
+        let parts = |echo: Echo| {
+            (
+                echo.ray,
+                [echo.true_range, echo.range, echo.intensity, echo.power].map(f64::to_bits),
+                echo.measured,
+            )
+        };
+        for k in 0..400 {
+            let mut draw = || [0; 7].map(|_: u8| number());
+            let ranges = draw().map(|x| 20.0 + 2.0 * beam.pulse_sigma * x);
+            // Black surfaces, and distance zero, have no mean.
+            let powers = if k % 4 == 0 { [[0.0; 7], [f64::INFINITY; 7]][k / 4 % 2] } else { draw() };
+            let mut scratch = seven(&beam, ranges, powers);
+            let lights: Vec<Light> = beam
+                .sub_rays(1)
+                .filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dimmed(share)))
+                .collect();
+            assert_eq!(lights.len(), 7);
+            let echo = scratch.only_echo(&beam, 1).expect("one surface");
+            assert_eq!(parts(echo), parts(scratch.merge(&lights)), "{ranges:?} {powers:?}");
+            assert!(scratch.only_echo(&beam, 0).is_none(), "nothing is hit");
+            for object in [-1, 4] {
+                scratch.hits.object[7 + k % 7] = object;
+                assert!(scratch.only_echo(&beam, 1).is_none());
+                scratch.hits.object[7 + k % 7] = 3;
+            }
+            scratch.light.range[7 + k % 7] += 4.1 * beam.pulse_sigma;
+            assert!(scratch.only_echo(&beam, 1).is_none(), "it may have two peaks");
+        }
     }
 
     #[test]

@@ -20,12 +20,20 @@ pub struct Rays<'a> {
     pub directions: &'a [Point],
     /// May be empty if nothing moves.
     pub times: &'a [f64],
+    /// How many consecutive rays are the sub-rays of a pulse, which have one origin and time and differ
+    /// little in direction. 1 if nothing is known of neighbours.
+    pub bundle: usize,
 }
 
-impl Rays<'_> {
+impl<'a> Rays<'a> {
+    pub fn new(origins: &'a [Point], directions: &'a [Point], times: &'a [f64]) -> Self {
+        Rays { origins, directions, times, bundle: 1 }
+    }
+
+    /// Some of the rays: whole bundles.
     pub fn part(self, rays: Range<usize>) -> Self {
         let times = if self.times.is_empty() { self.times } else { &self.times[rays.clone()] };
-        Rays { origins: &self.origins[rays.clone()], directions: &self.directions[rays], times }
+        Rays { origins: &self.origins[rays.clone()], directions: &self.directions[rays], times, ..self }
     }
 }
 

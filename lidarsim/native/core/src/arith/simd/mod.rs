@@ -27,9 +27,9 @@ pub trait Floats<T, const N: usize>: Copy {
     fn mul_add(self, b: Self, c: Self) -> Self;
     /// self·b + c, rounded once or twice, whichever is faster.
     fn fused(self, b: Self, c: Self) -> Self;
-    /// The larger; `other` where self is NaN.
+    /// The larger; `other` where either is NaN.
     fn max(self, other: Self) -> Self;
-    /// The smaller; `other` where self is NaN.
+    /// The smaller; `other` where either is NaN.
     fn min(self, other: Self) -> Self;
     /// Mask of the lanes in which self ≤ other; clear where one is NaN.
     fn le(self, other: Self) -> u32;

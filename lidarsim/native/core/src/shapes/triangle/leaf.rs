@@ -3,7 +3,7 @@
 use super::Triangle;
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{self, Floats, Isa, lanes};
-use crate::geometry::point::{self, cross};
+use crate::geometry::point::cross;
 use crate::geometry::vector::Point;
 
 /// Most triangles in a leaf: one per lane of a register.
@@ -546,6 +546,7 @@ mod tests {
     use super::*;
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::{Level, Portable, Task, dispatch};
+    use crate::geometry::point;
     use crate::geometry::ray::Ray;
     use crate::shapes::Surface;
     use crate::testing::{assert_slack, numbers, worst};

@@ -1,0 +1,114 @@
+"""The rays of sensors as they fire them: lidarsim and Open3D on a frame of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import lidarsim as ls
+from lidarsim.bench.peers import Caster
+from lidarsim.bench.scenes import Rays, World
+
+__all__ = ["SENSORS", "calls", "mean", "over", "rays"]
+
+SENSORS = (
+    "velodyne-vlp16",
+    "velodyne-hdl64e-s3",
+    "ouster-os1-128",
+    "hesai-ot128",
+    "livox-mid360",
+    "livox-avia",
+    "hokuyo-utm30lx",
+    "sick-lms111",
+)
+"""Sensors whose rays start at a point each, a point a column or one point, on rings, rosettes and in a plane."""
+
+
+def rays(sensor: str, world: World) -> Rays:
+    """Return the rays of a frame of a sensor that stands at the world's.
+
+    Parameters
+    ----------
+    sensor : str
+        Name of a preset.
+    world : World
+        The scene.
+
+    Returns
+    -------
+    Rays
+        In firing order; their origins differ as those of the sensor's beams do.
+    """
+    pulses = ls.Lidar.preset(sensor).pattern.pulses(0)
+    origins, directions = pulses.origins + world.sensor, np.ascontiguousarray(pulses.directions)
+    return Rays(sensor, origins, directions, one_origin=bool((origins == origins[0]).all()))
+
+
+def calls(world: World, casters: Mapping[str, Caster], threads: int) -> dict[str, Callable[[], Any]]:
+    """Return the casts to time, after calling each once.
+
+    Parameters
+    ----------
+    world : World
+        The scene.
+    casters : dict of str to Caster
+        Casters that hold it, by name.
+    threads : int
+        Threads to cast with.
+
+    Returns
+    -------
+    dict of str to callable
+        By the names of the sensor and the caster.
+    """
+    what: dict[str, Callable[[], Any]] = {}
+    for sensor in SENSORS:
+        given = rays(sensor, world)
+        for name, caster in casters.items():
+            what[f"{sensor}, {name}"] = partial(caster.cast, caster.prepare(given), threads)
+    for call in what.values():
+        call()
+    return what
+
+
+def over(times: Mapping[str, float], world: World) -> list[dict[str, Any]]:
+    """Return a row per sensor.
+
+    Parameters
+    ----------
+    times : dict of str to float
+        The time of each call of `calls`, s.
+    world : World
+        The scene.
+
+    Returns
+    -------
+    list of dict
+        Scene, sensor, number of rays; times of a ray, s; and that of Open3D over that of lidarsim. Without Open3D the
+        last two are None.
+    """
+    rows = []
+    for sensor in SENSORS:
+        count = len(rays(sensor, world))
+        own, peer = times[f"{sensor}, lidarsim"], times.get(f"{sensor}, Open3D")
+        rows.append(
+            {
+                "scene": world.name,
+                "sensor": sensor,
+                "rays": count,
+                "lidarsim": own / count,
+                "Open3D": None if peer is None else peer / count,
+                "ratio": None if peer is None else peer / own,
+            }
+        )
+    return rows
+
+
+def mean(rows: list[dict[str, Any]]) -> float | None:
+    """Return the geometric mean of the ratios, None if there are none."""
+    ratios = [row["ratio"] for row in rows if row["ratio"] is not None]
+    return math.exp(sum(map(math.log, ratios)) / len(ratios)) if ratios else None
