@@ -37,6 +37,8 @@ pub struct LeafScratch {
     tests: [LeafTest; LANES],
     /// The planes of the leaves of single rays, or of the one leaf of a packet.
     planes: [Planes; LANES],
+    /// Their normals, if the rays of the packet start apart.
+    plane_normals: [[f64; LEAF_SIZE]; 3],
     /// Bounds of the rays that traverse the mesh, computed on first use.
     pub bounds: Option<RayBounds>,
 }
@@ -45,7 +47,13 @@ impl LeafScratch {
     pub fn new() -> Self {
         let (sums, nothing) =
             ([[0.0; LEAF_SIZE]; LANES], LeafTest { lane: 0, candidates: 0, sure: 0, planes: 0 });
-        LeafScratch { sums, tests: [nothing; LANES], planes: [Planes::NONE; LANES], bounds: None }
+        LeafScratch {
+            sums,
+            tests: [nothing; LANES],
+            planes: [Planes::NONE; LANES],
+            plane_normals: [[0.0; LEAF_SIZE]; 3],
+            bounds: None,
+        }
     }
 
     /// Keeps a test, with the next planes, if it has candidates; branchless.
@@ -109,6 +117,9 @@ impl LeafIntersector<'_, '_> {
         }
         if tests.count > 0 {
             self.scratch.planes[0] = leaf.planes::<I>(&edges);
+            if APART {
+                self.scratch.plane_normals = edges.plane_normals();
+            }
         }
         self.accept::<I, APART>(tests, |_| leaf)
     }
@@ -204,8 +215,8 @@ impl LeafIntersector<'_, '_> {
             while let Some(i) = take(&mut candidates) {
                 let primitive = leaf(planes).ids()[i];
                 let known = if sure & 1 << i != 0 {
-                    let sums = &self.scratch.sums[k];
-                    let t = self.scratch.planes[planes].intersect_one::<APART>(i, &ray, sums);
+                    let LeafScratch { planes: all, plane_normals, sums, .. } = &*self.scratch;
+                    let t = all[planes].intersect_one::<APART>(i, plane_normals, &ray, &sums[k]);
                     t.map(|t| self.rays.t_of_ray(lane, t))
                 } else {
                     None

@@ -60,8 +60,6 @@ pub struct Edges<I: Isa> {
 pub struct Planes {
     /// a·(c × b), with the sign of the volumes.
     distance: [f64; LEAF_SIZE],
-    /// (b − a) × (c − a), by axis; for rays that start apart from the reference.
-    normal: [[f64; LEAF_SIZE]; 3],
     /// Four times the error of the sum of the volumes, per unit of a direction's length and of its error.
     turned: [f64; 2],
     /// The same for the distance.
@@ -84,6 +82,7 @@ pub struct LeafRay {
 pub struct StoredEdges {
     normals: [[[f64; LEAF_SIZE]; 3]; 3],
     sides: [[[f64; LEAF_SIZE]; 3]; 3],
+    plane_normals: [[f64; LEAF_SIZE]; 3],
     bound: [f64; 2],
 }
 
@@ -327,8 +326,8 @@ impl Leaf {
         let (mixed, equal) = signs(volumes, rays.length.fused(F64x8::<I>::splat(edges.bound[0]), bound));
         let mut distance = F64x8::<I>::splat(planes.distance[i]);
         if APART {
-            let normal = [planes.normal[0][i], planes.normal[1][i], planes.normal[2][i]];
-            distance = distance.add(lanes::fused_dot(lanes::splat(normal), rays.start));
+            let normal = lanes::splat(row(&edges.plane_normals, i));
+            distance = distance.add(lanes::fused_dot(normal, rays.start));
         }
         let (known, t) = planes.intersect(distance, sum, rays.length, rays.error);
         TriangleTest { candidates: !mixed & 0xff, known: !mixed & equal & known, t }
@@ -347,7 +346,6 @@ impl Leaf {
         let square = edges.reach * edges.reach;
         Planes {
             distance: lanes::fused_dot(edges.normals[0], edges.vertices[0]).store(),
-            normal: stored::<I>(lanes::fused_cross(edges.sides[1], edges.sides[2])),
             turned: [512.0 * UNIT * square, 4.0 * size],
             moved: 4.0 * (size * off + 64.0 * UNIT * square * edges.reach) + f64::MIN_POSITIVE,
         }
@@ -355,8 +353,7 @@ impl Leaf {
 }
 
 impl Planes {
-    pub const NONE: Planes =
-        Planes { distance: [0.0; LEAF_SIZE], normal: [[0.0; LEAF_SIZE]; 3], turned: [0.0; 2], moved: 0.0 };
+    pub const NONE: Planes = Planes { distance: [0.0; LEAF_SIZE], turned: [0.0; 2], moved: 0.0 };
 
     /// Bounds of t at a certain hit of a ray on triangle i, from the sums of `Leaf::candidates`; `None` if
     /// they would be useless.
@@ -364,13 +361,13 @@ impl Planes {
     pub fn intersect_one<const APART: bool>(
         &self,
         i: usize,
+        plane_normals: &[[f64; LEAF_SIZE]; 3],
         ray: &LeafRay,
         sums: &[f64; LEAF_SIZE],
     ) -> Option<Interval> {
         let mut distance = self.distance[i];
         if APART {
-            let normal = [self.normal[0][i], self.normal[1][i], self.normal[2][i]];
-            distance += lanes::fused_dot::<f64, 1>(normal, ray.start);
+            distance += lanes::fused_dot::<f64, 1>(row(plane_normals, i), ray.start);
         }
         let (known, t) = self.intersect::<f64, 1>(distance, sums[i], ray.length, ray.error);
         if known != 0 { Some(t) } else { None }
@@ -437,12 +434,19 @@ impl<I: Isa> Edges<I> {
         I::fused(length, self.bound[0], I::fused(error, self.bound[1], f64::MIN_POSITIVE))
     }
 
+    /// N = (b − a) × (c − a), by axis.
+    #[inline(always)]
+    pub fn plane_normals(&self) -> [[f64; LEAF_SIZE]; 3] {
+        stored::<I>(lanes::fused_cross(self.sides[1], self.sides[2]))
+    }
+
     #[inline(always)]
     pub fn stored(&self) -> StoredEdges {
         let ([u, v, w], [bc, ca, ab]) = (self.normals, self.sides);
         StoredEdges {
             normals: [stored::<I>(u), stored::<I>(v), stored::<I>(w)],
             sides: [stored::<I>(bc), stored::<I>(ca), stored::<I>(ab)],
+            plane_normals: self.plane_normals(),
             bound: self.bound,
         }
     }
@@ -481,11 +485,13 @@ fn volumes<F: Floats<f64, 8>, const APART: bool>(
 /// Three vectors of triangle i.
 #[inline(always)]
 fn three<I: Isa>([p, q, r]: &[[[f64; LEAF_SIZE]; 3]; 3], i: usize) -> [[F64x8<I>; 3]; 3] {
-    [
-        lanes::splat([p[0][i], p[1][i], p[2][i]]),
-        lanes::splat([q[0][i], q[1][i], q[2][i]]),
-        lanes::splat([r[0][i], r[1][i], r[2][i]]),
-    ]
+    [lanes::splat(row(p, i)), lanes::splat(row(q, i)), lanes::splat(row(r, i))]
+}
+
+/// Vector i.
+#[inline(always)]
+fn row([x, y, z]: &[[f64; LEAF_SIZE]; 3], i: usize) -> Point {
+    [x[i], y[i], z[i]]
 }
 
 /// The lanes in which two volumes certainly have different signs, and those in which all three certainly have
@@ -684,7 +690,7 @@ mod tests {
                     let mut t = [None; LEAF_SIZE];
                     for i in 0..LEAF_SIZE {
                         if sure & 1 << i != 0 {
-                            t[i] = planes.intersect_one::<APART>(i, &ray, &sums);
+                            t[i] = planes.intersect_one::<APART>(i, &edges.plane_normals(), &ray, &sums);
                         }
                     }
                     told.push(Said { reachable, candidates, sure, t });
@@ -970,7 +976,10 @@ mod tests {
             if sure & 1 == 0 {
                 return 0.0;
             }
-            let Some(t) = planes.intersect_one::<true>(0, &self.ray, &sums) else { return 0.0 };
+            let Some(t) = planes.intersect_one::<true>(0, &self.edges.plane_normals(), &self.ray, &sums)
+            else {
+                return 0.0;
+            };
             let [a, b, c] = &self.vertices;
             let normal = crate::shapes::triangle::normal_through(a, b, c);
             let (num, den) = (
