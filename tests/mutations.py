@@ -50,10 +50,25 @@ DEPTH = ("tests/test_depth.py",)
 FAR = ("tests/hard/test_scenes.py", "-k", "from_far_away")
 
 MUTANTS = [
-    Mutant("patterns: unit length, second term", "1.0 - e * (0.5 - 0.375 * e)", "1.0 - e * 0.5"),
-    Mutant("patterns: turns taken away", "if turns.abs() > MOST_TURNS { turns.floor() }", "if turns.is_nan() { 1.0 }"),
-    Mutant("patterns: no turns taken away", "turns[0].abs() > MOST_TURNS ||", "turns[0].abs() > 1e99 && "),
-    Mutant("patterns: reflection behind others", "if square < squares[lane] { square }", "if square < 2.0 { square }"),
+    Mutant("patterns: unit length", "let factor = 1.5 - 0.5 * (x * x", "let factor = 1.0 + 0.0 * (x * x"),
+    Mutant(
+        "patterns: phase of an angle below 0", "if angle < 0.0 { turned.wrapping", "if angle < -1e9 { turned.wrapping"
+    ),
+    Mutant("patterns: nearest quarter turn", "phases[lane].wrapping_add(1 << 61) >> 62", "phases[lane] >> 62"),
+    Mutant("patterns: phase of a group", "phase(group * LANES * LANES)", "phase(group * LANES)"),
+    Mutant(
+        "patterns: from anchor to anchor", "step.wrapping_mul(LANES as u128)", "step.wrapping_mul(LANES as u128 - 1)"
+    ),
+    Mutant("patterns: anchors of another group", "if anchors.group != group {", "if anchors.group == usize::MAX {"),
+    Mutant("patterns: pieces begin within a block", "(first / LANES, first % LANES)", "(first / LANES, 0)"),
+    Mutant("patterns: reflection in a column of another piece", "[skipped..skipped + count] {", "[..] {"),
+    Mutant("patterns: light from behind a face", "if before > 0.0 { square }", "if before > -2.0 { square }"),
+    Mutant("patterns: total reflection", "(if before > 0.0 { square }", "(if before > 0.0 { square.abs() }"),
+    Mutant(
+        "patterns: indices of glass and air",
+        "(glass, glass - 1.0), (1.0, 1.0 - glass)",
+        "(1.0, 1.0 - glass), (glass, glass - 1.0)",
+    ),
     Mutant("leaf: volumes, rounding 32u", "reach * (32.0 * UNIT * reach +", "reach * (16.0 * UNIT * reach +"),
     Mutant("leaf: volumes, vertices 8ε", "* reach + 8.0 * error), 8.0", "* reach + 4.0 * error), 8.0"),
     Mutant("leaf: volumes, direction 8ε", "error), 8.0 * reach * reach]", "error), 4.0 * reach * reach]"),
