@@ -227,8 +227,8 @@ mod tests {
 
     /// A rotation by turns.
     fn rotation(first: f64, step: f64, angle: f64) -> Rotation {
-        let [first, step] = [first, step].map(|turns| (turns * 2.0_f64.powi(64)) as i128 as u128 * (1 << 64));
-        Rotation::new(first, step, angle)
+        let phase = |turns: f64| ((turns - turns.floor()) * 2.0_f64.powi(64)) as u128 * (1 << 64);
+        Rotation::new(phase(first), phase(step), angle)
     }
 
     /// More than those of a group of anchors of a rotor.
@@ -286,6 +286,76 @@ mod tests {
             }
             assert!(whole.iter().flatten().all(|x| x.is_finite()), "{name}");
         });
+    }
+
+    /// Beyond the first block and group, too; to well within what a column more or less would change.
+    #[test]
+    fn directions_are_those_of_the_definitions() {
+        let of = |azimuth: f64, elevation: f64| {
+            let (sin, cos) = azimuth.sin_cos();
+            [elevation.cos() * cos, elevation.cos() * sin, elevation.sin()]
+        };
+        let check = |what: &str, formula: Formula, expected: &dyn Fn(usize) -> Point| {
+            let [directions, ..] = fired(formula, 0, COLUMNS, Level::best());
+            for (pulse, found) in directions.as_chunks::<3>().0.iter().enumerate() {
+                let off = (0..3).map(|axis| (found[axis] - expected(pulse)[axis]).abs()).fold(0.0, f64::max);
+                assert!(off <= 2.0_f64.powi(-40), "{what}, {pulse}: {found:?} for {:?}", expected(pulse));
+            }
+        };
+        let angles: Vec<f64> = (0..COLUMNS).map(|i| i as f64 * 0.005 - 2.8).collect();
+        let elevations: Vec<f64> = angles.iter().map(|angle| 0.5 * angle).collect();
+        let polar = Polar { azimuths: &angles, elevations: &elevations };
+        check("polar", Formula::Polar(&polar), &|i| of(angles[i], elevations[i]));
+
+        let turns = |i: usize| 0.37 + 0.0123 * i as f64;
+        let palmer = Palmer::new(0.4, rotation(0.37, 0.0123, 1.0));
+        check("Palmer", Formula::Palmer(&palmer), &|i| {
+            let (sin, cos) = (std::f64::consts::TAU * turns(i) + 1.0).sin_cos();
+            [f64::cos(0.4), f64::sin(0.4) * cos, f64::sin(0.4) * sin]
+        });
+
+        // To and fro at constant speed, from the left.
+        let mirror = OscillatingMirror::new(1.3, 0.0, rotation(0.37, 0.0123, 0.0));
+        check("mirror", Formula::OscillatingMirror(&mirror), &|i| {
+            of(1.3 * (2.0 * (turns(i).fract() - 0.5).abs() - 0.5), 0.0)
+        });
+
+        let beams = [of(0.2, 0.1), of(-0.3, -0.2)];
+        let runs = [(40, 3.0, 7.0, 0.25), (COLUMNS - 40, 50.0, 3.0, 0.5)];
+        let runs = runs.map(|(columns, cycle, since, late)| Run { columns, cycle, since, late });
+        let cycles = Cycles::new(&beams, &beams, &[0.0, 1e-6], &runs, [1e4, 0.25], [3.0, -60.0]);
+        check("cycles", Formula::Cycles(&cycles), &|i| {
+            let cycle = i as f64 / 2.0;
+            let run = if cycle < 40.0 { cycle.floor() + 7.25 } else { cycle.floor() - 40.0 + 3.5 };
+            let (azimuth, elevation) = [(0.2, 0.1), (-0.3, -0.2)][i % 2];
+            of(azimuth + 3.0 - 60.0 * run / 1e4, elevation)
+        });
+        let [directions, origins, times] = fired(Formula::Cycles(&cycles), 0, COLUMNS, Level::best());
+        for (pulse, time) in times.iter().enumerate() {
+            let column = (pulse / 2) as f64;
+            let cycle = if column < 40.0 { column + 3.25 } else { column - 40.0 + 50.25 };
+            let later = [0.0, 1e-6][pulse % 2];
+            assert!((time - (cycle / 1e4 + later)).abs() <= f64::EPSILON, "{pulse}: {time}");
+        }
+        // These origins are unit vectors, turned as the beams are.
+        for (direction, origin) in directions.iter().zip(origins) {
+            assert!((direction - origin).abs() <= 4.0 * f64::EPSILON, "{direction} {origin}");
+        }
+    }
+
+    #[test]
+    fn a_frame_of_the_mid_360_goes_on_where_another_stops() {
+        let frame = |from: usize| {
+            let mid360 = Mid360::new(rotation(0.375 * from as f64, 0.375, 0.0), 4900 + from);
+            fired(Formula::Mid360(&mid360), 0, COLUMNS, Level::best())[0].clone()
+        };
+        let (whole, numbers) = (frame(0), 3 * mid360::BEAMS);
+        for from in [1, 32, 100, 1024] {
+            let overlap = (COLUMNS - from) * numbers;
+            for (later, number) in frame(from)[..overlap].iter().zip(&whole[from * numbers..]) {
+                assert!((later - number).abs() <= 8.0 * f64::EPSILON, "from {from}: {later} for {number}");
+            }
+        }
     }
 
     #[test]

@@ -160,6 +160,15 @@ mod tests {
     }
 
     #[test]
+    fn faces_of_one_tilt_only_shift_a_beam() {
+        for angle in [0.0, 1.0, 2.5, 4.0] {
+            let [x, y, z] = behind_prism([0.3, 0.3], angle);
+            let off = (x - 1.0).abs().max(y.abs()).max(z.abs());
+            assert!(off <= 4.0 * f64::EPSILON, "{angle}: {x} {y} {z}");
+        }
+    }
+
+    #[test]
     fn prisms_deviate_by_snells_law() {
         for (tilt, angle) in [(0.3_f64, 0.0_f64), (0.1, 1.0), (-0.5, 2.0), (0.2, -3.0), (0.4, 5.0)] {
             // Into glass light turns towards the normal, into air away from it.
