@@ -59,7 +59,7 @@ pub fn assert_slack(what: &str, worst: f64, known: f64) {
 }
 
 /// Fixed-point numbers: multiples of 2⁻³²⁰, rounded down.
-pub const BITS: u64 = 320;
+const BITS: u64 = 320;
 
 pub fn fixed(x: f64) -> BigInt {
     let exponent = ((x.to_bits() >> 52 & 0x7ff) as i64 - 1075).max(-1074);

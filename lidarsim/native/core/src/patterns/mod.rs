@@ -2,9 +2,9 @@
 //!
 //! Pulses that fire together, or in one cycle, are a column; the columns of a frame start at ticks of a
 //! steady clock. A formula is a loop over the columns, or channels, of a few registers, which the compiler
-//! vectorizes. Each operation is rounded once, and what columns have in common is computed for blocks that are
-//! counted from the start of the frame. So the bits of a pulse depend neither on the instruction set nor on
-//! the pieces and threads that its frame is divided among.
+//! vectorizes. Each operation is rounded once, and what columns have in common is computed for blocks counted
+//! from the start of the frame. So the bits of a pulse depend neither on the instruction set nor on the
+//! pieces and threads that its frame is divided among.
 
 mod cycles;
 mod mid360;

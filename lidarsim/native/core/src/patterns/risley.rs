@@ -128,14 +128,15 @@ fn refract(beams: &mut [Lanes; 3], (across, along): (f64, f64), [sin, cos]: &[La
     }
 }
 
-/// p·x behind a face perpendicular to x: of |p| = m, which is as near as before whatever the length was.
+/// p·x behind a face perpendicular to x: it follows from |p| = m, so errors of the length before do not
+/// count.
 #[inline(always)]
 fn behind_flat([x, y, z]: Point, index: f64) -> f64 {
     behind(x, index - (y * y + z * z))
 }
 
-/// p·N behind a face, from that before it and its square; NaN if the face reflects the beam totally, or if the
-/// beam does not come from before it.
+/// p·N behind a face, from that before it and its square behind; NaN if the face reflects the beam totally,
+/// or if the beam does not come from before the face.
 #[inline(always)]
 fn behind(before: f64, square: f64) -> f64 {
     (if before > 0.0 { square } else { f64::NAN }).sqrt()
