@@ -50,10 +50,25 @@ DEPTH = ("tests/test_depth.py",)
 FAR = ("tests/hard/test_scenes.py", "-k", "from_far_away")
 
 MUTANTS = [
-    Mutant("patterns: unit length, second term", "1.0 - e * (0.5 - 0.375 * e)", "1.0 - e * 0.5"),
-    Mutant("patterns: turns taken away", "if turns.abs() > MOST_TURNS { turns.floor() }", "if turns.is_nan() { 1.0 }"),
-    Mutant("patterns: no turns taken away", "turns[0].abs() > MOST_TURNS ||", "turns[0].abs() > 1e99 && "),
-    Mutant("patterns: reflection behind others", "if square < squares[lane] { square }", "if square < 2.0 { square }"),
+    Mutant("patterns: unit length", "let factor = 1.5 - 0.5 * (x * x", "let factor = 1.0 + 0.0 * (x * x"),
+    Mutant(
+        "patterns: phase of an angle below 0", "if angle < 0.0 { turned.wrapping", "if angle < -1e9 { turned.wrapping"
+    ),
+    Mutant("patterns: nearest quarter turn", "phases[lane].wrapping_add(1 << 61) >> 62", "phases[lane] >> 62"),
+    Mutant("patterns: phase of a group", "phase(group * LANES * LANES)", "phase(group * LANES)"),
+    Mutant(
+        "patterns: from anchor to anchor", "step.wrapping_mul(LANES as u128)", "step.wrapping_mul(LANES as u128 - 1)"
+    ),
+    Mutant("patterns: anchors of another group", "if anchors.group != group {", "if anchors.group == usize::MAX {"),
+    Mutant("patterns: pieces begin within a block", "(first / LANES, first % LANES)", "(first / LANES, 0)"),
+    Mutant("patterns: reflection in a column of another piece", "[skipped..skipped + count] {", "[..] {"),
+    Mutant("patterns: light from behind a face", "if before > 0.0 { square }", "if before > -2.0 { square }"),
+    Mutant("patterns: total reflection", "(if before > 0.0 { square }", "(if before > 0.0 { square.abs() }"),
+    Mutant(
+        "patterns: indices of glass and air",
+        "(glass, glass - 1.0), (1.0, 1.0 - glass)",
+        "(1.0, 1.0 - glass), (glass, glass - 1.0)",
+    ),
     Mutant("leaf: volumes, rounding 64u", "reach * (64.0 * UNIT * reach +", "reach * (32.0 * UNIT * reach +"),
     Mutant("leaf: volumes, vertices 12ε", "* reach + 12.0 * error), 12.0", "* reach + 6.0 * error), 12.0"),
     Mutant("leaf: volumes, direction 12ε", "error), 12.0 * reach * reach]", "error), 6.0 * reach * reach]"),
@@ -63,9 +78,9 @@ MUTANTS = [
     Mutant("leaf: moments of many rays", "(least, most) = (least.add(less), most.add(more))", "let _ = (less, more)"),
     Mutant("leaf: spread", "(farthest + 2.0 * scale + spread + error)", "(farthest + 2.0 * scale + error)"),
     Mutant(
-        "leaf: starts of eight rays", "distance.add(lanes::fused_dot(lanes::splat(normal), rays.start))", "distance"
+        "leaf: starts of eight rays", "distance.add(lanes::fused_dot(normal, rays.start))", "distance"
     ),
-    Mutant("leaf: start of a ray", "lanes::fused_dot::<f64, 1>(normal, ray.start)", "0.0"),
+    Mutant("leaf: start of a ray", "lanes::fused_dot::<f64, 1>(row(plane_normals, i), ray.start)", "0.0"),
     Mutant(
         "rays: errors of others than the first",
         "error = Floats::max(I::F64x8::load(&self.origin_error",

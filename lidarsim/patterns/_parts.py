@@ -86,6 +86,12 @@ def ratio(rate: float | Fraction, other: float | Fraction) -> tuple[int, int]:
     return (Fraction(rate) / Fraction(other)).as_integer_ratio()
 
 
+def wait(frame: int, rate: float | Fraction, frame_rate: float | Fraction) -> float:
+    """Return the time from the start of a frame to the first tick of a clock of `rate`, Hz, in ticks."""
+    ticks, frames = ratio(rate, frame_rate)
+    return -frame * ticks % frames / frames
+
+
 @dataclass(frozen=True)
 class Ticks:
     """The ticks of a steady clock in one frame: `first` to ``first + count - 1``, tick m at ``m / rate`` s.
@@ -110,21 +116,22 @@ class Ticks:
         first = -(-frame * ticks // frames)
         count = -(-(frame + 1) * ticks // frames) - first
         expect_room(count * beams)
-        return cls(rate, first, count, (first * frames - frame * ticks) / frames)
+        return cls(rate, first, count, wait(frame, rate, frame_rate))
 
     @property
     def time(self) -> Floats:
         """Time of each tick since the start of the frame, s."""
         return (np.arange(self.count, dtype=np.float64) + self.wait) / float(self.rate)
 
-    def turns(self, rotation_rate: float | Fraction) -> tuple[float, float]:
-        """Return the phase at the first tick, and what each tick adds, in turns, of a rotation of phase 0 at time 0.
+    def turns(self, rotation_rate: float | Fraction) -> tuple[int, int]:
+        """Return the phase at the first tick, and what each tick adds, of a rotation of phase 0 at time 0.
 
-        The phase of the first tick is reduced to [0, 1) exactly. The error is therefore below 2**-52 per turn within
-        the frame and does not grow from frame to frame.
+        Both are in units of 2**-128 of a turn, without whole turns, and rounded down, so the phase of any tick is off
+        by less than 2**-95 turns.
         """
         turns, ticks = ratio(rotation_rate, self.rate)
-        return self.first * turns % ticks / ticks, turns / ticks
+        first, step = self.first * turns % ticks, turns % ticks
+        return (first << 128) // ticks, (step << 128) // ticks
 
 
 class Frames:

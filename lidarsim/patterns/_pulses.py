@@ -123,11 +123,15 @@ def made_pulses(
     `origin` is that of all pulses, if they have one.
     """
     made = Pulses.__new__(Pulses)
-    object.__setattr__(made, "_origin", origin)
-    arrays: tuple[npt.NDArray[Any], ...] = (directions, origins, time, ring, column)
-    for field, values in zip(fields(Pulses), arrays, strict=True):
+    set_ = object.__setattr__
+    set_(made, "_origin", origin)
+    set_(made, "directions", directions)
+    set_(made, "origins", origins)
+    set_(made, "time", time)
+    set_(made, "ring", ring)
+    set_(made, "column", column)
+    for values in (directions, origins, time, ring, column):
         values.setflags(write=False)
-        object.__setattr__(made, field.name, values)
     return made
 
 

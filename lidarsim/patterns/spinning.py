@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,12 +16,12 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import (
     TURN,
     Cycles,
-    Ticks,
     expect_room,
     firing_times_within,
     per_channel,
     rings,
     used_cycles,
+    wait,
 )
 from lidarsim.patterns._pulses import Pulses
 
@@ -151,7 +150,7 @@ class Spinning(Value):
             start_azimuth = (0.5 if self.clockwise else -0.5) * self.field_of_view
         set_(self, "start_azimuth", angle("start_azimuth", start_azimuth, at_least=-TURN, at_most=TURN))
 
-    @property
+    @cached_property
     def columns_per_turn(self) -> float:
         """Firing cycles per turn, from `columns` or `column_period`.
 
@@ -187,19 +186,16 @@ class Spinning(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        if self.columns_per_turn % 1 == 0:
-            integer("frame", frame, at_least=0)
-            return self._even_turn
-        wait = Ticks.of(frame, self.columns_per_turn, 1.0).wait
-        return self._turn(wait) if wait else self._even_turn
+        late = wait(integer("frame", frame, at_least=0), self.columns_per_turn, 1.0)
+        return self._turn(late) if late else self._even_turn
 
     @cached_property
     def _even_turn(self) -> Pulses:
         return self._turn(0.0)
 
-    def _used(self, wait: float) -> int:
-        """Return how many cycles of a turn lie in the field of view; the first starts `wait` of a cycle late."""
-        return used_cycles(self.columns_per_turn, self.field_of_view / TURN, wait)
+    def _used(self, late: float) -> int:
+        """Return how many cycles of a turn lie in the field of view; the first starts `late`, in cycles."""
+        return used_cycles(self.columns_per_turn, self.field_of_view / TURN, late)
 
     @cached_property
     def _cycles(self) -> Cycles:
@@ -212,7 +208,8 @@ class Spinning(Value):
             columns=self.shape[1],
         )
 
-    def _turn(self, wait: float) -> Pulses:
-        expect_room(math.prod(self.shape))
-        turn = (self._used(wait), 0, 0, wait)
-        return self._cycles.fired([turn], rate=self.columns_per_turn * self.rate, wait=wait, azimuth=self.start_azimuth)
+    def _turn(self, late: float) -> Pulses:
+        columns = self._used(late)
+        expect_room(columns * len(self.elevations))
+        rate, turn = self.columns_per_turn * self.rate, (columns, 0, 0, late)
+        return self._cycles.fired([turn], rate=rate, wait=late, azimuth=self.start_azimuth)

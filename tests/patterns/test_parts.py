@@ -57,7 +57,7 @@ def _cycles(channels: int = 2, origins: int = 0, pulses: int = 4, written: int =
         lambda: _cycles(written=3),
         lambda: _native.fire_polar(np.zeros(3), np.zeros(2), np.empty((3, 3))),
         lambda: _native.fire_polar(np.zeros(3), np.zeros(3), np.empty((3, 2))),
-        lambda: _native.fire_palmer(0.1, (0.0, 0.1), np.empty((6, 3))[::2]),
+        lambda: _native.fire_palmer(0.1, (0, 1), np.empty((6, 3))[::2]),
         lambda: _native.fire_risley(np.empty((0, 3)), [], 1.5, np.empty((3, 3))),
         lambda: _native.fire_risley(np.eye(3)[:2], [], 1.5, np.empty((3, 3))),
     ],

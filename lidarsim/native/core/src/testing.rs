@@ -1,5 +1,7 @@
 //! Shared helpers of unit tests.
 
+use num_bigint::{BigInt, Sign};
+
 /// Numbers in [0, 1) from a linear congruential generator.
 pub fn numbers() -> impl FnMut() -> f64 {
     let mut state = 1_u64;
@@ -54,4 +56,61 @@ pub fn worst<const N: usize>(
 pub fn assert_slack(what: &str, worst: f64, known: f64) {
     assert!(worst <= 1.0, "{what}: the bound is exceeded: {worst}");
     assert!(0.8 * known <= worst && worst <= 1.25 * known, "{what}: {worst} of the bound, {known} was known");
+}
+
+/// Fixed-point numbers: multiples of 2⁻³²⁰, rounded down.
+const BITS: u64 = 320;
+
+pub fn fixed(x: f64) -> BigInt {
+    let exponent = ((x.to_bits() >> 52 & 0x7ff) as i64 - 1075).max(-1074);
+    let mantissa = BigInt::from(
+        (x / 2.0_f64.powi(exponent as i32 / 2) / 2.0_f64.powi(exponent as i32 - exponent as i32 / 2)) as i64,
+    );
+    let shift = BITS as i64 + exponent;
+    if shift >= 0 { mantissa << shift as u64 } else { mantissa >> -shift as u64 }
+}
+
+fn one() -> BigInt {
+    BigInt::from(1) << BITS
+}
+
+/// x/2³²⁰, for |x| not too large.
+pub fn float(x: &BigInt) -> f64 {
+    let cut: BigInt = x >> (BITS - 200);
+    let digits: Vec<u32> = cut.iter_u32_digits().collect();
+    let sum = digits.iter().rev().fold(0.0, |sum, &digit| sum * 4294967296.0 + f64::from(digit));
+    let sign = if cut.sign() == Sign::Minus { -1.0 } else { 1.0 };
+    sign * sum * 2.0_f64.powi(-200)
+}
+
+/// x/1 + s·x³/3 + x⁵/5 + s·x⁷/7 + … for x = 1/n: arctan x (s = −1) or artanh x (s = 1).
+pub fn arc(n: i64, s: i64) -> BigInt {
+    let (mut sum, mut power, mut k) = (BigInt::ZERO, one() / n, 1);
+    while power != BigInt::ZERO {
+        sum += &power / k * if k % 4 == 3 { s } else { 1 };
+        power /= n * n;
+        k += 2;
+    }
+    sum
+}
+
+/// Machin's formula.
+pub fn half_pi() -> BigInt {
+    arc(5, -1) * 8 - arc(239, -1) * 2
+}
+
+/// Σ xⁱ/i! over i = `first`, `first` + `step`, …; each sign is `sign` times the one before.
+pub fn series(x: &BigInt, first: u32, step: u32, sign: i64) -> BigInt {
+    let (mut sum, mut term, mut flip) = (BigInt::ZERO, one(), 1);
+    for i in 0.. {
+        if i >= first && (i - first).is_multiple_of(step) {
+            sum += &term * flip;
+            flip *= sign;
+        }
+        term = (term * x / (i + 1)) >> BITS;
+        if i > 200 {
+            break;
+        }
+    }
+    sum
 }

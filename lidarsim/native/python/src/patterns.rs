@@ -13,8 +13,8 @@ use pyo3::prelude::*;
 
 use crate::{Points, detached, elements, kernels, points};
 
-/// The phase at the first tick of a frame, and what each adds, both in turns.
-type Turns = (f64, f64);
+/// The phase at the first tick of a frame, and what each adds, both in units of 2⁻¹²⁸ of a turn.
+type Turns = (u128, u128);
 
 /// Directions at azimuths and elevations, rad.
 #[pyfunction]
@@ -53,12 +53,10 @@ pub fn fire_cycles<'py>(
     let firing_times = elements("firing_times", &firing_times)?;
     let (directions, origins, times) =
         (places(&mut directions)?, places(&mut origins)?, numbers(&mut times)?);
-    let cycles = detached(py, || {
-        let run = |(columns, cycle, since, late)| Run { columns, cycle, since, late };
-        let runs: Vec<Run> = runs.into_iter().map(run).collect();
-        Cycles::new(beams, beam_origins, firing_times, &runs, clock, azimuth)
-    })?;
-    let (channels, pulses) = (beams.len(), beams.len().saturating_mul(cycles.columns()));
+    let run = |(columns, cycle, since, late)| Run { columns, cycle, since, late };
+    let runs: Vec<Run> = runs.into_iter().map(run).collect();
+    let columns = runs.iter().fold(0, |columns: usize, run| columns.saturating_add(run.columns));
+    let (channels, pulses) = (beams.len(), beams.len().saturating_mul(columns));
     let turning = if beam_origins.is_empty() { 0 } else { 1 };
     if channels == 0
         || [firing_times.len(), beam_origins.len()] != [channels, turning * channels]
@@ -66,7 +64,12 @@ pub fn fire_cycles<'py>(
     {
         return Err(unequal());
     }
-    run(py, Formula::Cycles(&cycles), Arrays { directions, origins, times }).map(drop)
+    let kernels = kernels(py)?;
+    detached(py, || {
+        let cycles = Cycles::new(beams, beam_origins, firing_times, &runs, clock, azimuth);
+        let arrays = Arrays { directions, origins, times };
+        fire(Formula::Cycles(&cycles), arrays, |piece| kernels.fire(piece));
+    })
 }
 
 /// The directions of a beam on a cone of this half angle, rad.
@@ -121,15 +124,17 @@ pub fn fire_risley<'py>(
     if beams.is_empty() || directions.len() % beams.len() != 0 {
         return Err(unequal());
     }
-    let risley = detached(py, || {
+    let kernels = kernels(py)?;
+    detached(py, || {
         let prism = |(tilts, turns, phase)| Prism { tilts, rotation: rotation(turns, phase) };
-        Risley::new(beams, &prisms.into_iter().map(prism).collect::<Vec<_>>(), refractive_index)
-    })?;
-    run(py, Formula::Risley(&risley), Arrays { directions, ..Arrays::default() })
+        let risley = Risley::new(beams, &prisms.into_iter().map(prism).collect::<Vec<_>>(), refractive_index);
+        let arrays = Arrays { directions, ..Arrays::default() };
+        fire(Formula::Risley(&risley), arrays, |piece| kernels.fire(piece))
+    })
 }
 
 fn rotation((first, step): Turns, angle: f64) -> Rotation {
-    Rotation { first, step, angle }
+    Rotation::new(first, step, angle)
 }
 
 fn run(py: Python<'_>, formula: Formula, arrays: Arrays) -> PyResult<bool> {

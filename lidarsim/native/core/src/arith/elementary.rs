@@ -173,76 +173,18 @@ const ARCTAN: [f64; 10] = [
 
 #[cfg(test)]
 mod tests {
-    use num_bigint::{BigInt, Sign};
+    use num_bigint::BigInt;
 
     use super::*;
-    use crate::testing::worst;
+    use crate::testing::{arc, fixed, float, half_pi, series, worst};
 
     /// `n` evenly spaced numbers from `low` to `high`.
     fn spread(low: f64, high: f64, n: usize) -> impl Iterator<Item = f64> {
         (0..n).map(move |i| low + (high - low) * i as f64 / (n - 1) as f64)
     }
 
-    /// Fixed-point numbers: multiples of 2⁻³²⁰, rounded down.
-    const BITS: u64 = 320;
-
-    fn fixed(x: f64) -> BigInt {
-        let exponent = ((x.to_bits() >> 52 & 0x7ff) as i64 - 1075).max(-1074);
-        let mantissa = BigInt::from(
-            (x / 2.0_f64.powi(exponent as i32 / 2) / 2.0_f64.powi(exponent as i32 - exponent as i32 / 2))
-                as i64,
-        );
-        let shift = BITS as i64 + exponent;
-        if shift >= 0 { mantissa << shift as u64 } else { mantissa >> -shift as u64 }
-    }
-
-    fn one() -> BigInt {
-        BigInt::from(1) << BITS
-    }
-
-    /// x/2³²⁰, for |x| not too large.
-    fn float(x: &BigInt) -> f64 {
-        let cut: BigInt = x >> (BITS - 200);
-        let digits: Vec<u32> = cut.iter_u32_digits().collect();
-        let sum = digits.iter().rev().fold(0.0, |sum, &digit| sum * 4294967296.0 + f64::from(digit));
-        let sign = if cut.sign() == Sign::Minus { -1.0 } else { 1.0 };
-        sign * sum * 2.0_f64.powi(-200)
-    }
-
-    /// x/1 + s·x³/3 + x⁵/5 + s·x⁷/7 + … for x = 1/n: arctan x (s = −1) or artanh x (s = 1).
-    fn arc(n: i64, s: i64) -> BigInt {
-        let (mut sum, mut power, mut k) = (BigInt::ZERO, one() / n, 1);
-        while power != BigInt::ZERO {
-            sum += &power / k * if k % 4 == 3 { s } else { 1 };
-            power /= n * n;
-            k += 2;
-        }
-        sum
-    }
-
-    /// Machin's formula.
-    fn half_pi() -> BigInt {
-        arc(5, -1) * 8 - arc(239, -1) * 2
-    }
-
     fn ln_2() -> BigInt {
         arc(26, 1) * 18 - arc(4801, 1) * 2 + arc(8749, 1) * 8
-    }
-
-    /// Σ xⁱ/i! over i = `first`, `first` + `step`, …; each sign is `sign` times the one before.
-    fn series(x: &BigInt, first: u32, step: u32, sign: i64) -> BigInt {
-        let (mut sum, mut term, mut flip) = (BigInt::ZERO, one(), 1);
-        for i in 0.. {
-            if i >= first && (i - first).is_multiple_of(step) {
-                sum += &term * flip;
-                flip *= sign;
-            }
-            term = (term * x / (i + 1)) >> BITS;
-            if i > 200 {
-                break;
-            }
-        }
-        sum
     }
 
     fn exponential(x: &BigInt) -> BigInt {

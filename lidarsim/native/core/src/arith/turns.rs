@@ -88,6 +88,12 @@ pub fn sin_cos(angle: f64) -> (f64, f64) {
     sin_cos_of(&PER_RADIAN[PER_RADIAN.len() - PLACES as usize / 64..], angle)
 }
 
+/// A finite angle in units of 2⁻¹²⁸ of a turn, without whole turns, to within a unit.
+pub fn phase(angle: f64) -> u128 {
+    let turned = fraction(&PER_RADIAN[PER_RADIAN.len() - PLACES as usize / 64..], angle);
+    if angle < 0.0 { turned.wrapping_neg() } else { turned }
+}
+
 fn sin_cos_of(rate: &[u64], time: f64) -> (f64, f64) {
     // In units of 2⁻¹²⁸ of a turn a quarter has 126 bits; the remainder is at most half a quarter
     // either way.

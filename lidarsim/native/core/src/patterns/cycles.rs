@@ -87,11 +87,6 @@ impl Cycles {
         !self.origins.0[0].is_empty()
     }
 
-    /// All columns of all runs.
-    pub fn columns(&self) -> usize {
-        self.runs.last().map_or(0, |(end, _)| *end)
-    }
-
     /// Writes consecutive columns from `first` on.
     #[inline(always)]
     pub(super) fn fire<I: Isa>(&self, first: usize, mut arrays: Arrays) -> bool {
@@ -166,7 +161,7 @@ fn put_turned<I: Isa, const UNIT: bool>(
                 let vector = [x[channel], y[channel], z[channel]];
                 set(&mut vectors, lane, turned::<UNIT>(vector, sin[lane], cos[lane]));
             }
-            put::<I, LANES>(&vectors, channel, channels, places);
+            put::<I, LANES>(&vectors, 0, channel, channels, places);
         }
         return;
     }
@@ -179,7 +174,7 @@ fn put_turned<I: Isa, const UNIT: bool>(
             for lane in 0..CHANNELS {
                 set(&mut vectors, lane, turned::<UNIT>([x[lane], y[lane], z[lane]], sin, cos));
             }
-            put::<I, CHANNELS>(&vectors, 0, 1, places);
+            put::<I, CHANNELS>(&vectors, 0, 0, 1, places);
         }
     }
 }

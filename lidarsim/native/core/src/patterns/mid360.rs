@@ -1,6 +1,7 @@
 //! The four beams of the Livox Mid-360.
 
-use super::{LANES, Lanes, Rotation, Together, set, unit};
+use super::rotation::{Anchors, Rotation, Rotor};
+use super::{LANES, Lanes, Together, set, unit};
 use crate::arith::elementary::sin_cos;
 use crate::memory;
 use crate::once::Once;
@@ -17,7 +18,7 @@ const SLOW_TURN: usize = 5000;
 /// sin(aψ + bφ)) over the rows of a table.
 pub struct Mid360 {
     /// ψ.
-    fast: Rotation,
+    fast: Rotor,
     /// The tick of the first column, modulo `SLOW_TURN`.
     slow: usize,
 }
@@ -25,7 +26,7 @@ pub struct Mid360 {
 impl Mid360 {
     /// `tick` is that of the first column, less any number of turns of φ.
     pub fn new(fast: Rotation, tick: usize) -> Self {
-        Mid360 { fast, slow: tick % SLOW_TURN }
+        Mid360 { fast: Rotor::new(fast), slow: tick % SLOW_TURN }
     }
 }
 
@@ -74,6 +75,7 @@ impl Sums {
 /// What the beams of some ticks have in common.
 pub struct Common {
     sums: &'static Sums,
+    anchors: Anchors,
     /// Sine and cosine of ψ.
     fast: [Lanes; 2],
     /// By p and axis, what kᵖ multiplies.
@@ -90,14 +92,14 @@ impl Together for Mid360 {
 
     #[inline(always)]
     fn common(&self) -> Common {
-        let empty = [0.0; LANES];
-        Common { sums: SUMS.get_or_make(Sums::new), fast: [empty; 2], powers: [[empty; 3]; 3] }
+        let (sums, empty) = (SUMS.get_or_make(Sums::new), [0.0; LANES]);
+        Common { sums, anchors: Anchors::NONE, fast: [empty; 2], powers: [[empty; 3]; 3] }
     }
 
     #[inline(always)]
-    fn go_to(&self, columns: &Lanes, Common { sums, fast, powers }: &mut Common) {
-        let first = (self.slow + columns[0] as usize) % SLOW_TURN;
-        *fast = self.fast.sin_cos(columns);
+    fn go_to(&self, block: usize, Common { sums, anchors, fast, powers }: &mut Common) {
+        let first = (self.slow + block * LANES) % SLOW_TURN;
+        *fast = self.fast.sin_cos(block, anchors);
         let [sin, cos] = &*fast;
         let Sums { still, turning } = *sums;
         for axis in 0..3 {
@@ -116,9 +118,9 @@ impl Together for Mid360 {
     }
 
     #[inline(always)]
-    fn directions(&self, beam: usize, Common { fast: [sin, cos], powers, .. }: &mut Common) -> [Lanes; 3] {
+    fn directions(&self, beam: usize, common: &Common, w: &mut [Lanes; 3]) {
+        let Common { fast: [sin, cos], powers, .. } = common;
         let k = NUMBERS[beam];
-        let mut w = [[0.0; LANES]; 3];
         for axis in 0..3 {
             let [zeroth, first, second] = [&powers[0][axis], &powers[1][axis], &powers[2][axis]];
             for lane in 0..LANES {
@@ -129,9 +131,8 @@ impl Together for Mid360 {
             let ([x, y, z], sin, cos) = ([w[0][lane], w[1][lane], w[2][lane]], sin[lane], cos[lane]);
             let factor = 1.0 / (x * x + y * y + z * z).sqrt();
             let (x, y, z) = (x * factor, y * factor, z * factor);
-            set(&mut w, lane, unit([cos * x + sin * y, cos * y - sin * x, z]));
+            set(w, lane, unit([cos * x + sin * y, cos * y - sin * x, z]));
         }
-        w
     }
 }
 

@@ -2,8 +2,9 @@
 //!
 //! Pulses that fire together, or in one cycle, are a column; the columns of a frame start at ticks of a
 //! steady clock. A formula is a loop over the columns, or channels, of a few registers, which the compiler
-//! vectorizes. Each operation is rounded once, so the bits of a pulse depend neither on the instruction set
-//! nor on the lanes, pieces and threads that its frame is divided among.
+//! vectorizes. Each operation is rounded once, and what columns have in common is computed for blocks counted
+//! from the start of the frame. So the bits of a pulse depend neither on the instruction set nor on the
+//! pieces and threads that its frame is divided among.
 
 mod cycles;
 mod mid360;
@@ -139,41 +140,47 @@ trait Together {
         1
     }
     fn common(&self) -> Self::Common;
-    /// Goes to the columns of these numbers, which are whole.
-    fn go_to(&self, columns: &Lanes, common: &mut Self::Common);
-    /// The directions of a beam, by axis.
-    fn directions(&self, beam: usize, common: &mut Self::Common) -> [Lanes; 3];
-    /// Whether all beams that were computed leave the sensor.
-    #[inline(always)]
-    fn is_whole(&self, _: &Self::Common) -> bool {
-        true
-    }
+    /// Goes to a block of columns: block b begins with column `b·LANES` of the frame.
+    fn go_to(&self, block: usize, common: &mut Self::Common);
+    /// Writes the directions of a beam in the block, by axis: NaN if it does not leave the sensor. What is
+    /// written for columns that the frame does not have is unspecified.
+    fn directions(&self, beam: usize, common: &Self::Common, directions: &mut [Lanes; 3]);
 }
 
 /// Writes the directions of consecutive columns from `first` on.
 #[inline(always)]
 fn fire_together<I: Isa, T: Together>(formula: &T, first: usize, arrays: Arrays) -> bool {
     let beams = formula.beams();
-    let last = (first + arrays.directions.len() / beams).saturating_sub(1);
-    let mut common = formula.common();
-    for (number, places) in arrays.directions.chunks_mut(LANES * beams).enumerate() {
-        // Lanes without a column repeat the last.
-        let mut columns = [0.0; LANES];
-        for lane in 0..LANES {
-            columns[lane] = (first + number * LANES + lane).min(last) as f64;
-        }
-        formula.go_to(&columns, &mut common);
+    let (mut places, mut common) = (arrays.directions, formula.common());
+    let (mut directions, mut all) = ([[0.0; LANES]; 3], true);
+    // Blocks are those of the frame: a piece may begin or end within one.
+    let (mut block, mut skipped) = (first / LANES, first % LANES);
+    while !places.is_empty() {
+        let count = (LANES - skipped).min(places.len() / beams);
+        let some = split_off(&mut places, count * beams);
+        formula.go_to(block, &mut common);
         for beam in 0..beams {
-            put::<I, LANES>(&formula.directions(beam, &mut common), beam, beams, places);
+            formula.directions(beam, &common, &mut directions);
+            for x in &directions[0][skipped..skipped + count] {
+                all &= !x.is_nan();
+            }
+            put::<I, LANES>(&directions, skipped, beam, beams, some);
         }
+        (block, skipped) = (block + 1, 0);
     }
-    formula.is_whole(&common)
+    all
 }
 
-/// Writes the vectors of a beam in up to N columns to its places among those of all beams. N is a multiple of
-/// eight.
+/// Writes the vectors of a beam in up to N columns, without the first ones, to its places among those of all
+/// beams. N is a multiple of eight.
 #[inline(always)]
-fn put<I: Isa, const N: usize>(vectors: &[[f64; N]; 3], beam: usize, beams: usize, places: &mut [Point]) {
+fn put<I: Isa, const N: usize>(
+    vectors: &[[f64; N]; 3],
+    skipped: usize,
+    beam: usize,
+    beams: usize,
+    places: &mut [Point],
+) {
     if beams == 1
         && let Ok(places) = <&mut [Point; N]>::try_from(&mut *places)
     {
@@ -181,8 +188,8 @@ fn put<I: Isa, const N: usize>(vectors: &[[f64; N]; 3], beam: usize, beams: usiz
     }
     let mut points = [[0.0; 3]; N];
     interleave::<I, N>(vectors, &mut points);
-    for (place, point) in places[beam..].iter_mut().step_by(beams).zip(points) {
-        *place = point;
+    for (place, point) in places[beam..].iter_mut().step_by(beams).zip(&points[skipped..]) {
+        *place = *point;
     }
 }
 
@@ -216,30 +223,38 @@ fn set<const N: usize>(columns: &mut [[f64; N]; 3], lane: usize, [x, y, z]: Poin
 mod tests {
     use super::*;
     use crate::arith::simd::{Level, dispatch};
-    use crate::testing::{assert_slack, numbers, worst};
+    use crate::testing::{assert_slack, worst};
 
-    const ROTATION: Rotation = Rotation { first: 0.37, step: 0.0123, angle: 1.0 };
+    /// A rotation by turns.
+    fn rotation(first: f64, step: f64, angle: f64) -> Rotation {
+        let phase = |turns: f64| ((turns - turns.floor()) * 2.0_f64.powi(64)) as u128 * (1 << 64);
+        Rotation::new(phase(first), phase(step), angle)
+    }
 
-    /// Each formula over some columns.
-    fn for_each(test: impl Fn(&str, Formula, usize)) {
+    /// More than those of a group of anchors of a rotor.
+    const COLUMNS: usize = LANES * LANES + 107;
+
+    /// Each formula over so many columns.
+    fn for_each(test: impl Fn(&str, Formula)) {
+        let rotation = rotation(0.37, 0.0123, 1.0);
         let beams = [-0.2, 0.0, 0.1].map(|z: f64| [(1.0 - z * z).sqrt(), 0.0, z]);
-        let prisms = [[0.0, 0.31], [0.2, 0.0], [0.0, 0.0]].map(|tilts| Prism { tilts, rotation: ROTATION });
-        let angles: Vec<f64> = (0..101).map(|i| f64::from(i) * 0.06 - 3.0).collect();
-        let runs = [(40, 0.0, 0.0, 0.25), (0, 0.0, 0.0, 0.0), (61, 50.0, 3.0, 0.5)];
+        let prisms = [[0.0, 0.31], [0.2, 0.0], [0.0, 0.0]].map(|tilts| Prism { tilts, rotation });
+        let angles: Vec<f64> = (0..COLUMNS).map(|i| i as f64 * 0.005 - 2.8).collect();
+        let runs = [(40, 0.0, 0.0, 0.25), (0, 0.0, 0.0, 0.0), (COLUMNS - 40, 50.0, 3.0, 0.5)];
         let runs = runs.map(|(columns, cycle, since, late)| Run { columns, cycle, since, late });
         let many: Vec<Point> =
             (0..37).map(|i| [0.6, 0.0, 0.8].map(|x: f64| x + f64::from(i) * 1e-17)).collect();
         for (beams, origins) in [(&beams[..], &beams[..]), (&beams[..1], &[]), (&many, &many)] {
             let times: Vec<f64> = (0..beams.len()).map(|i| i as f64 * 1e-6).collect();
             let cycles = Cycles::new(beams, origins, &times, &runs, [1e4, 0.25], [3.0, -60.0]);
-            test("cycles", Formula::Cycles(&cycles), cycles.columns());
+            test("cycles", Formula::Cycles(&cycles));
         }
-        test("Mid-360", Formula::Mid360(&Mid360::new(ROTATION, 4950)), 101);
-        test("mirror", Formula::OscillatingMirror(&OscillatingMirror::new(1.3, 0.3, ROTATION)), 101);
-        test("Palmer", Formula::Palmer(&Palmer::new(0.4, ROTATION)), 101);
+        test("Mid-360", Formula::Mid360(&Mid360::new(rotation, 4950)));
+        test("mirror", Formula::OscillatingMirror(&OscillatingMirror::new(1.3, 0.3, rotation)));
+        test("Palmer", Formula::Palmer(&Palmer::new(0.4, rotation)));
         let elevations: Vec<f64> = angles.iter().map(|angle| 0.5 * angle).collect();
-        test("polar", Formula::Polar(&Polar { azimuths: &angles, elevations: &elevations }), 101);
-        test("Risley", Formula::Risley(&Risley::new(&beams, &prisms, 1.5)), 101);
+        test("polar", Formula::Polar(&Polar { azimuths: &angles, elevations: &elevations }));
+        test("Risley", Formula::Risley(&Risley::new(&beams, &prisms, 1.5)));
     }
 
     /// The arrays of columns from `first` on.
@@ -257,11 +272,12 @@ mod tests {
 
     #[test]
     fn pulses_depend_neither_on_the_instruction_set_nor_on_the_pieces() {
-        for_each(|name, formula, columns| {
-            let whole = fired(formula, 0, columns, Level::Scalar);
+        for_each(|name, formula| {
+            let whole = fired(formula, 0, COLUMNS, Level::Scalar);
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                assert_eq!(fired(formula, 0, columns, level), whole, "{name}, {level:?}");
-                let pieces = [(0, 1), (1, 31), (32, 40), (72, 29)];
+                assert_eq!(fired(formula, 0, COLUMNS, level), whole, "{name}, {level:?}");
+                // Within a block and at its ends, and within the second group of blocks.
+                let pieces = [(0, 1), (1, 31), (32, 40), (72, 1000), (1072, COLUMNS - 1072)];
                 let parts = pieces.map(|(first, count)| fired(formula, first, count, level));
                 for array in 0..3 {
                     let joined: Vec<f64> = parts.iter().flat_map(|part| part[array].clone()).collect();
@@ -270,6 +286,76 @@ mod tests {
             }
             assert!(whole.iter().flatten().all(|x| x.is_finite()), "{name}");
         });
+    }
+
+    /// Beyond the first block and group, too; to well within what a column more or less would change.
+    #[test]
+    fn directions_are_those_of_the_definitions() {
+        let of = |azimuth: f64, elevation: f64| {
+            let (sin, cos) = azimuth.sin_cos();
+            [elevation.cos() * cos, elevation.cos() * sin, elevation.sin()]
+        };
+        let check = |what: &str, formula: Formula, expected: &dyn Fn(usize) -> Point| {
+            let [directions, ..] = fired(formula, 0, COLUMNS, Level::best());
+            for (pulse, found) in directions.as_chunks::<3>().0.iter().enumerate() {
+                let off = (0..3).map(|axis| (found[axis] - expected(pulse)[axis]).abs()).fold(0.0, f64::max);
+                assert!(off <= 2.0_f64.powi(-40), "{what}, {pulse}: {found:?} for {:?}", expected(pulse));
+            }
+        };
+        let angles: Vec<f64> = (0..COLUMNS).map(|i| i as f64 * 0.005 - 2.8).collect();
+        let elevations: Vec<f64> = angles.iter().map(|angle| 0.5 * angle).collect();
+        let polar = Polar { azimuths: &angles, elevations: &elevations };
+        check("polar", Formula::Polar(&polar), &|i| of(angles[i], elevations[i]));
+
+        let turns = |i: usize| 0.37 + 0.0123 * i as f64;
+        let palmer = Palmer::new(0.4, rotation(0.37, 0.0123, 1.0));
+        check("Palmer", Formula::Palmer(&palmer), &|i| {
+            let (sin, cos) = (std::f64::consts::TAU * turns(i) + 1.0).sin_cos();
+            [f64::cos(0.4), f64::sin(0.4) * cos, f64::sin(0.4) * sin]
+        });
+
+        // To and fro at constant speed, from the left.
+        let mirror = OscillatingMirror::new(1.3, 0.0, rotation(0.37, 0.0123, 0.0));
+        check("mirror", Formula::OscillatingMirror(&mirror), &|i| {
+            of(1.3 * (2.0 * (turns(i).fract() - 0.5).abs() - 0.5), 0.0)
+        });
+
+        let beams = [of(0.2, 0.1), of(-0.3, -0.2)];
+        let runs = [(40, 3.0, 7.0, 0.25), (COLUMNS - 40, 50.0, 3.0, 0.5)];
+        let runs = runs.map(|(columns, cycle, since, late)| Run { columns, cycle, since, late });
+        let cycles = Cycles::new(&beams, &beams, &[0.0, 1e-6], &runs, [1e4, 0.25], [3.0, -60.0]);
+        check("cycles", Formula::Cycles(&cycles), &|i| {
+            let cycle = i as f64 / 2.0;
+            let run = if cycle < 40.0 { cycle.floor() + 7.25 } else { cycle.floor() - 40.0 + 3.5 };
+            let (azimuth, elevation) = [(0.2, 0.1), (-0.3, -0.2)][i % 2];
+            of(azimuth + 3.0 - 60.0 * run / 1e4, elevation)
+        });
+        let [directions, origins, times] = fired(Formula::Cycles(&cycles), 0, COLUMNS, Level::best());
+        for (pulse, time) in times.iter().enumerate() {
+            let column = (pulse / 2) as f64;
+            let cycle = if column < 40.0 { column + 3.25 } else { column - 40.0 + 50.25 };
+            let later = [0.0, 1e-6][pulse % 2];
+            assert!((time - (cycle / 1e4 + later)).abs() <= f64::EPSILON, "{pulse}: {time}");
+        }
+        // These origins are unit vectors, turned as the beams are.
+        for (direction, origin) in directions.iter().zip(origins) {
+            assert!((direction - origin).abs() <= 4.0 * f64::EPSILON, "{direction} {origin}");
+        }
+    }
+
+    #[test]
+    fn a_frame_of_the_mid_360_goes_on_where_another_stops() {
+        let frame = |from: usize| {
+            let mid360 = Mid360::new(rotation(0.375 * from as f64, 0.375, 0.0), 4900 + from);
+            fired(Formula::Mid360(&mid360), 0, COLUMNS, Level::best())[0].clone()
+        };
+        let (whole, numbers) = (frame(0), 3 * mid360::BEAMS);
+        for from in [1, 32, 100, 1024] {
+            let overlap = (COLUMNS - from) * numbers;
+            for (later, number) in frame(from)[..overlap].iter().zip(&whole[from * numbers..]) {
+                assert!((later - number).abs() <= 8.0 * f64::EPSILON, "from {from}: {later} for {number}");
+            }
+        }
     }
 
     #[test]
@@ -301,38 +387,24 @@ mod tests {
     #[test]
     fn vectors_get_unit_length_to_what_is_derived() {
         const BOUND: f64 = 4.0 * f64::EPSILON / 2.0;
-        let off = |[a, b, c]: &[f64; 3], from: fn(Point) -> Point, least: f64| {
+        let off = |[a, b, c]: &[f64; 3]| {
             let v = [*a - 0.5, *b - 0.5, *c - 0.5];
             let length = excess(v) + 1.0;
             if !(length > 1e-3) {
                 return 0.0;
             }
             // Away from unit length by as much as the doc allows.
-            let near = v.map(|x| x / length.sqrt() * (1.0 + least * (a * 1e4).fract()));
-            (excess(from(near)) / 2.0).abs() / BOUND
+            let near = v.map(|x| x / length.sqrt() * (1.0 + 2.0_f64.powi(-27) * (a * 1e4).fract()));
+            (excess(unit(near)) / 2.0).abs() / BOUND
         };
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
-        let (found, at) = worst(20, 4000, draw, |v: &[f64; 3]| off(v, unit, 2.0_f64.powi(-27)));
+        let (found, at) = worst(20, 4000, draw, off);
         assert_slack(&format!("unit {at:?}"), found, 0.6);
-        let (found, at) = worst(20, 4000, draw, |v: &[f64; 3]| off(v, risley::normalized, 2.0_f64.powi(-19)));
-        assert_slack(&format!("normalized {at:?}"), found, 0.6);
-    }
-
-    #[test]
-    fn whole_turns_change_nothing() {
-        let mut number = numbers();
-        for _ in 0..100 {
-            let first = (number() * 1024.0).floor() / 1024.0;
-            let ticks = std::array::from_fn(|lane| lane as f64);
-            let few = Rotation { first, step: 0.0, angle: 0.7 }.sin_cos(&ticks);
-            let many = Rotation { first, step: 2.0_f64.powi(36), angle: 0.7 }.sin_cos(&ticks);
-            assert_eq!(few, many);
-        }
     }
 
     #[test]
     fn total_reflection_is_found_behind_any_face() {
-        let still = Rotation { first: 0.0, step: 0.0, angle: 0.0 };
+        let still = rotation(0.0, 0.0, 0.0);
         let through = |tilts: &[[f64; 2]], beams: &[Point]| {
             let prisms: Vec<Prism> = tilts.iter().map(|&tilts| Prism { tilts, rotation: still }).collect();
             let risley = Risley::new(beams, &prisms, 1.5);
@@ -347,6 +419,31 @@ mod tests {
         // What follows, a face or another beam, does not hide it.
         assert!(!through(&[[0.0, 0.74], [0.0, 0.1]], &[straight]));
         assert!(!through(&[[0.0, 0.1]], &[straight, steep, straight]));
+        // Light that does not come from before a face, be this the first or another.
         assert!(!through(&[[0.1, 0.0]], &[[-0.6, 0.8, 0.0]]));
+        assert!(!through(&[[0.0, 0.1]], &[[-0.6, 0.8, 0.0]]));
+    }
+
+    /// The second face reflects totally only while both prisms deviate the beam to the same side.
+    #[test]
+    fn total_reflection_counts_only_in_the_columns_of_the_piece() {
+        let turning = Prism { tilts: [0.6, 0.0], rotation: rotation(0.5, 0.0123, 0.0) };
+        let still = Prism { tilts: [0.0, -0.6], rotation: rotation(0.0, 0.0, 0.0) };
+        let risley = Risley::new(&[[1.0, 0.0, 0.0]], &[turning, still], 1.5);
+        let through = |first: usize, count: usize| {
+            let mut directions = vec![[0.0; 3]; count];
+            let arrays = Arrays { directions: &mut directions, ..Arrays::default() };
+            dispatch(Level::best(), Piece { formula: Formula::Risley(&risley), first, arrays })
+        };
+        let each: Vec<bool> = (0..COLUMNS).map(|column| through(column, 1)).collect();
+        for edge in 1..COLUMNS {
+            if each[edge - 1] != each[edge] {
+                let same = each[..edge].iter().rev().take_while(|is| **is == each[edge - 1]).count();
+                assert_eq!(through(edge - same, same), each[edge - 1], "before {edge}");
+                assert!(!through(edge - 1, 2), "across {edge}");
+            }
+        }
+        let edges: Vec<usize> = (1..COLUMNS).filter(|&edge| each[edge - 1] != each[edge]).collect();
+        assert!(edges.len() > 20 && edges.iter().any(|edge| edge % LANES > 8), "{edges:?}");
     }
 }

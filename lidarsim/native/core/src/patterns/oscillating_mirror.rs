@@ -1,7 +1,7 @@
 //! A beam in the x-y plane, deflected by an oscillating mirror.
 
-use super::rotation::sines_and_cosines;
-use super::{LANES, Lanes, Rotation, Together, set, unit};
+use super::rotation::{Rotation, sines_and_cosines};
+use super::{LANES, Lanes, Together, set, unit};
 
 /// A beam that swings between the ends of a field of view, from the left, at constant speed; it reverses at
 /// constant acceleration.
@@ -21,7 +21,7 @@ impl OscillatingMirror {
         OscillatingMirror { field_of_view, turn, swinging }
     }
 
-    /// Azimuths at phases in turns.
+    /// Azimuths at phases in turns, from 0 to 1.
     ///
     /// A swing one way takes the time 1: half a reversal (T/2), a ramp (1 − T), half a reversal (T/2). It
     /// covers the distance 2, so the speed on the ramp is v = 2/(1 − T/2). At a time e before the end of a
@@ -32,7 +32,7 @@ impl OscillatingMirror {
         let bend = speed / if self.turn > 0.0 { self.turn } else { 1.0 };
         let mut azimuths = [0.0; LANES];
         for lane in 0..LANES {
-            let swing = 2.0 * ((turns[lane] - turns[lane].floor()) - 0.5).abs();
+            let swing = 2.0 * (turns[lane] - 0.5).abs();
             let other = 1.0 - swing;
             let to_end = if swing < other { swing } else { other };
             let (ramp, reversal) = (speed * (0.5 - to_end), 1.0 - bend * (to_end * to_end));
@@ -53,16 +53,14 @@ impl Together for OscillatingMirror {
     }
 
     #[inline(always)]
-    fn go_to(&self, columns: &Lanes, common: &mut [Lanes; 2]) {
-        *common = sines_and_cosines(&self.azimuths(&self.swinging.turns(columns)));
+    fn go_to(&self, block: usize, common: &mut [Lanes; 2]) {
+        *common = sines_and_cosines(&self.azimuths(&self.swinging.turns(block)));
     }
 
     #[inline(always)]
-    fn directions(&self, _: usize, [sin, cos]: &mut [Lanes; 2]) -> [Lanes; 3] {
-        let mut directions = [[0.0; LANES]; 3];
+    fn directions(&self, _: usize, [sin, cos]: &[Lanes; 2], directions: &mut [Lanes; 3]) {
         for lane in 0..LANES {
-            set(&mut directions, lane, unit([cos[lane], sin[lane], 0.0]));
+            set(directions, lane, unit([cos[lane], sin[lane], 0.0]));
         }
-        directions
     }
 }

@@ -21,12 +21,11 @@ impl Together for Polar<'_> {
     }
 
     #[inline(always)]
-    fn go_to(&self, columns: &Lanes, common: &mut [[Lanes; 2]; 2]) {
+    fn go_to(&self, block: usize, common: &mut [[Lanes; 2]; 2]) {
         for (common, angles) in common.iter_mut().zip([self.azimuths, self.elevations]) {
-            let mut some = [0.0; LANES];
-            for lane in 0..LANES {
-                some[lane] = angles[columns[lane] as usize];
-            }
+            let angles = &angles[block * LANES..];
+            let (mut some, count) = ([0.0; LANES], angles.len().min(LANES));
+            some[..count].copy_from_slice(&angles[..count]);
             *common = sines_and_cosines(&some);
             for lane in 0..LANES {
                 if some[lane].abs() > LARGEST_ANGLE {
@@ -37,13 +36,11 @@ impl Together for Polar<'_> {
     }
 
     #[inline(always)]
-    fn directions(&self, _: usize, common: &mut [[Lanes; 2]; 2]) -> [Lanes; 3] {
+    fn directions(&self, _: usize, common: &[[Lanes; 2]; 2], directions: &mut [Lanes; 3]) {
         let [[sin, cos], [up, across]] = common;
-        let mut directions = [[0.0; LANES]; 3];
         for lane in 0..LANES {
             let across = across[lane];
-            set(&mut directions, lane, unit([across * cos[lane], across * sin[lane], up[lane]]));
+            set(directions, lane, unit([across * cos[lane], across * sin[lane], up[lane]]));
         }
-        directions
     }
 }
