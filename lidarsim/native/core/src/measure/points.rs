@@ -36,30 +36,37 @@ pub struct PointSource<'a> {
 }
 
 impl PointSource<'_> {
-    /// The points and the normals of eight returns. `poses`: of the sensor, in the world, at their times.
+    /// Eight returns. `poses`: of the sensor, in the world, at their times.
     #[inline(always)]
-    fn points_and_normals<I: Isa>(
+    fn points<I: Isa>(
         &self,
         poses: &Pose<[f64; 8]>,
         rows: &[usize; 8],
         pulses: &[usize; 8],
-    ) -> [[I::F64x8; 3]; 2] {
+    ) -> [I::F64x8; 3] {
         let direction = I::columns(pulses.map(|pulse| &self.directions[pulse]));
         let origin = match &self.origins {
             Origins::One(origin) => lanes::splat(*origin),
             Origins::Each(origins) => I::columns(pulses.map(|pulse| &origins[pulse])),
         };
         let range = I::F64x8::load(&rows.map(|row| self.range[row]));
+        let local = lanes::add(origin, lanes::scaled(direction, range));
+        match &self.coordinates {
+            Coordinates::Sensor => local,
+            Coordinates::Moment(at) => poses.load().relative_to(&Pose::splat(at)).place(local),
+            Coordinates::World => poses.load().place(local),
+        }
+    }
+
+    /// The normals of eight returns.
+    #[inline(always)]
+    fn normals<I: Isa>(&self, poses: &Pose<[f64; 8]>, rows: &[usize; 8]) -> [I::F64x8; 3] {
         let normals = rows.map(|row| self.normals[row].map(f64::from));
         let normal = I::columns(normals.each_ref());
-        let (local, pose) = (lanes::add(origin, lanes::scaled(direction, range)), poses.load());
         match &self.coordinates {
-            Coordinates::Sensor => [local, pose.turn_back(normal)],
-            Coordinates::Moment(at) => {
-                let at = Pose::splat(at);
-                [pose.relative_to(&at).place(local), at.turn_back(normal)]
-            }
-            Coordinates::World => [pose.place(local), normal],
+            Coordinates::Sensor => poses.load().turn_back(normal),
+            Coordinates::Moment(at) => Pose::splat(at).turn_back(normal),
+            Coordinates::World => normal,
         }
     }
 }
@@ -67,6 +74,7 @@ impl PointSource<'_> {
 /// The fields of points and normals, a coordinate after the other.
 pub struct PointsAndNormals<'a> {
     pub points: &'a mut [MaybeUninit<f64>],
+    /// Empty if they are not wanted.
     pub normals: &'a mut [MaybeUninit<f32>],
     pub source: PointSource<'a>,
     /// Runs the work on a piece.
@@ -75,8 +83,9 @@ pub struct PointsAndNormals<'a> {
 
 impl<'a> Field<'a> for PointsAndNormals<'a> {
     fn split_off(&mut self, count: usize) -> Writer<'a> {
+        let normals = if self.normals.is_empty() { 0 } else { 3 * count };
         let (points, normals) =
-            (split_off(&mut self.points, 3 * count), split_off(&mut self.normals, 3 * count));
+            (split_off(&mut self.points, 3 * count), split_off(&mut self.normals, normals));
         let (source, write) = (self.source, self.write);
         Box::new(move |piece| {
             let (points, normals) = (points.as_chunks_mut().0, normals.as_chunks_mut().0);
@@ -104,8 +113,8 @@ impl Task for WritePoints<'_, '_> {
         if let Path::Still(pose) = path {
             motions.pose = Pose::splat(pose);
         }
-        let places = self.points.chunks_mut(8).zip(self.normals.chunks_mut(8));
-        for (first, (points, normals)) in (0..rows.len()).step_by(8).zip(places) {
+        let mut normals = self.normals.chunks_mut(8);
+        for (first, points) in (0..rows.len()).step_by(8).zip(self.points.chunks_mut(8)) {
             // Past the last return it is repeated.
             let last = rows.len() - 1;
             let eight = std::array::from_fn(|k| rows[last.min(first + k)]);
@@ -117,15 +126,16 @@ impl Task for WritePoints<'_, '_> {
                     (fired, motions) = (then, path.motions::<I>(&then));
                 }
             }
-            let [point, normal] = self.source.points_and_normals::<I>(&motions.pose, &eight, &of_pulses);
-            let mut numbers = [[0.0; 24]; 2];
-            simd::store_points::<I>(point, &mut numbers[0]);
-            simd::store_points::<I>(normal, &mut numbers[1]);
-            for (place, point) in points.iter_mut().zip(numbers[0].as_chunks().0) {
+            let mut numbers = [0.0; 24];
+            simd::store_points::<I>(self.source.points::<I>(&motions.pose, &eight, &of_pulses), &mut numbers);
+            for (place, point) in points.iter_mut().zip(numbers.as_chunks().0) {
                 *place = point.map(MaybeUninit::new);
             }
-            for (place, normal) in normals.iter_mut().zip(numbers[1].as_chunks().0) {
-                *place = normal.map(|x: f64| MaybeUninit::new(x as f32));
+            if let Some(normals) = normals.next() {
+                simd::store_points::<I>(self.source.normals::<I>(&motions.pose, &eight), &mut numbers);
+                for (place, normal) in normals.iter_mut().zip(numbers.as_chunks().0) {
+                    *place = normal.map(|x: f64| MaybeUninit::new(x as f32));
+                }
             }
         }
     }
