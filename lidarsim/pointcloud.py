@@ -857,8 +857,8 @@ def _extent(array: npt.NDArray[Any]) -> str:
     return " … ".join(f"({', '.join(end)})" if array.ndim == 2 else end[0] for end in ends)
 
 
-def chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
-    """Return the fields to write besides `xyz`, in order, after checking that they exist."""
+def chosen(names: Collection[str], known: Sequence[str]) -> list[str]:
+    """Return some fields besides `xyz`, in order, after checking that they exist."""
     if isinstance(names, str):
         raise ArgumentTypeError("fields", "a sequence of names", repr(names))
     names = _validation.items("fields", names, "names")

@@ -7,7 +7,7 @@ import enum
 import math
 import sys
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, Protocol, Self
@@ -28,7 +28,7 @@ from lidarsim.measurement import PULSE_LENGTH, Measurement
 from lidarsim.patterns import Pattern, Pulses
 from lidarsim.patterns._pulses import pulses_of
 from lidarsim.patterns.raster import projection, rows_and_columns
-from lidarsim.pointcloud import PointCloud
+from lidarsim.pointcloud import CANONICAL, PointCloud, chosen
 from lidarsim.scene import Scene, Snapshot
 from lidarsim.trajectory import Trajectory
 from lidarsim.waveforms import Waveforms
@@ -111,6 +111,12 @@ BODY = 0.5
 
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Named values of `deskew`, in periods of the pattern since the start of the scan."""
+
+_OWN = {"xyz", "time", "ring", "column", "return_number"}
+"""Fields of clouds that are not columns of a scan."""
+
+_MOVED = "object_id", "time", "normal"
+"""Fields by which the points of moving objects are moved."""
 
 _IDENTITY: list[list[float]] = np.eye(4).tolist()
 _UNUSED = {name: unused.item(0) for name, (_, _, _, unused) in _native.scan_columns().items()}
@@ -327,8 +333,9 @@ class Scan(Pickled, Plotted):
         deskew: bool | Literal["start", "middle", "end"] | float = False,
         deskew_movers: bool = False,
         pose: Transform | Trajectory | None = None,
+        fields: Collection[str] | None = None,
     ) -> PointCloud:
-        """Return the points of all returns, with all fields.
+        """Return the points of all returns.
 
         Parameters
         ----------
@@ -347,6 +354,8 @@ class Scan(Pickled, Plotted):
         pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
             Sensor to world, as one who does not know the truth believes: the points are placed and deskewed with it,
             and normals turn with them. ``trajectory.perturbed(…)`` makes one. Default: the true pose.
+        fields : collection of str, optional
+            Names of the fields besides `xyz`; a cloud with fewer takes less time and memory. Default: all.
 
         Returns
         -------
@@ -358,8 +367,8 @@ class Scan(Pickled, Plotted):
         ------
         TypeError, ValueError
             If `frame` or `deskew` is none of these, the trajectory or a motion does not cover that moment, `pose` is
-            not rigid or does not cover all pulses, or `deskew_movers` is given without `deskew`, with `pose`, or for a
-            scan from a pickle, which does not contain the scene.
+            not rigid or does not cover all pulses, `deskew_movers` is given without `deskew`, with `pose`, or for a
+            scan from a pickle, which does not contain the scene, or the scan has no such field.
         """
         one_of("frame", frame, ("sensor", "world"))
         if pose is not None:
@@ -367,21 +376,29 @@ class Scan(Pickled, Plotted):
                 raise ArgumentValueError(
                     "deskew_movers", "none with another pose, as motions are the true ones", "True"
                 )
-            return self._as_believed(pose).point_cloud(frame, deskew=deskew)
+            return self._as_believed(pose).point_cloud(frame, deskew=deskew, fields=fields)
         if frame == "world" and not deskew_movers:
             moment_of(deskew, 1.0)  # only checks it
             moment = None
         else:
             moment = self._deskewed_to(deskew)
+        if deskew_movers and moment is None:
+            raise ArgumentValueError("deskew_movers", "a deskewed cloud", "deskew=False")
+        names = None if fields is None else chosen(fields, self._cloud_fields())
+        given = names if names is None or not deskew_movers else [*names, *_MOVED]
         if isinstance(self.pose, Trajectory):
-            cloud = self._cloud(self.pose._native, frame, None if frame == "world" else moment)
+            cloud = self._cloud(self.pose._native, frame, None if frame == "world" else moment, given)
         else:
-            cloud = self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
-        if deskew_movers:
-            if moment is None:
-                raise ArgumentValueError("deskew_movers", "a deskewed cloud", "deskew=False")
+            cloud = self._cloud(_native.Path.still(self.pose.tolist()), frame, None, given)
+        if deskew_movers and moment is not None:
             self._move_along(cloud, frame, moment)
+            for name in () if names is None else {*_MOVED}.difference(names):
+                delattr(cloud, name)
         return cloud
+
+    def _cloud_fields(self) -> list[str]:
+        """Return the names of all fields that its clouds can have."""
+        return [name for name in CANONICAL if name in _OWN or getattr(self, name, None) is not None]
 
     def _as_believed(self, pose: Transform | Trajectory) -> Scan:
         """Return the scan with another pose; the normals, which the sensor sees in its own frame, turn with it."""
@@ -407,8 +424,8 @@ class Scan(Pickled, Plotted):
                 raise ArgumentValueError("deskew", expected, f"{deskew!r}, at {moment} s")
         return moment
 
-    def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
-        fields = _native.points_of(self, path, frame, moment)
+    def _cloud(self, path: _native.Path, frame: str, moment: float | None, names: list[str] | None) -> PointCloud:
+        fields = _native.points_of(self, path, frame, moment, names)
         return PointCloud._of(fields, self.class_names, in_sensor_frame=self._is_elsewhere(frame))
 
     def _is_elsewhere(self, frame: str) -> bool:

@@ -453,6 +453,14 @@ MUTANTS = [
     Mutant("turns: places of a rate", "PLACES: i64 = 1216", "PLACES: i64 = 1152"),
     Mutant("turns: window of the rate", "PLACES - 192 - e", "PLACES - 191 - e"),
     Mutant(
+        "poses of eight: one formula", "angle.le(largest) == 0xff && angle.le(one) == 0", "angle.le(largest) == 0xff"
+    ),
+    Mutant(
+        "poses of eight: one step",
+        "from.lt(time) & time.lt(I::F64x8::splat(times[i + 1])) != 0xff",
+        "from.lt(time) != 0xff",
+    ),
+    Mutant(
         "stacks: room for work",
         "ROOM: usize = 1 << 20",
         "ROOM: usize = 1 << 15",

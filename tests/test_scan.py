@@ -1106,6 +1106,39 @@ def test_directions_kept_in_float32_will_do() -> None:
     assert scan.true_range[0, 0] == pytest.approx(t[0] * length, rel=4 * ROUNDING)
 
 
+def test_clouds_of_some_fields_are_those_of_all_with_fewer() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -2.0))
+    scene.add(ls.Sphere((9, 1, 0), 3.0), motion=ls.Trajectory.from_twist(np.eye(4), (4, 0, 0), (0, 0, 1)))
+    drive = ls.Trajectory.from_twist(np.eye(4), linear=(20, 0, 0), angular=(0.1, 0, 0.8))
+    seen = dataclasses.replace(ls.Lidar.preset("velodyne-vlp16"), measurement=dataclasses.replace(WHOLE, depth=2))
+    options: list[dict[str, Any]] = [
+        {},
+        {"frame": "world"},
+        {"deskew": "middle"},
+        {"deskew": "end", "deskew_movers": True},
+        {"pose": np.eye(4)},
+    ]
+    for scan, given in [(seen.scan(scene, drive, seed=3), each) for each in options] + [(seen.scan(ls.Scene()), {})]:
+        whole = scan.point_cloud(**given)
+        for wanted in ([], ["xyz"], ["label", "intensity"], {"normal", "time"}, *([name] for name in whole.fields)):
+            some = scan.point_cloud(**given, fields=wanted)
+            assert set(some.fields) == {"xyz", *wanted}
+            for name in some.fields:
+                np.testing.assert_array_equal(getattr(some, name), getattr(whole, name))
+                assert getattr(some, name).dtype == getattr(whole, name).dtype
+        assert set(scan._cloud_fields()) == set(whole.fields)
+    assert {"radial_velocity", "source", "path"} <= set(seen.scan(scene, drive).point_cloud().fields)
+    with pytest.raises(
+        ValueError, match=r"^fields: expected fields of this point cloud \(xyz, range, .*\), got 'rang'$"
+    ):
+        scan.point_cloud(fields=["rang"])
+    with pytest.raises(ValueError, match=r"got 'radial_velocity'$"):
+        scan.point_cloud(fields=["radial_velocity"])
+    with pytest.raises(TypeError, match=r"^fields: expected a sequence of names, got 'label'$"):
+        scan.point_cloud(fields="label")
+
+
 def test_points_placed_by_another_trajectory() -> None:
     """Beside the true points, moved from the true pose of their pulse to the other one."""
     scene = ls.Scene()

@@ -111,8 +111,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                         points = 0
                         for sample in samples(recipe, run, sequence, frame, next(scans)):
                             records.append(dataclasses.replace(sample.record, extra=write(sample)))
-                            values, counts = np.unique(sample.cloud.label, return_counts=True)
-                            labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
+                            labels.update(_counted(sample.cloud.label))
                             ranges += _histogram(sample.cloud.range)
                             points += sample.record.points
                         tell(1, points)
@@ -129,6 +128,15 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
     except Exception as error:  # noqa: BLE001 - any error is reported with its frame
         return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made))
+
+
+def _counted(labels: npt.NDArray[np.uint32]) -> dict[int, int]:
+    """Return the number of points by label."""
+    if labels.max(initial=0) < len(labels):  # without sorting them
+        counts = np.bincount(labels)
+        return {label: int(counts[label]) for label in np.flatnonzero(counts).tolist()}
+    values, numbers = np.unique(labels, return_counts=True)
+    return dict(zip(values.tolist(), numbers.tolist(), strict=True))
 
 
 def _histogram(ranges: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:

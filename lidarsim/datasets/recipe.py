@@ -174,6 +174,9 @@ class Document:
     loaded: Loaded = field(default_factory=dict, repr=False)
     assembled: dict[tuple[int, ...], Node] = field(default_factory=dict, repr=False)
     placed: dict[int, list[Placed]] = field(default_factory=dict, repr=False)
+    """The objects of the last sequence."""
+    runs: dict[int, Run] = field(default_factory=dict, repr=False)
+    """The run of the last sequence, unless its frames differ."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Leave out the caches."""
@@ -186,6 +189,15 @@ class Document:
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
         """Return the run of a sequence, or its state in one frame."""
+        if self.by_frame:
+            return self._filled(sequence, frame)
+        if sequence not in self.runs:
+            self.runs.clear()
+            self.runs[sequence] = self._filled(sequence, frame)
+        return self.runs[sequence]
+
+    def _filled(self, sequence: int, frame: int | None) -> Run:
+        """Return the run with its drawn values and its scattered objects."""
         run = self._drawn(sequence, frame)
         groups, place = self.settings.scatter, Place(self.root, (), self.loaded) / "scatter"
         if groups and sequence not in self.placed:

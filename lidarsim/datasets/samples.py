@@ -144,7 +144,7 @@ class Sample:
     scan : Scan
         The scan.
     cloud : PointCloud
-        The points in the coordinates of the run.
+        The points in the coordinates of the run, with the fields that the layout holds, `range` and `label`.
     number : int
         Number of the frame among those of all sequences.
     class_names : mapping of int to str
@@ -167,6 +167,7 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
     """
     layout, split = recipe.layout, recipe.splits.of(sequence)
     frame_of, given = run.cloud["frame"], run.cloud["deskew"]
+    fields = None if layout.held is None else {*layout.held, "range", "label"}
     stamp = None
     for name, scan in scans.items():
         deskew: Deskew = given if stamp is None else stamp - scan.time
@@ -176,9 +177,10 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
         boxes: tuple[Annotation, ...] = ()
         body = run.body_pose(moment)
         if layout.kept is None:
-            cloud = scan.point_cloud(frame_of, deskew=deskew)
+            cloud = scan.point_cloud(frame_of, deskew=deskew, fields=fields)
         else:
-            cloud = scan.point_cloud(frame_of, deskew=deskew, deskew_movers=moment_of(deskew, 1.0) is not None)
+            moves = moment_of(deskew, 1.0) is not None
+            cloud = scan.point_cloud(frame_of, deskew=deskew, deskew_movers=moves, fields=fields)
             found = scan.boxes(frame=frame_of, deskew=deskew, min_points=layout.least_points)
             here = body[:3, 3] if frame_of == "world" else (np.linalg.inv(pose) @ body)[:3, 3]
             boxes = _annotations(found[layout.kept.of(found, here, recipe.class_names)])

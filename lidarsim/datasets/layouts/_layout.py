@@ -180,6 +180,8 @@ class Layout(Model):
         Whether the points may be in world coordinates.
     has_samples : bool
         Whether the files can hold the samples of IMUs and the fixes of GNSS receivers.
+    held : tuple of str, or None
+        Fields of a cloud that the files hold besides `xyz`; None for any.
     """
 
     noted: ClassVar[type[Noted]] = Noted
@@ -187,6 +189,7 @@ class Layout(Model):
     reading: ClassVar[str] = ""
     in_world: ClassVar[bool] = False
     has_samples: ClassVar[bool] = False
+    held: ClassVar[tuple[str, ...] | None] = None
 
     type: str
 

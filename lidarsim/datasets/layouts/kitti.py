@@ -110,6 +110,7 @@ class Kitti(Layout):
     """Points and boxes for detectors that learn from KITTI."""
 
     noted: ClassVar[type[Noted]] = Numbered
+    held: ClassVar[tuple[str, ...] | None] = ("intensity",)
     reading: ClassVar[str] = """
 Labels are of what a virtual camera sees that looks along the sensor's x axis. There are no images: those in `image_2`
 are black, and only tell their size.

@@ -78,6 +78,7 @@ class NuScenes(Layout):
     """Tables of nuScenes with lidarseg and boxes."""
 
     greatest_label: ClassVar[int] = 255
+    held: ClassVar[tuple[str, ...] | None] = ("intensity", "label", "ring")
     reading: ClassVar[str] = f"""
 nuScenes' development kit only knows the colours of its own classes; those of this data set are in `{COLORS}`:
 

@@ -52,6 +52,7 @@ class SemanticKitti(Layout):
 
     noted: ClassVar[type[Noted]] = Numbered
     greatest_label: ClassVar[int] = 2**16 - 1
+    held: ClassVar[tuple[str, ...] | None] = ("intensity", "label", "instance")
 
     type: Literal["semantickitti"]
 

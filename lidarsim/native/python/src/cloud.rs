@@ -17,10 +17,12 @@ use pyo3::types::PyDict;
 use crate::{Points, PyPath, detached, elements, kernels, points};
 
 macro_rules! copied {
-    (own, $columns:ident, $scan:ident, $name:ident: $Entry:ty) => {};
-    (copied, $columns:ident, $scan:ident, $name:ident: $Entry:ty) => {
+    (own, $columns:ident, $scan:ident, $wanted:ident, $name:ident: $Entry:ty) => {};
+    (copied, $columns:ident, $scan:ident, $wanted:ident, $name:ident: $Entry:ty) => {
         let name = stringify!($name);
-        if let Some(array) = $scan.getattr(name)?.extract::<Option<PyReadonlyArrayDyn<'_, $Entry>>>()? {
+        if $wanted.has(name)
+            && let Some(array) = $scan.getattr(name)?.extract::<Option<PyReadonlyArrayDyn<'_, $Entry>>>()?
+        {
             $columns.push(Box::new(ScanColumn { name, array }));
         }
     };
@@ -32,17 +34,29 @@ macro_rules! columns {
         of_rays { $($(#[$_b:meta])* $ray:ident: $Ray:ty = $_m:expr, $_y:ident, $of_ray:ident;)+ }
         of_pulses $_pulses:tt
     ) => {
-        /// The columns of a scan that a cloud copies. Some may be absent.
-        fn copied_columns<'py>(scan: &Bound<'py, PyAny>) -> PyResult<Vec<Box<dyn Source + 'py>>> {
+        /// The wanted columns of a scan that a cloud copies. Some may be absent.
+        fn copied_columns<'py>(
+            scan: &Bound<'py, PyAny>,
+            wanted: &Wanted,
+        ) -> PyResult<Vec<Box<dyn Source + 'py>>> {
             let mut columns: Vec<Box<dyn Source>> = Vec::new();
-            $(copied!($of_echo, columns, scan, $echo: $Echo);)+
-            $(copied!($of_ray, columns, scan, $ray: $Ray);)+
+            $(copied!($of_echo, columns, scan, wanted, $echo: $Echo);)+
+            $(copied!($of_ray, columns, scan, wanted, $ray: $Ray);)+
             Ok(columns)
         }
     };
 }
 
 lidarsim_core::scan_columns!(columns);
+
+/// Names of fields; `None` for all.
+struct Wanted(Option<Vec<String>>);
+
+impl Wanted {
+    fn has(&self, name: &str) -> bool {
+        self.0.as_ref().is_none_or(|names| names.iter().any(|wanted| wanted == name))
+    }
+}
 
 /// A column of a scan, of any type.
 trait Source {
@@ -83,7 +97,8 @@ struct AllPulseArrays<'py> {
 }
 
 /// The fields of `lidarsim.PointCloud`, one entry per return. `frame` is "sensor" or "world". `moment` is the
-/// time, on the clock of the path, whose sensor frame all points use; `None` for raw points.
+/// time, on the clock of the path, whose sensor frame all points use; `None` for raw points. `fields` are the
+/// names of those to compute besides "xyz", of which a scan may lack some; `None` for all.
 #[pyfunction]
 pub fn points_of<'py>(
     py: Python<'py>,
@@ -91,8 +106,10 @@ pub fn points_of<'py>(
     path: &PyPath,
     frame: &str,
     moment: Option<f64>,
+    fields: Option<Vec<String>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let copied = copied_columns(scan)?;
+    let wanted = Wanted(fields);
+    let copied = copied_columns(scan, &wanted)?;
     let scan: ScanArrays = scan.extract()?;
     let path: &Path = &path.path;
     let coordinates = match (frame, path, moment) {
@@ -115,50 +132,61 @@ pub fn points_of<'py>(
     let (start, kernels) = (scan.time, kernels(py)?);
     let source = PointSource { origins, directions, range, normals, path, times, start, coordinates };
     let mut columns = copied.iter().map(|source| source.field(n * most)).collect::<PyResult<Vec<_>>>()?;
-    columns.extend([
+    let of_pulses = [
         of_each("time", Each::Pulse(times)),
         of_each("ring", Each::Pulse(rings)),
         of_each("column", Each::Pulse(columns_of)),
         of_each("return_count", Each::Pulse(counts)),
-    ]);
+    ];
+    columns.extend(of_pulses.into_iter().filter(|column| wanted.has(column.name())));
+    let [with_normals, with_numbers] = ["normal", "return_number"].map(|name| wanted.has(name));
     let write_points = |points: WritePoints| kernels.write_points(points);
     let (xyz, normal, number) = detached(py, || {
         let returns = ReturnCounts::new(counts, most);
         let count = returns.count();
+        let of = |count, is_wanted| if is_wanted { count } else { 0 };
+        let (normal_count, number_count) = (of(3 * count, with_normals), of(count, with_numbers));
         let (mut xyz, mut normal, mut number) = (
             memory::with_capacity(3 * count),
-            memory::with_capacity(3 * count),
-            memory::with_capacity(count),
+            memory::with_capacity(normal_count),
+            memory::with_capacity(number_count),
         );
         let (points, normals) =
-            (&mut xyz.spare_capacity_mut()[..3 * count], &mut normal.spare_capacity_mut()[..3 * count]);
-        let mut fields: Vec<Box<dyn Field<'_> + '_>> = vec![
-            Box::new(PointsAndNormals { points, normals, source, write: &write_points }),
-            Box::new(Numbers(&mut number.spare_capacity_mut()[..count])),
-        ];
+            (&mut xyz.spare_capacity_mut()[..3 * count], &mut normal.spare_capacity_mut()[..normal_count]);
+        let mut fields: Vec<Box<dyn Field<'_> + '_>> =
+            vec![Box::new(PointsAndNormals { points, normals, source, write: &write_points })];
+        if with_numbers {
+            fields.push(Box::new(Numbers(&mut number.spare_capacity_mut()[..count])));
+        }
         fields.extend(columns.iter_mut().map(|column| column.field(count)));
         returns.write(&mut fields);
         drop(fields);
         // SAFETY: the places of all returns were written; otherwise this would have unwound.
         unsafe {
             xyz.set_len(3 * count);
-            normal.set_len(3 * count);
-            number.set_len(count);
+            normal.set_len(normal_count);
+            number.set_len(number_count);
             columns.iter_mut().for_each(|column| column.are_written(count));
         }
         (xyz, normal, number)
     })?;
     let fields = PyDict::new(py);
-    let shape = [number.len(), 3];
+    let shape = [xyz.len() / 3, 3];
     fields.set_item("xyz", xyz.into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("normal", normal.into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("return_number", number.into_pyarray(py))?;
+    if with_normals {
+        fields.set_item("normal", normal.into_pyarray(py).reshape(shape)?)?;
+    }
+    if with_numbers {
+        fields.set_item("return_number", number.into_pyarray(py))?;
+    }
     columns.into_iter().try_for_each(|column| column.put_in(&fields))?;
     Ok(fields)
 }
 
 /// A field of a cloud that copies a column of a scan.
 trait Column: Send {
+    fn name(&self) -> &'static str;
+
     /// Reserves the places of `count` returns.
     fn field(&mut self, count: usize) -> Box<dyn Field<'_> + '_>;
 
@@ -181,6 +209,10 @@ fn of_each<'a, T: Copy + Element + Sync>(name: &'static str, each: Each<'a, T>) 
 }
 
 impl<T: Copy + Element + Sync> Column for OfEach<'_, T> {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
     fn field(&mut self, count: usize) -> Box<dyn Field<'_> + '_> {
         self.values = memory::with_capacity(count);
         Box::new(Copied { places: &mut self.values.spare_capacity_mut()[..count], each: self.each })

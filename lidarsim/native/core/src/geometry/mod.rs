@@ -7,4 +7,5 @@ pub mod point;
 pub mod pose;
 pub mod ray;
 mod sweep;
+mod turn;
 pub mod vector;

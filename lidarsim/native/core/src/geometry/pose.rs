@@ -2,17 +2,18 @@
 
 use std::sync::Arc;
 
-use crate::arith::elementary::{LARGEST_ANGLE, RECIPROCAL_FACTORIALS, polynomial, sin_cos};
 use crate::arith::error_free::{two_product, two_sum};
-use crate::arith::simd::{Floats, lanes};
-use crate::arith::turns::{self, TurnRate};
+use crate::arith::simd::{Floats, Isa, Task, lanes};
+use crate::arith::turns::TurnRate;
 use crate::geometry::point::{cross, dot, sub};
+use crate::geometry::turn::{Turn, product, scaled, split};
 use crate::geometry::vector::Point;
 
+/// A pose or, in lanes, several.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pose {
-    rotation: [Point; 3],
-    translation: Point,
+pub struct Pose<F = f64> {
+    rotation: [[F; 3]; 3],
+    translation: [F; 3],
 }
 
 impl Pose {
@@ -38,45 +39,88 @@ impl Pose {
             [x, y, z, self.translation[i]]
         })
     }
+}
+
+impl<F: Copy> Pose<F> {
+    /// The same pose in all lanes.
+    #[inline(always)]
+    pub fn splat<const N: usize>(pose: &Pose) -> Self
+    where
+        F: Floats<f64, N>,
+    {
+        let [x, y, z] = pose.rotation;
+        Pose {
+            rotation: [lanes::splat(x), lanes::splat(y), lanes::splat(z)],
+            translation: lanes::splat(pose.translation),
+        }
+    }
 
     /// A direction of the sensor frame in the world.
     #[inline(always)]
-    pub fn turn<F: Floats<f64, N>, const N: usize>(&self, v: [F; 3]) -> [F; 3] {
+    pub fn turn<const N: usize>(&self, v: [F; 3]) -> [F; 3]
+    where
+        F: Floats<f64, N>,
+    {
         let [x, y, z] = self.rotation;
-        [lanes::dot(lanes::splat(x), v), lanes::dot(lanes::splat(y), v), lanes::dot(lanes::splat(z), v)]
+        [lanes::dot(x, v), lanes::dot(y, v), lanes::dot(z, v)]
     }
 
     /// A point of the sensor frame in the world.
     #[inline(always)]
-    pub fn place<F: Floats<f64, N>, const N: usize>(&self, p: [F; 3]) -> [F; 3] {
-        let ([x, y, z], t) = (self.turn(p), self.translation);
-        [x.add(F::splat(t[0])), y.add(F::splat(t[1])), z.add(F::splat(t[2]))]
+    pub fn place<const N: usize>(&self, p: [F; 3]) -> [F; 3]
+    where
+        F: Floats<f64, N>,
+    {
+        lanes::add(self.turn(p), self.translation)
     }
 
     /// A direction of the world in the sensor frame.
     #[inline(always)]
-    pub fn turn_back<F: Floats<f64, N>, const N: usize>(&self, v: [F; 3]) -> [F; 3] {
-        let column = |j: usize| lanes::splat([self.rotation[0][j], self.rotation[1][j], self.rotation[2][j]]);
-        [lanes::dot(column(0), v), lanes::dot(column(1), v), lanes::dot(column(2), v)]
+    pub fn turn_back<const N: usize>(&self, v: [F; 3]) -> [F; 3]
+    where
+        F: Floats<f64, N>,
+    {
+        let [x, y, z] = self.rotation;
+        [
+            lanes::dot([x[0], y[0], z[0]], v),
+            lanes::dot([x[1], y[1], z[1]], v),
+            lanes::dot([x[2], y[2], z[2]], v),
+        ]
     }
 
     /// A point of the world in the sensor frame.
     #[inline(always)]
-    pub fn place_back(&self, p: Point) -> Point {
-        self.turn_back(sub(p, self.translation))
+    pub fn place_back<const N: usize>(&self, p: [F; 3]) -> [F; 3]
+    where
+        F: Floats<f64, N>,
+    {
+        self.turn_back(lanes::sub(p, self.translation))
     }
 
     /// The world pose of a body whose pose in the frame of `self` is `inner`.
-    pub fn then(&self, inner: &Pose) -> Pose {
+    #[inline(always)]
+    pub fn then<const N: usize>(&self, inner: &Self) -> Self
+    where
+        F: Floats<f64, N>,
+    {
         Pose { rotation: product(self.rotation, inner.rotation), translation: self.place(inner.translation) }
     }
 
     /// `self`, seen from the sensor frame of `base`.
-    pub fn relative_to(&self, base: &Pose) -> Pose {
-        let columns: [Point; 3] =
-            std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
+    #[inline(always)]
+    pub fn relative_to<const N: usize>(&self, base: &Self) -> Self
+    where
+        F: Floats<f64, N>,
+    {
+        let [x, y, z] = self.rotation;
+        let columns = [
+            base.turn_back([x[0], y[0], z[0]]),
+            base.turn_back([x[1], y[1], z[1]]),
+            base.turn_back([x[2], y[2], z[2]]),
+        ];
+        let [x, y, z] = columns;
         Pose {
-            rotation: std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i])),
+            rotation: [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]]],
             translation: base.place_back(self.translation),
         }
     }
@@ -122,6 +166,14 @@ impl Step {
     pub(super) fn is_linear(&self) -> bool {
         [&self.shift, &self.turn].iter().all(|Cubic([_, b, c])| [*b, *c] == [[0.0; 3]; 2])
     }
+
+    /// The velocity at u, of a step that takes `length` seconds; `turn`: the turn so far.
+    #[inline(always)]
+    fn velocity<F: Floats<f64, N>, const N: usize>(&self, u: F, turn: &Turn<F>, length: f64) -> Velocity<F> {
+        let (linear, angular) = (self.shift.derivative(u), turn.rate(self.turn.derivative(u)));
+        let length = F::splat(length);
+        Velocity { linear: lanes::divided(linear, length), angular: lanes::divided(angular, length) }
+    }
 }
 
 /// a u + b u² + c u³.
@@ -129,22 +181,43 @@ impl Step {
 pub struct Cubic(pub [Point; 3]);
 
 impl Cubic {
-    fn at(&self, u: f64) -> Point {
-        let Cubic([a, b, c]) = self;
-        std::array::from_fn(|i| u * (a[i] + u * (b[i] + u * c[i])))
+    #[inline(always)]
+    fn at<F: Floats<f64, N>, const N: usize>(&self, u: F) -> [F; 3] {
+        let mut place = [u; 3];
+        for i in 0..3 {
+            let [a, b, c] = self.terms(i);
+            place[i] = u.mul(F::splat(a).add(u.mul(F::splat(b).add(u.mul(F::splat(c))))));
+        }
+        place
     }
 
-    fn derivative(&self, u: f64) -> Point {
+    #[inline(always)]
+    fn derivative<F: Floats<f64, N>, const N: usize>(&self, u: F) -> [F; 3] {
+        let mut rate = [u; 3];
+        for i in 0..3 {
+            let [a, b, c] = self.terms(i);
+            let curved = u.mul(F::splat(3.0)).mul(F::splat(c));
+            rate[i] = F::splat(a).add(u.mul(F::splat(2.0 * b).add(curved)));
+        }
+        rate
+    }
+
+    fn is_zero(&self) -> bool {
+        self.0 == [[0.0; 3]; 3]
+    }
+
+    #[inline(always)]
+    fn terms(&self, i: usize) -> [f64; 3] {
         let Cubic([a, b, c]) = self;
-        std::array::from_fn(|i| a[i] + u * (2.0 * b[i] + u * 3.0 * c[i]))
+        [a[i], b[i], c[i]]
     }
 }
 
-/// Linear velocity in the world and angular velocity in the moving frame.
+/// Linear velocity in the world and angular velocity in the moving frame; or several, in lanes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Velocity {
-    pub linear: Point,
-    pub angular: Point,
+pub struct Velocity<F = f64> {
+    pub linear: [F; 3],
+    pub angular: [F; 3],
 }
 
 /// The largest allowed coordinates, velocities and terms of cubics on moving paths: 2⁹⁸⁰.
@@ -201,13 +274,13 @@ impl Path {
         match self {
             Path::Still(pose) => *pose,
             Path::Twist { start, linear, angular, screw } => {
-                let Some(turn) = Turn::of_vector(angular.map(|x| x * time)) else {
-                    return screw.at(start, time);
-                };
-                let travelled = start.turn(turn.travel(linear.map(|x| x * time)));
-                Pose {
-                    rotation: product(start.rotation, turn.matrix()),
-                    translation: std::array::from_fn(|i| start.translation[i] + travelled[i]),
+                let way = linear.map(|x| x * time);
+                if *angular == [0.0; 3] {
+                    return moved(start, IDENTITY, start.turn(way));
+                }
+                match Turn::of_vector(angular.map(|x| x * time)) {
+                    Some(turn) => moved(start, turn.matrix(), start.turn(turn.travel(way))),
+                    None => screw.at(start, time),
                 }
             }
             Path::Knots { times, poses, steps, .. } => {
@@ -218,20 +291,14 @@ impl Path {
                 // Past the last knot a linear step continues; the terms of a spline would diverge.
                 if i == steps.len() && !steps[i - 1].is_linear() {
                     let (Velocity { linear, angular }, after) = (self.velocity(times[i]), time - times[i]);
-                    return Pose {
-                        rotation: product(poses[i].rotation, Turn::new(angular.map(|x| x * after)).matrix()),
-                        translation: std::array::from_fn(|k| poses[i].translation[k] + linear[k] * after),
-                    };
+                    let turn = Turn::new(angular.map(|x| x * after));
+                    return moved(&poses[i], turn.matrix(), linear.map(|x| x * after));
                 }
                 let i = i.min(steps.len() - 1);
-                let from = poses[i];
                 let u = (time - times[i]) / (times[i + 1] - times[i]);
                 let Step { shift, turn } = &steps[i];
-                let shift = shift.at(u);
-                Pose {
-                    rotation: product(from.rotation, Turn::new(turn.at(u)).matrix()),
-                    translation: std::array::from_fn(|k| from.translation[k] + shift[k]),
-                }
+                let matrix = if turn.is_zero() { IDENTITY } else { Turn::new(turn.at(u)).matrix() };
+                moved(&poses[i], matrix, shift.at(u))
             }
             Path::Mounted { body, mount } => body.at(time).then(mount),
         }
@@ -246,11 +313,7 @@ impl Path {
     /// `at` and `velocity` together, at a lower cost.
     pub fn motion(&self, time: f64) -> Motion {
         if let Path::Mounted { body, mount } = self {
-            let Motion { pose, velocity: Velocity { linear, angular } } = body.motion(time);
-            let swung = pose.turn(cross(angular, mount.translation));
-            let linear = std::array::from_fn(|i| linear[i] + swung[i]);
-            let velocity = Velocity { linear, angular: mount.turn_back(angular) };
-            return Motion { pose: pose.then(mount), velocity };
+            return body.motion(time).of_mounted(mount);
         }
         let pose = self.at(time);
         let velocity = match self {
@@ -259,33 +322,191 @@ impl Path {
                 let i = times.partition_point(|&t| t <= time).saturating_sub(1).min(steps.len() - 1);
                 let length = times[i + 1] - times[i];
                 let u = ((time - times[i]) / length).min(1.0);
-                let Step { shift, turn } = &steps[i];
-                let turning = Turn::new(turn.at(u)).rate(turn.derivative(u));
-                Velocity {
-                    linear: shift.derivative(u).map(|x| x / length),
-                    angular: turning.map(|x| x / length),
-                }
+                steps[i].velocity(u, &Turn::new(steps[i].turn.at(u)), length)
             }
             _ => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
         };
         Motion { pose, velocity }
     }
+
+    /// `motion` at eight times, with the same bits.
+    #[inline(always)]
+    pub fn motions<I: Isa>(&self, times: &[f64; 8]) -> Motion<[f64; 8]> {
+        I::call(Motions { path: self, times })
+    }
+
+    /// `motion` in lanes; `None` if the times need different formulas.
+    #[inline(always)]
+    fn motion_in_lanes<I: Isa>(&self, time: I::F64x8) -> Option<Motion<I::F64x8>> {
+        match self {
+            Path::Twist { start, linear, angular, .. } => {
+                let still = *angular == [0.0; 3];
+                let start = Pose::splat(&if still { moved(start, IDENTITY, [0.0; 3]) } else { *start });
+                let (linear, angular) = (lanes::splat(*linear), lanes::splat(*angular));
+                let way = lanes::scaled(linear, time);
+                let pose = if still {
+                    Pose { translation: lanes::add(start.translation, start.turn(way)), ..start }
+                } else {
+                    let turn = Turn::of_vectors::<I>(lanes::scaled(angular, time))?;
+                    moved(&start, turn.matrix(), start.turn(turn.travel(way)))
+                };
+                Some(Motion { pose, velocity: Velocity { linear: pose.turn(linear), angular } })
+            }
+            Path::Knots { times, poses, steps, .. } => {
+                let i = times.partition_point(|&t| t <= time.smallest()).checked_sub(1)?;
+                let (step, from) = (steps.get(i)?, I::F64x8::splat(times[i]));
+                // The poses of the knots are as given.
+                if from.lt(time) & time.lt(I::F64x8::splat(times[i + 1])) != 0xff {
+                    return None;
+                }
+                let length = times[i + 1] - times[i];
+                let u = time.sub(from).div(I::F64x8::splat(length));
+                let turn = Turn::of_vectors::<I>(step.turn.at(u))?;
+                let pose = moved(&Pose::splat(&poses[i]), turn.matrix(), step.shift.at(u));
+                Some(Motion { pose, velocity: step.velocity(u, &turn, length) })
+            }
+            _ => None,
+        }
+    }
 }
 
-/// The pose and the velocity of a body at a time.
+const IDENTITY: [Point; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// The pose after a turn in the frame of `from`, given as a matrix, and a way in the world.
+#[inline(always)]
+fn moved<F: Floats<f64, N>, const N: usize>(from: &Pose<F>, turn: [[F; 3]; 3], way: [F; 3]) -> Pose<F> {
+    Pose { rotation: product(from.rotation, turn), translation: lanes::add(from.translation, way) }
+}
+
+/// [`Path::motions`].
+struct Motions<'a> {
+    path: &'a Path,
+    times: &'a [f64; 8],
+}
+
+impl Task for Motions<'_> {
+    type Output = Motion<[f64; 8]>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Self::Output {
+        let (path, mount) = match self.path {
+            Path::Mounted { body, mount } => (&**body, Some(mount)),
+            path => (path, None),
+        };
+        let Some(mut motion) = path.motion_in_lanes::<I>(I::F64x8::load(self.times)) else {
+            return Motion::gathered(&self.times.map(|time| self.path.motion(time)));
+        };
+        if let Some(mount) = mount {
+            motion = motion.of_mounted(&Pose::splat(mount));
+        }
+        let Motion {
+            pose: Pose { rotation: [x, y, z], translation },
+            velocity: Velocity { linear, angular },
+        } = motion;
+        Motion {
+            pose: Pose {
+                rotation: [lanes::store(x), lanes::store(y), lanes::store(z)],
+                translation: lanes::store(translation),
+            },
+            velocity: Velocity { linear: lanes::store(linear), angular: lanes::store(angular) },
+        }
+    }
+}
+
+impl Motion<[f64; 8]> {
+    /// A value to start with.
+    pub const UNSET: Self = Motion {
+        pose: Pose { rotation: [[[0.0; 8]; 3]; 3], translation: [[0.0; 8]; 3] },
+        velocity: Velocity { linear: [[0.0; 8]; 3], angular: [[0.0; 8]; 3] },
+    };
+
+    /// In registers.
+    #[inline(always)]
+    pub fn load<F: Floats<f64, 8>>(&self) -> Motion<F> {
+        let Velocity { linear, angular } = &self.velocity;
+        Motion {
+            pose: self.pose.load(),
+            velocity: Velocity { linear: lanes::part(linear, 0), angular: lanes::part(angular, 0) },
+        }
+    }
+
+    /// The motion in one of the lanes.
+    #[inline(always)]
+    pub fn lane(&self, k: usize) -> Motion {
+        let Velocity { linear, angular } = &self.velocity;
+        let velocity = Velocity { linear: lane(linear, k), angular: lane(angular, k) };
+        Motion { pose: self.pose.lane(k), velocity }
+    }
+
+    #[cold]
+    fn gathered(motions: &[Motion; 8]) -> Self {
+        let mut all = Self::UNSET;
+        for (k, Motion { pose, velocity }) in motions.iter().enumerate() {
+            for axis in 0..3 {
+                for row in 0..3 {
+                    all.pose.rotation[row][axis][k] = pose.rotation[row][axis];
+                }
+                all.pose.translation[axis][k] = pose.translation[axis];
+                all.velocity.linear[axis][k] = velocity.linear[axis];
+                all.velocity.angular[axis][k] = velocity.angular[axis];
+            }
+        }
+        all
+    }
+}
+
+impl Pose<[f64; 8]> {
+    /// In registers.
+    #[inline(always)]
+    pub fn load<F: Floats<f64, 8>>(&self) -> Pose<F> {
+        let [x, y, z] = &self.rotation;
+        Pose {
+            rotation: [lanes::part(x, 0), lanes::part(y, 0), lanes::part(z, 0)],
+            translation: lanes::part(&self.translation, 0),
+        }
+    }
+
+    /// The pose in one of the lanes.
+    #[inline(always)]
+    pub fn lane(&self, k: usize) -> Pose {
+        let [x, y, z] = &self.rotation;
+        Pose { rotation: [lane(x, k), lane(y, k), lane(z, k)], translation: lane(&self.translation, k) }
+    }
+}
+
+/// A vector in one of the lanes.
+#[inline(always)]
+fn lane([x, y, z]: &[[f64; 8]; 3], k: usize) -> Point {
+    [x[k], y[k], z[k]]
+}
+
+/// The pose and the velocity of a body at a time or, in lanes, at several.
 #[derive(Clone, Copy, Debug)]
-pub struct Motion {
-    pub pose: Pose,
-    pub velocity: Velocity,
+pub struct Motion<F = f64> {
+    pub pose: Pose<F>,
+    pub velocity: Velocity<F>,
 }
 
-impl Motion {
+impl<F: Copy> Motion<F> {
     /// The velocity in the world of a point of the body, given in its frame.
     #[inline(always)]
-    pub fn velocity_of(&self, point: Point) -> Point {
+    pub fn velocity_of<const N: usize>(&self, point: [F; 3]) -> [F; 3]
+    where
+        F: Floats<f64, N>,
+    {
         let Velocity { linear, angular } = self.velocity;
-        let swung = self.pose.turn(cross(angular, point));
-        std::array::from_fn(|i| linear[i] + swung[i])
+        lanes::add(linear, self.pose.turn(lanes::cross(angular, point)))
+    }
+
+    /// The motion of what is mounted on the body.
+    #[inline(always)]
+    fn of_mounted<const N: usize>(&self, mount: &Pose<F>) -> Self
+    where
+        F: Floats<f64, N>,
+    {
+        let linear = self.velocity_of(mount.translation);
+        let velocity = Velocity { linear, angular: mount.turn_back(self.velocity.angular) };
+        Motion { pose: self.pose.then(mount), velocity }
     }
 }
 
@@ -320,27 +541,10 @@ impl Screw {
         let (sin, cos) = self.rate.sin_cos(time);
         let turn = Turn { vector: self.axis, rotation: [sin, 1.0 - cos], travel: [0.0; 2] };
         let ([across, around], advance) = (self.swing, self.advance);
-        let travelled = start
-            .turn(std::array::from_fn(|i| advance[i] * time + (sin * across[i] + (1.0 - cos) * around[i])));
-        Pose {
-            rotation: product(start.rotation, turn.matrix()),
-            translation: std::array::from_fn(|i| start.translation[i] + travelled[i]),
-        }
+        let travelled =
+            std::array::from_fn(|i| advance[i] * time + (sin * across[i] + (1.0 - cos) * around[i]));
+        moved(start, turn.matrix(), start.turn(travelled))
     }
-}
-
-/// v/2ᵏ and 2ᵏ; the largest coordinate of v is one to two times 2ᵏ.
-fn scaled(v: Point) -> (Point, f64) {
-    let largest = v.iter().fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()));
-    let power = f64::from_bits(largest.to_bits() & 0x7ff << 52);
-    (v.map(|x| x / power), power)
-}
-
-/// The unit vector along v, and |v|, to within 3u.
-fn split(v: Point) -> (Point, f64) {
-    let (v, power) = scaled(v);
-    let length = dot(v, v).sqrt();
-    (v.map(|x| x / length), length * power)
 }
 
 /// a·b as accurate as if computed in twice the precision (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot
@@ -352,83 +556,11 @@ fn accurate_dot(a: Point, b: Point) -> f64 {
     sum + (((x_off + y_off) + z_off) + (first_off + second_off))
 }
 
-/// A rotation by θ, as a vector and the factors of its exponential and its Jacobian (T. D. Barfoot, State
-/// Estimation for Robotics, 2017, ch. 7).
-///
-/// For a rotation vector φ these are a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ =
-/// |φ|. For a large angle, whose square may overflow, the vector is φ/θ, and the factors are multiplied by
-/// θ or θ² accordingly.
-struct Turn {
-    vector: Point,
-    /// a and b.
-    rotation: [f64; 2],
-    /// b and c.
-    travel: [f64; 2],
-}
-
-impl Turn {
-    fn new(vector: Point) -> Self {
-        Self::of_vector(vector).unwrap_or_else(|| {
-            let (vector, angle) = split(vector);
-            let (sin, cos) = turns::sin_cos(angle);
-            Turn { vector, rotation: [sin, 1.0 - cos], travel: [(1.0 - cos) / angle, (angle - sin) / angle] }
-        })
-    }
-
-    /// `None` if the angle is beyond [`LARGEST_ANGLE`].
-    #[inline]
-    fn of_vector(vector: Point) -> Option<Self> {
-        let square = dot(vector, vector);
-        let angle = square.sqrt();
-        let [a, b, c] = if angle <= 1.0 {
-            // Where the quotients would cancel: 1/1! − θ²/3! + …, 1/2! − θ²/4! + …, 1/3! −
-            // θ²/5! + …
-            [1, 2, 3].map(|first| {
-                polynomial::<9>(std::array::from_fn(|i| RECIPROCAL_FACTORIALS[first + 2 * i]), -square)
-            })
-        } else if angle <= LARGEST_ANGLE {
-            let (sin, cos) = sin_cos(angle);
-            [sin / angle, (1.0 - cos) / square, (angle - sin) / (square * angle)]
-        } else {
-            return None;
-        };
-        Some(Turn { vector, rotation: [a, b], travel: [b, c] })
-    }
-
-    /// I + a[φ] + b[φ]².
-    fn matrix(&self) -> [Point; 3] {
-        let columns =
-            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| self.series(e, self.rotation));
-        std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]))
-    }
-
-    /// The displacement by a velocity that is constant in the turning frame: (I + b[φ] + c[φ]²)·v.
-    fn travel(&self, v: Point) -> Point {
-        self.series(v, self.travel)
-    }
-
-    /// The angular velocity in the turned frame while the vector changes at `derivative`: (I − b[φ] +
-    /// c[φ]²)·φ̇.
-    fn rate(&self, derivative: Point) -> Point {
-        self.series(derivative, [-self.travel[0], self.travel[1]])
-    }
-
-    fn series(&self, v: Point, [first, second]: [f64; 2]) -> Point {
-        let once = cross(self.vector, v);
-        let twice = cross(self.vector, once);
-        std::array::from_fn(|i| v[i] + first * once[i] + second * twice[i])
-    }
-}
-
-fn product(a: [Point; 3], b: [Point; 3]) -> [Point; 3] {
-    std::array::from_fn(|i| {
-        std::array::from_fn(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j])
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arith::elementary::{LARGEST_ANGLE, sin_cos};
+    use crate::arith::simd::{Level, Portable, dispatch};
 
     const ROWS: [[f64; 4]; 3] = [[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 0.0, 1.0, 7.0]];
 
@@ -501,6 +633,52 @@ mod tests {
         let [x, y, z] = Turn::new([3e200, 0.0, -4e200]).matrix();
         assert_close([dot(x, y), dot(y, z), dot(z, z)], [0.0, 0.0, 1.0]);
         assert_close([x, y, z].map(|row| dot(row, [0.6, 0.0, -0.8])), [0.6, 0.0, -0.8]);
+    }
+
+    fn bits(Motion { pose, velocity: Velocity { linear, angular } }: Motion) -> Vec<u64> {
+        let numbers = [pose.rows().as_flattened(), &linear, &angular].concat();
+        numbers.into_iter().map(f64::to_bits).collect()
+    }
+
+    #[test]
+    fn eight_motions_have_the_bits_of_each() {
+        let start = Path::twist(Pose::from_rows(ROWS), [1.0, 2.0, 3.0], [0.1, 0.2, 0.3]).at(2.0);
+        let mut number = crate::testing::numbers();
+        let mut three = |size: f64| [0; 3].map(|_: u8| size * (number() - 0.5));
+        let mut cubic = |size: f64| Cubic([three(size), three(size), three(size)]);
+        // Steps that do not turn, that turn a little, and by more than 1 rad.
+        let steps: Vec<_> = [0.0, 0.5, 6.0].map(|size| Step { shift: cubic(2.0), turn: cubic(size) }).into();
+        let knots = Path::Knots { times: vec![-1.0, 0.5, 1.0, 2.5], poses: vec![start; 4], steps, end: 2.5 };
+        let speed = [3.0, -0.25, 0.125];
+        let paths = [
+            Path::Still(start),
+            Path::twist(start, speed, [0.0; 3]),
+            Path::twist(start, speed, [0.25, -0.125, 0.5]),
+            Path::twist(start, speed, [3.0, -1.0, 2.0]),
+            Path::twist(start, speed, [3e6, -1e6, 2e6]),
+            knots,
+        ];
+        let mounted = paths.clone().map(|path| Arc::new(path).mounted(&start));
+        let (mut in_lanes, mut one_by_one) = (0, 0);
+        for path in paths.into_iter().chain(mounted) {
+            // Times of one formula; of several: across knots, at them, and across angles of 1 rad.
+            for first in [-1.0, -0.875, 0.25, 0.53125, 1.0, 1.25, 2.0] {
+                for step in [0.0, 1.0 / 64.0, 1.0 / 8.0] {
+                    let times = std::array::from_fn(|k| f64::min(first + step * k as f64, 2.5));
+                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                        let motions = dispatch(level, Motions { path: &path, times: &times });
+                        for (k, time) in times.into_iter().enumerate() {
+                            let same = bits(motions.lane(k)) == bits(path.motion(time));
+                            assert!(same, "{path:?} at {time}, {level:?}");
+                        }
+                    }
+                    let body = if let Path::Mounted { body, .. } = &path { body } else { &path };
+                    let alike = body.motion_in_lanes::<Portable>(times).is_some();
+                    *if alike { &mut in_lanes } else { &mut one_by_one } += 1;
+                }
+            }
+        }
+        assert!(in_lanes > 80 && one_by_one > 80, "{in_lanes}, {one_by_one}");
     }
 
     #[test]

@@ -4,8 +4,8 @@ use std::mem::MaybeUninit;
 
 use super::origins::Origins;
 use super::returns::{Field, Piece, Writer};
-use crate::arith::simd::{Isa, Task};
-use crate::geometry::pose::{Path, Pose};
+use crate::arith::simd::{self, Floats, Isa, Task, lanes};
+use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
 use crate::memory::split_off;
 
@@ -36,17 +36,37 @@ pub struct PointSource<'a> {
 }
 
 impl PointSource<'_> {
-    /// The point and the normal of a return. `pose`: of the sensor, in the world; `seen`: the same, relative
-    /// to the moment.
+    /// Eight returns. `poses`: of the sensor, in the world, at their times.
     #[inline(always)]
-    fn point_and_normal(&self, (pose, seen): (&Pose, &Pose), row: usize, pulse: usize) -> (Point, Point) {
-        let (origin, direction) = (self.origins.of(pulse), self.directions[pulse]);
-        let local = std::array::from_fn(|axis| origin[axis] + direction[axis] * self.range[row]);
-        let normal = self.normals[row].map(f64::from);
+    fn points<I: Isa>(
+        &self,
+        poses: &Pose<[f64; 8]>,
+        rows: &[usize; 8],
+        pulses: &[usize; 8],
+    ) -> [I::F64x8; 3] {
+        let direction = I::columns(pulses.map(|pulse| &self.directions[pulse]));
+        let origin = match &self.origins {
+            Origins::One(origin) => lanes::splat(*origin),
+            Origins::Each(origins) => I::columns(pulses.map(|pulse| &origins[pulse])),
+        };
+        let range = I::F64x8::load(&rows.map(|row| self.range[row]));
+        let local = lanes::add(origin, lanes::scaled(direction, range));
         match &self.coordinates {
-            Coordinates::Sensor => (local, pose.turn_back(normal)),
-            Coordinates::Moment(at) => (seen.place(local), at.turn_back(normal)),
-            Coordinates::World => (pose.place(local), normal),
+            Coordinates::Sensor => local,
+            Coordinates::Moment(at) => poses.load().relative_to(&Pose::splat(at)).place(local),
+            Coordinates::World => poses.load().place(local),
+        }
+    }
+
+    /// The normals of eight returns.
+    #[inline(always)]
+    fn normals<I: Isa>(&self, poses: &Pose<[f64; 8]>, rows: &[usize; 8]) -> [I::F64x8; 3] {
+        let normals = rows.map(|row| self.normals[row].map(f64::from));
+        let normal = I::columns(normals.each_ref());
+        match &self.coordinates {
+            Coordinates::Sensor => poses.load().turn_back(normal),
+            Coordinates::Moment(at) => Pose::splat(at).turn_back(normal),
+            Coordinates::World => normal,
         }
     }
 }
@@ -54,6 +74,7 @@ impl PointSource<'_> {
 /// The fields of points and normals, a coordinate after the other.
 pub struct PointsAndNormals<'a> {
     pub points: &'a mut [MaybeUninit<f64>],
+    /// Empty if they are not wanted.
     pub normals: &'a mut [MaybeUninit<f32>],
     pub source: PointSource<'a>,
     /// Runs the work on a piece.
@@ -62,8 +83,9 @@ pub struct PointsAndNormals<'a> {
 
 impl<'a> Field<'a> for PointsAndNormals<'a> {
     fn split_off(&mut self, count: usize) -> Writer<'a> {
+        let normals = if self.normals.is_empty() { 0 } else { 3 * count };
         let (points, normals) =
-            (split_off(&mut self.points, 3 * count), split_off(&mut self.normals, 3 * count));
+            (split_off(&mut self.points, 3 * count), split_off(&mut self.normals, normals));
         let (source, write) = (self.source, self.write);
         Box::new(move |piece| {
             let (points, normals) = (points.as_chunks_mut().0, normals.as_chunks_mut().0);
@@ -85,26 +107,36 @@ impl Task for WritePoints<'_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let PointSource { path, times, start, coordinates, .. } = self.source;
+        let PointSource { path, times, start, .. } = self.source;
         let (rows, pulses) = self.piece.rows_and_pulses();
-        let mut first = 0;
-        while first < pulses.len() {
-            // Pulses of one time were fired from one pose.
-            let (mut end, time) = (pulses.len(), times[pulses[first]]);
+        let (mut fired, mut motions) = ([f64::NAN; 8], Motion::UNSET);
+        if let Path::Still(pose) = path {
+            motions.pose = Pose::splat(pose);
+        }
+        let mut normals = self.normals.chunks_mut(8);
+        for (first, points) in (0..rows.len()).step_by(8).zip(self.points.chunks_mut(8)) {
+            // Past the last return it is repeated.
+            let last = rows.len() - 1;
+            let eight = std::array::from_fn(|k| rows[last.min(first + k)]);
+            let of_pulses = std::array::from_fn(|k| pulses[last.min(first + k)]);
             if !matches!(path, Path::Still(_)) {
-                end = first + pulses[first..].iter().take_while(|&&pulse| times[pulse] == time).count();
+                let then = of_pulses.map(|pulse| start + times[pulse]);
+                // Pulses of one time were fired from one pose.
+                if then != fired {
+                    (fired, motions) = (then, path.motions::<I>(&then));
+                }
             }
-            let pose = path.at(start + time);
-            let seen = if let Coordinates::Moment(at) = &coordinates { pose.relative_to(at) } else { pose };
-            let places = self.points[first..end].iter_mut().zip(&mut self.normals[first..end]);
-            for ((&row, &pulse), (point_place, normal_place)) in
-                rows[first..end].iter().zip(&pulses[first..end]).zip(places)
-            {
-                let (point, normal) = self.source.point_and_normal((&pose, &seen), row, pulse);
-                *point_place = point.map(MaybeUninit::new);
-                *normal_place = normal.map(|x| MaybeUninit::new(x as f32));
+            let mut numbers = [0.0; 24];
+            simd::store_points::<I>(self.source.points::<I>(&motions.pose, &eight, &of_pulses), &mut numbers);
+            for (place, point) in points.iter_mut().zip(numbers.as_chunks().0) {
+                *place = point.map(MaybeUninit::new);
             }
-            first = end;
+            if let Some(normals) = normals.next() {
+                simd::store_points::<I>(self.source.normals::<I>(&motions.pose, &eight), &mut numbers);
+                for (place, normal) in normals.iter_mut().zip(numbers.as_chunks().0) {
+                    *place = normal.map(|x: f64| MaybeUninit::new(x as f32));
+                }
+            }
         }
     }
 }

@@ -37,8 +37,8 @@ impl<C: Caster> Scan<'_, C> {
             direction = incoming;
             way = scratch.ways.way(mirror).copied();
         }
-        if let Some(&origin) = scratch.velocities.index.get(pulse) {
-            rate -= dot(scratch.velocities.origins[origin as usize], direction);
+        if let Some(&origin) = scratch.velocities.origins.get(pulse) {
+            rate -= dot(origin, direction);
         }
         [rate, dot(direction, direction)]
     }
@@ -47,8 +47,8 @@ impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
     fn velocity(&self, pulse: usize, ray: usize, scratch: &mut Scratch) -> Point {
         let velocity = self.velocity_of_surface(ray, scratch);
-        match scratch.velocities.index.get(pulse) {
-            Some(&origin) => sub(velocity, scratch.velocities.origins[origin as usize]),
+        match scratch.velocities.origins.get(pulse) {
+            Some(&origin) => sub(velocity, origin),
             None => velocity,
         }
     }

@@ -72,10 +72,8 @@ pub(super) struct RowScratch {
 /// Velocities in the world.
 #[derive(Default)]
 pub(super) struct Velocities {
-    /// Of the origins of pulses, without repetition of neighbours. Empty if the sensor does not move.
+    /// Per pulse: that of its origin. Empty if the sensor does not move.
     pub(super) origins: Vec<Point>,
-    /// Per pulse: the index of its origin's velocity.
-    pub(super) index: Vec<u32>,
     /// The motion of the moving object that was hit last, and when: neighbours often hit it at one time.
     pub(super) object: Option<((i32, f64), Motion)>,
 }

@@ -280,17 +280,37 @@ pub mod lanes {
     }
 
     #[inline(always)]
-    pub fn sub<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> [F; 3] {
-        [a[0].sub(b[0]), a[1].sub(b[1]), a[2].sub(b[2])]
-    }
-
-    #[inline(always)]
     pub fn dot<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> F {
         a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2]))
     }
 
     #[inline(always)]
-    pub fn cross<F: Floats<f64, 8>>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+    pub fn store<F: Floats<f64, 8>>(v: [F; 3]) -> [[f64; 8]; 3] {
+        [v[0].store(), v[1].store(), v[2].store()]
+    }
+
+    #[inline(always)]
+    pub fn add<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+        [a[0].add(b[0]), a[1].add(b[1]), a[2].add(b[2])]
+    }
+
+    #[inline(always)]
+    pub fn sub<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+        [a[0].sub(b[0]), a[1].sub(b[1]), a[2].sub(b[2])]
+    }
+
+    #[inline(always)]
+    pub fn scaled<F: Floats<f64, N>, const N: usize>(v: [F; 3], by: F) -> [F; 3] {
+        [v[0].mul(by), v[1].mul(by), v[2].mul(by)]
+    }
+
+    #[inline(always)]
+    pub fn divided<F: Floats<f64, N>, const N: usize>(v: [F; 3], by: F) -> [F; 3] {
+        [v[0].div(by), v[1].div(by), v[2].div(by)]
+    }
+
+    #[inline(always)]
+    pub fn cross<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> [F; 3] {
         [
             a[1].mul(b[2]).sub(a[2].mul(b[1])),
             a[2].mul(b[0]).sub(a[0].mul(b[2])),

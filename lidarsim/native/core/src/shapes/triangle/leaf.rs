@@ -437,15 +437,15 @@ impl<I: Isa> Edges<I> {
     /// N = (b − a) × (c − a), by axis.
     #[inline(always)]
     pub fn plane_normals(&self) -> [[f64; LEAF_SIZE]; 3] {
-        stored::<I>(lanes::fused_cross(self.sides[1], self.sides[2]))
+        lanes::store(lanes::fused_cross(self.sides[1], self.sides[2]))
     }
 
     #[inline(always)]
     pub fn stored(&self) -> StoredEdges {
         let ([u, v, w], [bc, ca, ab]) = (self.normals, self.sides);
         StoredEdges {
-            normals: [stored::<I>(u), stored::<I>(v), stored::<I>(w)],
-            sides: [stored::<I>(bc), stored::<I>(ca), stored::<I>(ab)],
+            normals: [lanes::store(u), lanes::store(v), lanes::store(w)],
+            sides: [lanes::store(bc), lanes::store(ca), lanes::store(ab)],
             plane_normals: self.plane_normals(),
             bound: self.bound,
         }
@@ -455,11 +455,6 @@ impl<I: Isa> Edges<I> {
 #[inline(always)]
 fn fractions<I: Isa>(grid: &[u64; LEAF_SIZE]) -> [F64x8<I>; 3] {
     [I::fraction::<0>(grid), I::fraction::<GRID>(grid), I::fraction::<{ 2 * GRID }>(grid)]
-}
-
-#[inline(always)]
-fn stored<I: Isa>([x, y, z]: [F64x8<I>; 3]) -> [[f64; LEAF_SIZE]; 3] {
-    [x.store(), y.store(), z.store()]
 }
 
 /// U, V and W, and their sum.
