@@ -253,14 +253,14 @@ impl Leaf {
     /// The candidates, triangles that a ray may hit, and the certain hits among them, one bit each, by the
     /// three volumes U = d·(c × b), V = d·(a × c), W = d·(b × a). Two different signs are a miss,
     /// three equal signs a hit. U + V + W is stored in `sums`. `APART` says that the ray may start apart
-    /// from the reference, by o: with a, b, c relative to the reference, U is d·(c × b) + (b − c)·(o ×
-    /// d) then, as (c − o) × (b − o) = c × b + o × (c − b).
+    /// from the reference, by o: with a, b, c relative to the reference, U is then
+    /// d·(c × b) + (b − c)·(o × d), as (c − o) × (b − o) = c × b + o × (c − b).
     ///
     /// With m ≥ all coordinates of a, b, c plus those of o, and ε the error of the grid and of the start:
-    /// a coordinate is off by at most δ = 3u·m + ε, a minor p·q − r·s of two of them by 4mδ + 2δ²
-    /// + 4u·m², and the sum of its three products with d by that and 6u·m² per unit of |d|₁. While δ
-    /// ≤ m, which m ≥ ε implies, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the
-    /// direction adds 6m²·ε_d.
+    /// a coordinate is off by at most δ = 3u·m + ε, a minor p·q − r·s of two of them by
+    /// 4mδ + 2δ² + 4u·m², and the sum of its three products with d by that and 6u·m² per unit of
+    /// |d|₁. While δ ≤ m, which m ≥ ε implies, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of
+    /// the direction adds 6m²·ε_d.
     ///
     /// With o, a side b − c times o's largest coordinate is at most m²/2, as m is at least twice the
     /// scale of the grid plus ε and what o reaches; so the side times the moment o × d is at most
