@@ -166,7 +166,8 @@ impl RaySort {
         starts.extend(origins.iter().step_by(bundle));
         self.has_one_origin = are_equal(&starts);
         let (low, high) = self.find_places::<I>(&axes);
-        self.direction_keys(low, high, if self.is_together::<I>(&starts) { WIDTH } else { 1.0 });
+        let together = !self.has_times && self.has_one_origin;
+        self.direction_keys(low, high, if together { WIDTH } else { 1.0 });
         let within = self.add_cells::<I>(&starts);
         (self.axes, self.starts) = (axes, starts);
         self.items.clear();
