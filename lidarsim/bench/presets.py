@@ -25,7 +25,7 @@ SENSORS = (
     "hokuyo-utm30lx",
     "sick-lms111",
 )
-"""Sensors whose rays start at a point each, a point a column or one point, on rings, rosettes and in a plane."""
+"""Sensors with one origin a pulse, a column or a frame; with rings, rosettes or a plane of rays."""
 
 
 def rays(sensor: str, world: World) -> Rays:

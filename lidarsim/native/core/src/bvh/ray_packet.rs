@@ -599,7 +599,7 @@ mod tests {
                     kind[lane - 1]
                 };
                 let mut four = [1.0, 2.0, 3.0, 0.5];
-                four[kind[lane] % 4] += kind[lane] as f64 + 1e-9 * kind[lane] as f64;
+                four[kind[lane] % 4] += 1.1 * kind[lane] as f64;
                 rays.set(lane, [four[0], four[1], four[2]], [0; 3].map(|_: u8| next() - 0.5));
                 rays.origin_error[lane] = four[3];
             }

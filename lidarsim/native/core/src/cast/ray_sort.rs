@@ -11,7 +11,7 @@ use crate::geometry::vector::Point;
 use crate::memory;
 use crate::scene::Rays;
 
-/// Rays that are sorted together if later ones take over their order: they and their hits stay in the
+/// Rays that are sorted together if later ones reuse their order: they and their hits stay in the
 /// first-level cache.
 pub const NEAR: usize = 1024;
 
@@ -511,8 +511,8 @@ fn are_scattered(directions: &[Point]) -> bool {
     n > 1 && (0..SAMPLES).filter(|&k| diverges(sample(k, n - 1))).count() > SAMPLES / 2
 }
 
-/// The number of rays to sort together: as few as suffice where later rays are earlier ones, rotated, and
-/// take over their order; else many, which gives narrower packets, as with rosettes.
+/// The number of rays that are sorted together. Later rays of a spinning sensor are earlier ones, rotated,
+/// and reuse their order, so few suffice. Other patterns, such as rosettes, get narrower packets from many.
 pub fn group_size(directions: &[Point], bundle: usize) -> usize {
     // A bundle is sorted as one, so that many rays cost little.
     if bundle > 1 {
@@ -651,6 +651,17 @@ mod tests {
         d.map(|x| x < 0.0)
     }
 
+    /// The number of octants that the rays of a group are in, each of which comes once.
+    fn octants_in_turn(group: &[u32], directions: &[Point]) -> usize {
+        let mut octants: Vec<_> = group.iter().map(|&i| octant(directions[i as usize])).collect();
+        octants.dedup();
+        let runs = octants.len();
+        octants.sort_unstable();
+        octants.dedup();
+        assert_eq!(octants.len(), runs, "an octant comes twice");
+        runs
+    }
+
     #[test]
     fn gives_each_ray_once_and_octants_together() {
         for n in [0, 1, 2, 15, 16, 17, 1023, 1024, 1025, 65_535, 65_536, 65_537, 70_000] {
@@ -664,12 +675,7 @@ mod tests {
                     all.sort_unstable();
                     let end = n.min(start + most);
                     assert!(all.into_iter().eq(start as u32..end as u32));
-                    let mut octants: Vec<_> = group.iter().map(|&i| octant(directions[i as usize])).collect();
-                    octants.dedup();
-                    let runs = octants.len();
-                    octants.sort_unstable();
-                    octants.dedup();
-                    assert_eq!(octants.len(), runs, "an octant comes twice");
+                    let runs = octants_in_turn(&group, &directions);
                     assert!(runs > 1 || end - start < 100);
                     start = end;
                 }
@@ -699,12 +705,7 @@ mod tests {
                 let groups = dispatch(Level::best(), All(rays, 100.0));
                 assert_eq!(groups.len(), n.div_ceil(MOST / 7));
                 for group in &groups {
-                    let mut octants: Vec<_> = group.iter().map(|&i| octant(directions[i as usize])).collect();
-                    octants.dedup();
-                    let runs = octants.len();
-                    octants.sort_unstable();
-                    octants.dedup();
-                    assert_eq!(octants.len(), runs, "an octant comes twice");
+                    octants_in_turn(group, &directions);
                 }
                 let order = groups.concat();
                 let mut all = order.clone();

@@ -68,8 +68,8 @@ impl<F: Copy> Turn<F> {
         }
     }
 
-    /// By an angle up to 1, at which the quotients would cancel: 1/1! − θ²/3! + …, 1/2! − θ²/4! + …,
-    /// 1/3! − θ²/5! + …
+    /// By an angle up to 1, at which the quotients would cancel: 1/1! − θ²/3! + …, 1/2! − θ²/4! +
+    /// …, 1/3! − θ²/5! + …
     #[inline(always)]
     fn small<const N: usize>(vector: [F; 3], square: F) -> Self
     where

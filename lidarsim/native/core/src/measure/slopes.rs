@@ -87,10 +87,10 @@ impl Gaussians {
     /// of the sum in float64.
     ///
     /// The ways are those of the sum, rounded by u, and what they add is off by (859 + n)·u of `size`, see
-    /// `gaussian`: its weight and the products round by 4u, and the sum of n by n·u. In place of 2⁻⁵³ of its
-    /// own size, which the sum in float64 may be off, there is room in 1024. Where a Gaussian is dark in the
-    /// sum, it is below 8.5·e^(−8.5²/2) < 2⁻⁴⁹ of its weight here, as it is where its way is cut off; and
-    /// numbers that underflow are less than that. NaN is not certain.
+    /// `gaussian`: its weight and the products round by 4u, and the sum of n by n·u. In place of 2⁻⁵³
+    /// of its own size, which the sum in float64 may be off, there is room in 1024. Where a Gaussian is dark
+    /// in the sum, it is below 8.5·e^(−8.5²/2) < 2⁻⁴⁹ of its weight here, as it is where its way
+    /// is cut off; and numbers that underflow are less than that. NaN is not certain.
     #[inline(always)]
     fn estimate<I: Isa>(&self, places: &[f64; 16], most: f64) -> ([f32; 16], u32) {
         let [low, high] = [lanes::load::<I::F64x8, 8>(places, 0), lanes::load::<I::F64x8, 8>(places, 1)];
@@ -118,7 +118,8 @@ const DARK: f32 = 1.0 / (1_u64 << 48) as f32;
 
 /// e^(−x²/2) for |x| ≤ 8.5, to within 855u: p²⁵⁶ with p = e^z and z = −x²/512.
 ///
-/// If x is off by u, z is by 3u of itself, and 256·z by 109u. The series up to z⁵ is off by z⁶/720, less than
+/// If x is off by u, z is by 3u of itself, and 256·z by 109u. The series up to z⁵ is off by z⁶/720,
+/// less than
 /// 0.2u; it rounds by less than 1.4u, and p is 0.868 at least: 1.9u, which are 487u of p²⁵⁶. The squares
 /// round by u each, 255u in all as the later ones double what the earlier ones are off. That is 851u, and
 /// what is of second order is less than u.

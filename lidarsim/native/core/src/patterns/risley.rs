@@ -16,12 +16,12 @@ pub struct Prism {
 /// Beams through a sequence of prisms.
 ///
 /// A beam is a vector p along it whose length is the refractive index. By Snell's law a face with the unit
-/// normal N leaves alone what is perpendicular to N, so that p·N becomes √((p·N)² + m² − n²) with the indices
-/// n before and m behind it.
+/// normal N leaves alone what is perpendicular to N, so that p·N becomes √((p·N)² + m² − n²) with
+/// the indices n before and m behind it.
 ///
-/// |p|² − m² stays what it was, but for roundings: normals are off by up to 20u in |N|², and the products and
-/// sums, each below 2m, come to less than 44m²u. With m ≤ 10 the length is therefore within 2⁻²⁷ of 1 behind
-/// 10,000 prisms, as `unit` needs.
+/// |p|² − m² stays what it was, but for roundings: normals are off by up to 20u in |N|², and the
+/// products and sums, each below 2m, come to less than 44m²u. With m ≤ 10 the length is therefore within
+/// 2⁻²⁷ of 1 behind 10,000 prisms, as `unit` needs.
 pub struct Risley {
     /// Behind the faces before the first that is tilted, which refract a beam the same way at all times.
     beams: Vec<Point>,

@@ -42,10 +42,10 @@ const UNIT: f64 = 1.0 / (1_u128 << 64) as f64;
 
 /// Sine and cosine of a rotation at each tick, to within 9.1u.
 ///
-/// exp(i(α + λ)) = exp(iα) exp(iλ), with α the phase at the first tick of a block of the frame and λ what the
-/// ticks since then add. The sines and cosines of α and λ are off by 2.5u each. Their sums of two products
-/// are therefore off by 2.5u (|sin α| + |cos α| + |sin λ| + |cos λ|) ≤ 7.1u; the products round by u in all,
-/// and the sum by u.
+/// exp(i(α + λ)) = exp(iα) exp(iλ), with α the phase at the first tick of a block of the frame and λ
+/// what the ticks since then add. The sines and cosines of α and λ are off by 2.5u each. Their sums of two
+/// products are therefore off by 2.5u (|sin α| + |cos α| + |sin λ| + |cos λ|) ≤ 7.1u; the products
+/// round by u in all, and the sum by u.
 pub struct Rotor {
     rotation: Rotation,
     /// Sines and cosines of each λ.

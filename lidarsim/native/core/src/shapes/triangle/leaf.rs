@@ -259,8 +259,8 @@ impl Leaf {
     /// With m ≥ all coordinates of a, b, c plus those of o, and ε the error of the grid and of the start:
     /// a coordinate is off by at most δ = 3u·m + ε, a minor p·q − r·s of two of them by
     /// 4mδ + 2δ² + 4u·m², and the sum of its three products with d by that and 6u·m² per unit of
-    /// |d|₁. While δ ≤ m, which m ≥ ε implies, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of
-    /// the direction adds 6m²·ε_d.
+    /// |d|₁. While δ ≤ m, which m ≥ ε implies, this is less than |d|₁·m·(28u·m + 6ε). An error
+    /// ε_d of the direction adds 6m²·ε_d.
     ///
     /// With o, a side b − c times o's largest coordinate is at most m²/2, as m is at least twice the
     /// scale of the grid plus ε and what o reaches; so the side times the moment o × d is at most
@@ -398,11 +398,12 @@ impl Planes {
     ///
     /// |N·d| is indeed at least twice its errors. The sides as seen are at most s, and 2s ≤ m, as m is the
     /// `reach` here. As the hit is certain, each volume exceeds its bound, and the sum of the three exceeds
-    /// |d|₁·m·(192u·m + 36ε) + 36m²·ε_d; it is at most 2s²·|d|₁, up to rounding, so ε < s/36 and
-    /// u·m² < s²/57. It also exceeds 512u·m²·|d|₁, which is tested here. So it exceeds a tenth of this and
-    /// nine tenths of that: |d|₁·m·(224u·m + 32ε) + 32m²·ε_d. The true N·d differs from it by 78u·m²·|d|₁; by
-    /// ε_d·|N|₁, less than 2m²·ε_d; and as a side is off by 2δ, N by 8δ·s + 8δ² per coordinate, by less than
-    /// 8.5δ·s·|d|₁. Twice all that is less than |d|₁·m·(190u·m + 9ε) + 4m²·ε_d.
+    /// |d|₁·m·(192u·m + 36ε) + 36m²·ε_d; it is at most 2s²·|d|₁, up to rounding, so ε < s/36
+    /// and u·m² < s²/57. It also exceeds 512u·m²·|d|₁, which is tested here. So it exceeds a tenth
+    /// of this and nine tenths of that: |d|₁·m·(224u·m + 32ε) + 32m²·ε_d. The true N·d differs
+    /// from it by 78u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as a side is off by 2δ, N by
+    /// 8δ·s + 8δ² per coordinate, by less than 8.5δ·s·|d|₁. Twice all that is less than
+    /// |d|₁·m·(190u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
     fn intersect<F: Floats<f64, N>, const N: usize>(
         &self,
