@@ -136,13 +136,16 @@ impl RaySort {
         }
         self.last.start = None;
         let (low, high) = self.find_places::<I>(&directions[group.clone()]);
+        if self.group == NEAR && self.are_a_fan(low, high) {
+            self.order.clear();
+            self.order.extend(group.start as u32..group.end as u32);
+            return true;
+        }
         let width = if together { WIDTH } else { 1.0 };
         self.direction_keys(low, high, width);
         if self.group != NEAR {
             self.add_cells::<I>(&origins[group.clone()]);
-            self.near.clear();
-            self.near.resize(self.keys.len(), 0);
-            self.radix_sort::<RUN>(group.start);
+            self.radix_sort::<1>(group.start);
         } else if together {
             self.find_near::<RUN>(low, high, width, 2.0);
             self.radix_sort::<RUN>(group.start);
@@ -328,6 +331,21 @@ impl RaySort {
         }
     }
 
+    /// Whether the rays, one after the other, cross each octant once, as in a fan: neighbours then make the
+    /// narrowest packets.
+    #[inline(always)]
+    fn are_a_fan(&self, low: [u32; 2], high: [u32; 2]) -> bool {
+        // The path on the faces is continuous across octants.
+        let (mut path, mut octants, mut changes) = (0, 1 << self.octants[0], 0);
+        for (places, pair) in self.places.windows(2).zip(self.octants.windows(2)) {
+            path += (places[0] & 0xffff).abs_diff(places[1] & 0xffff);
+            path += (places[0] >> 16).abs_diff(places[1] >> 16);
+            changes += u32::from(pair[0] != pair[1]);
+            octants |= 1_u32 << pair[1];
+        }
+        octants.count_ones() == changes + 1 && path <= (changes + 1) * (high[0] - low[0] + high[1] - low[1])
+    }
+
     /// Finds rays that are near their predecessors. Runs of them are sorted as one and gathered into the same
     /// packet.
     #[inline(always)]
@@ -362,6 +380,9 @@ impl RaySort {
     fn add_cells<I: Isa>(&mut self, origins: &[Point]) -> u32 {
         const FINE: u32 = 2 * DIRECTION;
         const CELLS: u32 = 1 << ORIGIN;
+        if self.has_one_origin {
+            return FINE;
+        }
         let (low, size) = extent::<I>(origins);
         if !(size > self.size / CLOSE) {
             return FINE;
@@ -396,8 +417,9 @@ impl RaySort {
         self.items.clear();
         for (run, keys) in self.keys.chunks(LENGTH).enumerate() {
             let start = LENGTH * run;
-            let whole = keys.len() == LENGTH
-                && self.near[start + 1..start + LENGTH].iter().fold(1, |all, near| all & near) == 1;
+            let whole = LENGTH == 1
+                || keys.len() == LENGTH
+                    && self.near[start + 1..start + LENGTH].iter().fold(1, |all, near| all & near) == 1;
             for (i, key) in keys[..if whole { 1 } else { keys.len() }].iter().enumerate() {
                 self.items.push(key << 16 | ((start + i) as u32) << 1 | u32::from(whole));
             }
@@ -778,6 +800,25 @@ mod tests {
             assert_eq!(group_size(&sweep(n), 1), NEAR, "{n}");
             assert_eq!(group_size(&scattered(n), 1), if n < 2 { NEAR } else { MOST }, "{n}");
         }
+    }
+
+    /// A plane of rays through four quadrants, level and tilted, and two rings at once.
+    #[test]
+    fn fans_keep_their_order_and_rings_are_sorted() {
+        let ring = |n: usize, slope: f64, lift: f64| {
+            let azimuth = move |i: usize| 4.7 * i as f64 / n as f64 - 2.3;
+            (0..n).map(move |i| [azimuth(i).cos(), azimuth(i).sin(), slope * azimuth(i).cos() + lift])
+        };
+        for n in [1, 20, 541, NEAR] {
+            for (slope, lift) in [(0.0, 0.0), (0.3, 0.0), (0.0, 0.2)] {
+                let fan: Vec<Point> = ring(n, slope, lift).collect();
+                assert_eq!(groups(&vec![[0.0; 3]; n], &fan, 1.0), [(0..n as u32).collect::<Vec<_>>()]);
+            }
+        }
+        let rings: Vec<Point> =
+            ring(270, 0.0, 0.2).zip(ring(270, 0.0, 0.4)).flat_map(<[_; 2]>::from).collect();
+        let order = groups(&[[0.0; 3]; 540], &rings, 1.0).concat();
+        assert!(octants_in_turn(&order, &rings) == 4 && !order.is_sorted());
     }
 
     /// The mean diagonal of the boxes around the directions of packets.
