@@ -49,6 +49,11 @@ LOCAL = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
     # The profiler samples a hundred times per second, which takes a fortieth of a worker's time.
     "distributed.worker.profile.enabled": False,
+    # By default the loops of scheduler, nannies and workers wake fifty times per second to time themselves, and read
+    # memory and counters of the system ten times and twice: with two workers, a twelfth of a core.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.worker.memory.monitor-interval": "500ms",
+    "distributed.admin.system-monitor.interval": "2s",
 }
 """Dask's settings for workers on this machine."""
 
