@@ -77,7 +77,11 @@ MUTANTS = [
     ),
     Mutant("leaf: moments of many rays", "(least, most) = (least.add(less), most.add(more))", "let _ = (less, more)"),
     Mutant("leaf: spread", "(farthest + 2.0 * scale + spread + error)", "(farthest + 2.0 * scale + error)"),
-    Mutant("leaf: starts of eight rays", "distance.add(lanes::fused_dot(normal, rays.start))", "distance"),
+    Mutant(
+        "leaf: starts of eight rays",
+        "distance.add(lanes::fused_dot(normal, rays.start))",
+        "distance.add(F64x8::<I>::splat(0.0).mul(lanes::fused_dot(normal, rays.start)))",
+    ),
     Mutant("leaf: start of a ray", "lanes::fused_dot::<f64, 1>(row(plane_normals, i), ray.start)", "0.0"),
     Mutant(
         "rays: errors of others than the first",
