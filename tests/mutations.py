@@ -611,6 +611,12 @@ MUTANTS = [
         ("tests/test_atmosphere.py", "-k", "peak_of_the_response"),
     ),
     Mutant(
+        "fog: steps of the integral",
+        "const STEPS: u32 = 256;",
+        "const STEPS: u32 = 128;",
+        ("tests/test_atmosphere.py", "-k", "peak_of_the_response"),
+    ),
+    Mutant(
         "fog: hidden up to 2σ",
         "(strength * peak, range + 2.0 * response.sigma)",
         "(strength * peak, range + response.sigma)",
@@ -621,6 +627,12 @@ MUTANTS = [
         "self.sight.least_diameter(range) + exponential(DRAWS * k + 1)",
         "exponential(DRAWS * k + 1)",
         ("tests/test_atmosphere.py", "-k", "poisson"),
+    ),
+    Mutant(
+        "particles: cells of the integral",
+        "const CELLS: u32 = 1 << 10;",
+        "const CELLS: u32 = 1 << 8;",
+        ("tests/test_atmosphere.py", "-k", "integral"),
     ),
     Mutant(
         "particles: as they may fluctuate",

@@ -66,8 +66,8 @@ the pulses of a frame, to cast its rays, and to scan a new frame, which makes th
 measures."""
 
 PRESETS = """\
-Each sensor casts the rays of one frame, which start where its beams do, with all threads. The table gives the times of a
-ray, and the ratio to Open3D."""
+The rays of one frame of each sensor, which start where its beams do, cast with all threads. The table gives the times
+of a ray, and the ratio to Open3D."""
 
 SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
