@@ -77,7 +77,11 @@ MUTANTS = [
     ),
     Mutant("leaf: moments of many rays", "(least, most) = (least.add(less), most.add(more))", "let _ = (less, more)"),
     Mutant("leaf: spread", "(farthest + 2.0 * scale + spread + error)", "(farthest + 2.0 * scale + error)"),
-    Mutant("leaf: starts of eight rays", "distance.add(lanes::fused_dot(normal, rays.start))", "distance"),
+    Mutant(
+        "leaf: starts of eight rays",
+        "distance.add(lanes::fused_dot(normal, rays.start))",
+        "distance.add(F64x8::<I>::splat(0.0).mul(lanes::fused_dot(normal, rays.start)))",
+    ),
     Mutant("leaf: start of a ray", "lanes::fused_dot::<f64, 1>(row(plane_normals, i), ray.start)", "0.0"),
     Mutant(
         "rays: errors of others than the first",
@@ -608,6 +612,12 @@ MUTANTS = [
         ("tests/test_atmosphere.py", "-k", "peak_of_the_response"),
     ),
     Mutant(
+        "fog: steps of the integral",
+        "const STEPS: u32 = 256;",
+        "const STEPS: u32 = 128;",
+        ("tests/test_atmosphere.py", "-k", "peak_of_the_response"),
+    ),
+    Mutant(
         "fog: hidden up to 2σ",
         "(strength * peak, range + 2.0 * response.sigma)",
         "(strength * peak, range + response.sigma)",
@@ -618,6 +628,12 @@ MUTANTS = [
         "self.sight.least_diameter(range) + exponential(DRAWS * k + 1)",
         "exponential(DRAWS * k + 1)",
         ("tests/test_atmosphere.py", "-k", "poisson"),
+    ),
+    Mutant(
+        "particles: cells of the integral",
+        "const CELLS: u32 = 1 << 10;",
+        "const CELLS: u32 = 1 << 8;",
+        ("tests/test_atmosphere.py", "-k", "integral"),
     ),
     Mutant(
         "particles: as they may fluctuate",

@@ -229,7 +229,9 @@ def _parts(world: World) -> tuple[list[Integers], Floats, Floats]:
 
 def _groups(centers: Floats) -> list[Integers]:
     """Return groups of indices of neighbouring triangles, by the Morton order of their centres."""
-    cells = (1023 * (centers - centers.min(axis=0)) / np.maximum(np.ptp(centers, axis=0), 1e-300)).astype(np.int64)
+    cells = (1023 * (centers - centers.min(axis=0)) / np.maximum(np.ptp(centers, axis=0), np.finfo(float).tiny)).astype(
+        np.int64
+    )
     code = sum((cells[:, axis] >> bit & 1) << (3 * bit + axis) for bit in range(10) for axis in range(3))
     return np.array_split(np.argsort(code, kind="stable"), math.ceil(len(centers) / GROUP))
 
@@ -248,10 +250,14 @@ def _box(spec: Spec) -> tuple[Floats, Floats]:
 
 
 def _may_meet(low: Floats, high: Floats, origin: Floats, direction: Floats) -> npt.NDArray[np.bool_]:
-    """Return which boxes the ray may meet, widened by 1e-9 of the coordinates, which float64 keeps to 1.2e-16."""
-    slack = 1e-9 * (1 + np.abs(origin).max())
+    """Return which boxes the ray may meet.
+
+    With the unit roundoff u = 2⁻⁵³, the way to a side takes two roundings and a quotient, so it is off by less than
+    3u·(1 + 3u) of the sum of both coordinates. Sides are moved outward by more than that, 4u of it.
+    """
     with np.errstate(all="ignore"):
-        t = np.stack([low - slack - origin, high + slack - origin]) / direction
+        below, above = (4 * 2.0**-53 * (np.abs(side) + np.abs(origin)) for side in (low, high))
+        t = np.stack([low - below - origin, high + above - origin]) / direction
         near, far = np.fmin(t[0], t[1]), np.fmax(t[0], t[1])
     entry, leave = np.fmax.reduce(near, axis=1), np.fmin.reduce(far, axis=1)
     met: npt.NDArray[np.bool_] = (entry <= leave) & (leave >= 0)

@@ -1,4 +1,4 @@
-"""Rays that lie in the plane of a surface: a lidar that looks along a flat floor at its very height."""
+"""Rays that lie in the plane of a surface, as those of a lidar that looks along a flat floor from its very height."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def over(times: dict[str, float]) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        The time of the rays above the plane, and the ratios of those in it and next to it to that.
+        The time of the rays above the plane, s, and the times of those in it and next to it divided by that.
     """
     names = dict.fromkeys(name.split("; ")[0] for name in times)
     return [

@@ -1,4 +1,4 @@
-"""What the pulses of a new frame cost: by pattern, and in a scan next to its cast."""
+"""Time to make the pulses of a new frame, by pattern, beside the times of a cast and of a scan."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PRESETS = (
     "riegl-vq780i",
     "riegl-vq880g",
 )
-"""Sensors with a frame that differs from the one before; together they have every such pattern."""
+"""Sensors whose frames differ from one another; together they have every pattern of that kind."""
 
 
 def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) -> dict[str, Callable[[], Any]]:
@@ -35,17 +35,17 @@ def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) ->
     Parameters
     ----------
     scene : Scene
-        What is scanned.
+        The scene to scan.
     place : ndarray of float64, shape (3,)
-        The sensor's.
+        Position of the sensor, m.
     presets : tuple of str
         Names of sensors.
 
     Returns
     -------
     dict of str to callable
-        By the name of the preset and what is called: ``pulses``, ``cast`` or ``scan``. Each call of ``pulses`` and
-        ``scan`` is of a frame of its own; ``cast`` casts the rays of the first.
+        By the name of the preset and the step: ``pulses``, ``cast`` or ``scan``. Each call of ``pulses`` and of
+        ``scan`` takes the next frame; ``cast`` always casts the rays of the first.
     """
     pose = np.eye(4)
     pose[:3, 3] = place
@@ -79,7 +79,7 @@ def over(times: dict[str, float]) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        Sensor, pattern, number of pulses; the times of a pulse, s, and that of a scan over that of a cast.
+        Sensor, pattern, number of pulses; the times of a pulse, s; the time of a scan divided by that of a cast.
     """
     rows = []
     for name in dict.fromkeys(what.rpartition(", ")[0] for what in times):

@@ -52,19 +52,22 @@ to the same scene built anew."""
 
 ROBOTS = """\
 1,000 robots with a lidar of 360 beams each, from new poses at each step, in a scene of 100 shapes and a mesh of 100,352
-triangles. Peers know geoms only; they scan from one place again and again, which saves them the update of the poses."""
+triangles. The other simulators have only the shapes. They scan from the same poses again and again, so they need not
+update them."""
 
 IN_PLANE = """\
-541 horizontal rays all around, over surfaces that lie in the plane z = 0, hits of no ray but for the box and the height
-field. Time at 0.5 m above, and the ratios to it of the same rays at z = 0 exactly, and at z = 1e-300 m."""
+541 horizontal rays all around, in the plane z = 0 in which the surfaces lie. They hit only the box and the height
+field. The table gives the time of the same rays 0.5 m above the plane, and the ratios to it of rays at z = 0 exactly
+and at z = 1e-300 m."""
 
 PATTERNS = """\
-Frames that differ from the one before, in the city, on one thread. The pulses of a frame, a cast of its rays, and the
-scan of a new frame, which makes the pulses, casts their rays and measures. Times of a pulse."""
+Each frame differs from the one before; the scene is the city; one thread. The table gives the times of a pulse: to make
+the pulses of a frame, to cast its rays, and to scan a new frame, which makes the pulses, casts their rays and
+measures."""
 
 PRESETS = """\
-A frame of the rays of sensors, from the points that their beams start at, with as many threads as there are. Times of a
-ray, and the ratio to Open3D."""
+The rays of one frame of each sensor, which start where its beams do, cast with all threads. The table gives the times
+of a ray, and the ratio to Open3D."""
 
 SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
@@ -75,8 +78,8 @@ INSTANCES = """\
 {rays:,} rays: hits on a triangle other than that of the instances, and the greatest difference of the range."""
 
 COINCIDENT = """\
-Scenes in which one surface lies in another, so that each hit is on both, relative to the scenes without the second.
-The hit must be on the first of the two; wrong: rays whose hit differs from that without the second."""
+Scenes in which one surface lies in another, so that each hit is on both. Times are relative to the scenes without the
+second surface. The hit must be on the first; wrong: rays whose hit differs from that without the second."""
 
 MESHES = """\
 Triangle meshes: million rays per second on the same rays, in turns; wrong hits (lost + invented + on another triangle)

@@ -15,7 +15,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +37,11 @@ if TYPE_CHECKING:
 __all__ = ["RANGES", "Made", "Plan", "cluster", "make"]
 
 TRIES = 3
-WAVE = 1000
-"""Shards submitted to the scheduler at a time."""
+SUBMITTED = 2
+"""Shards submitted for each thread of a worker: one is made, and one waits."""
+
+LOOKAHEAD = 1000
+"""Shards among which the next one of a worker is chosen."""
 
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 """Preload code of workers: Ctrl-C reaches all processes of a terminal, but only the main one must end the others."""
@@ -49,6 +52,11 @@ LOCAL = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
     # The profiler samples a hundred times per second, which takes a fortieth of a worker's time.
     "distributed.worker.profile.enabled": False,
+    # By default the loops of scheduler, nannies and workers wake fifty times per second to time themselves, and read
+    # memory and counters of the system ten times and twice: with two workers, a twelfth of a core.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.worker.memory.monitor-interval": "500ms",
+    "distributed.admin.system-monitor.interval": "2s",
 }
 """Dask's settings for workers on this machine."""
 
@@ -208,18 +216,33 @@ def _there(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[in
 def _submitted(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[int, int], object]) -> Iterator[Made]:
     distributed = import_extra("distributed", "cluster", "a cluster")
     pickled = import_extra("cloudpickle", "cluster", "a cluster").dumps(plan)
-    waiting, tries, shard_of = iter(shards), Counter[int](), {}
+    tries, choice = Counter[int](), Choice(plan.recipe, shards)
+    submitted: dict[Any, tuple[str | None, int]] = {}
+    """The worker that each future was meant for, and its shard."""
     futures = distributed.as_completed()
 
-    def submit(shard: int) -> None:
-        future = client.submit(_task, pickled, shard, pure=False)
-        shard_of[future.key] = shard
+    def submit(worker: str | None) -> bool:
+        shard = choice.next(worker, {shard for _, shard in submitted.values()})
+        if shard is None:
+            return False
+        # Other workers take over the shards of one that is busy or gone.
+        wish = {"workers": worker, "allow_other_workers": True} if worker else {}
+        future = client.submit(_task, pickled, shard, pure=False, **wish)
+        submitted[future.key] = worker, shard
         futures.add(future)
+        return True
 
-    for shard in islice(waiting, WAVE):
-        submit(shard)
+    def fill() -> None:
+        for worker, threads in client.nthreads().items():  # type: ignore[no-untyped-call]
+            for _ in range(SUBMITTED * threads - sum(worker == theirs for theirs, _ in submitted.values())):
+                if not submit(worker):
+                    return
+        if not submitted:  # no worker has come yet
+            submit(None)
+
+    fill()
     for future in futures:
-        shard = shard_of.pop(future.key)
+        _, shard = submitted.pop(future.key)
         if future.status == "error":
             error = future.exception()
             sequence, frames = next(plan.recipe.shard(shard))
@@ -229,14 +252,63 @@ def _submitted(plan: Plan, shards: Iterable[int], client: Client, tell: Callable
         if made.full:
             raise OSError(made.problem)
         tries[shard] += 1
-        if made.problem and tries[shard] < TRIES:
-            submit(shard)
+        again = made.problem and tries[shard] < TRIES
+        if again:
+            choice.add(shard)
+        fill()
+        if again:
             continue
         if not made.problem:
             tell(made.frames, made.points)
         yield made
-        if (following := next(waiting, None)) is not None:
-            submit(following)
+
+
+class Choice:
+    """The order in which workers get shards: each continues its own sequence if it can.
+
+    A worker keeps the run of its last sequence. If shards were made in the order of their numbers, each worker would
+    build the run of every sequence.
+    """
+
+    def __init__(self, recipe: Recipe, shards: Iterable[int]) -> None:
+        self._recipe, self._shards = recipe, iter(shards)
+        self._waiting: dict[int, int] = {}
+        """The first sequence of each of the next shards."""
+        self._last: dict[str | None, int] = {}
+        """The last sequence of the last shard of each worker."""
+
+    def add(self, shard: int) -> None:
+        """Let a shard be chosen again."""
+        self._waiting[shard] = self._sequences(shard)[0]
+
+    def next(self, worker: str | None, others: Iterable[int]) -> int | None:
+        """Return the next shard for a worker; None if all are chosen.
+
+        Parameters
+        ----------
+        worker : str or None
+            Address of the worker, if there is one.
+        others : iterable of int
+            Shards that are being made.
+
+        Returns
+        -------
+        int or None
+            A shard of the worker's sequence, else of a sequence that none of `others` belongs to, else the first.
+        """
+        for shard in islice(self._shards, max(LOOKAHEAD - len(self._waiting), 0)):
+            self.add(shard)
+        if not self._waiting:
+            return None
+        own, taken = self._last.get(worker), {self._sequences(shard)[-1] for shard in others}
+        ranks = ((first != own, first in taken, shard) for shard, first in self._waiting.items())
+        *_, chosen = min(ranks)
+        del self._waiting[chosen]
+        self._last[worker] = self._sequences(chosen)[-1]
+        return chosen
+
+    def _sequences(self, shard: int) -> list[int]:
+        return [sequence for sequence, _ in self._recipe.shard(shard)]
 
 
 def _task(pickled: bytes, shard: int) -> Made:

@@ -191,21 +191,23 @@ class Document:
         """Return the run of a sequence, or its state in one frame."""
         if self.by_frame:
             return self._filled(sequence, frame)
-        if sequence not in self.runs:
-            self.runs.clear()
-            self.runs[sequence] = self._filled(sequence, frame)
-        return self.runs[sequence]
+        run = self.runs.get(sequence)
+        if run is None:
+            run = self._filled(sequence, frame)
+            _replace(self.runs, sequence, run)
+        return run
 
     def _filled(self, sequence: int, frame: int | None) -> Run:
         """Return the run with its drawn values and its scattered objects."""
         run = self._drawn(sequence, frame)
         groups, place = self.settings.scatter, Place(self.root, (), self.loaded) / "scatter"
-        if groups and sequence not in self.placed:
-            self.placed.clear()
+        things = self.placed.get(sequence)
+        if things is None:
             first = self._drawn(sequence, 0) if self.by_frame else run
-            self.placed[sequence] = scatter(groups, place, first, self.settings.seed, sequence)
-        for placed in self.placed.get(sequence, ()):
-            placed.add_to(run.scene, place)
+            things = scatter(groups, place, first, self.settings.seed, sequence) if groups else []
+            _replace(self.placed, sequence, things)
+        for thing in things:
+            thing.add_to(run.scene, place)
         return run
 
     def _drawn(self, sequence: int, frame: int | None) -> Run:
@@ -257,6 +259,12 @@ class Document:
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of each file that the recipe names or a draw may choose, and of the files they name."""
         return hashes([self.root, self.node, whole(self.node)], self.folder)
+
+
+def _replace(cache: dict[int, Any], sequence: int, value: object) -> None:
+    """Keep the value of a sequence alone. Threads share the caches, so none may rely on what it put there."""
+    cache.clear()
+    cache[sequence] = value
 
 
 def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] | None = None) -> Recipe:

@@ -166,7 +166,10 @@ class Folder:
         """Make a temporary folder for the block, with its lock."""
         self.root.mkdir(parents=True, exist_ok=True)
         with _files.temporary_folder(self.root, TEMPORARY) as folder, _locked(folder / LOCK, "xb"):
-            yield folder
+            try:
+                yield folder
+            finally:
+                _empty(folder)
 
     def _path(self, name: str) -> Path:
         """Return the path of a file after checking that its folder is in the data set."""
@@ -231,6 +234,7 @@ class Folder:
                         path.rmdir()
                     elif stat.S_ISREG((path / LOCK).lstat().st_mode):
                         with _locked(path / LOCK, "r+b"):
+                            _empty(path)
                             shutil.rmtree(path, ignore_errors=True)
 
     def __str__(self) -> str:
@@ -276,6 +280,18 @@ class _Batch(Folder):
         path, target = file
         with _files.writing(target):
             _files.sync(path)
+
+
+def _empty(folder: Path) -> None:
+    """Remove everything from a temporary folder but its lock.
+
+    The lock must go last: a folder with files but no lock is not lidarsim's, so a kill in between would leave it for
+    good.
+    """
+    with suppress(OSError):  # another call removes it, too
+        for path in folder.iterdir():
+            if path.name != LOCK:
+                path.unlink()
 
 
 def _is_empty_folder(path: Path) -> bool:

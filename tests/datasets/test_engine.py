@@ -20,6 +20,7 @@ import trimesh
 import lidarsim as ls
 from lidarsim.cli import main
 from lidarsim.datasets import engine, manifest
+from lidarsim.datasets.recipe import load
 from lidarsim.datasets.store import open_store
 from lidarsim.errors import FileFormatError, LidarsimError
 
@@ -283,12 +284,34 @@ def test_more_shards_than_a_scheduler_is_given_at_once(
 ) -> None:
     distributed = pytest.importorskip("distributed")
     ls.generate(recipe, tmp_path / "one", shard_frames=1, pictures=0)
-    monkeypatch.setattr(engine, "WAVE", 3)
+    monkeypatch.setattr(engine, "LOOKAHEAD", 3)
     settings = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with distributed.LocalCluster(**settings) as cluster, distributed.Client(cluster) as client:
         made = ls.generate(recipe, tmp_path / "two", shard_frames=1, pictures=0, client=client)
     assert (made.frames, made.shards_left) == (12, 0)
     assert tree(tmp_path / "two") == tree(tmp_path / "one")
+
+
+def test_workers_continue_their_sequences(recipe: Path) -> None:
+    """Sequences have four frames each."""
+    for shard_frames, order, expected in (
+        (2, "abababab", {"a": [0, 1, 4, 5], "b": [2, 3, 6, 7]}),
+        (2, "abaaaabb", {"a": [0, 1, 4, 5, 6], "b": [2, 3, 7]}),  # b is slow
+        (4, "abab", {"a": [0, 2], "b": [1, 3]}),
+        (3, "abcabc", {"a": [0, 1], "b": [2, 3], "c": [4, 5]}),  # 1 is in the first two sequences, 2 in the next two
+        (16, "ab", {"a": [0], "b": []}),
+    ):
+        made = load(recipe, given={"sequences": 4, "shard_frames": shard_frames})
+        choice = engine.Choice(made, range(made.shards))
+        found: dict[str, list[int]] = {worker: [] for worker in expected}
+        for worker in order:
+            others = [shards[-1] for other, shards in found.items() if other != worker and shards]
+            shard = choice.next(worker, others)
+            found[worker] += [] if shard is None else [shard]
+        assert found == expected, (shard_frames, order)
+        assert choice.next("a", []) is None
+    choice.add(0)
+    assert choice.next(None, []) == 0
 
 
 def test_ctrl_c_ends_the_workers(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:

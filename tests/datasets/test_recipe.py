@@ -229,3 +229,23 @@ def test_materials_may_be_drawn(recipe: Path) -> None:
 def test_a_recipe_has_no_strips_or_stations(recipe: Path) -> None:
     with pytest.raises(ConfigError, match=r"pose: expected one pose or trajectory, got strips or stations$"):
         load(recipe, ["run.pose={stations: [{position_m: [0, 0, 1]}]}"]).source.run(0)
+
+
+def test_threads_share_the_caches_of_a_recipe(recipe: Path) -> None:
+    """Another thread, which makes another sequence, may replace what this one put there at any moment."""
+
+    class Replaced(dict[int, object]):
+        def __setitem__(self, sequence: int, value: object) -> None:
+            super().__setitem__(sequence, value)
+            self.clear()
+
+    text = recipe.read_text().replace(", per: frame", "").replace("label: 40}", "label: 40, name: road}")
+    rocks = (
+        "objects: [{shape: sphere, center_m: [0, 0, 1], radius_m: 1}], on: [road], count: 5, area_m: [[5, -5], [9, 5]]"
+    )
+    recipe.write_text(f"{text}scatter: {{rocks: {{{rocks}}}}}\n")
+    made = load(recipe)
+    replaced = dataclasses.replace(made.source, runs=Replaced(), placed=Replaced())
+    for sequence in (0, 1, 0):
+        runs = made.source.run(sequence), replaced.run(sequence)
+        assert len(runs[0].scene) == len(runs[1].scene) > 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
@@ -164,7 +165,11 @@ def test_one_of_two_is_killed(shared: Path, tmp_path: Path, slow: bool, layout: 
             worker.tell(shared, out, layout=layout, shard_frames=1)
         wait_for(out, moments.randint(0, len(whole) // 2))
         killed.kill()
+        complete = (out / "manifest.jsonl").exists()
         assert other.answer() == ["made", 0]
+        if complete:  # perhaps the other had tidied up before the kill; then the next call does
+            other.tell(shared, out, layout=layout, shard_frames=1)
+            assert other.answer() == ["made", 0]
         other.kill()
         assert files(out) == whole
 
@@ -220,6 +225,38 @@ def test_a_foreign_manifest_that_comes_meanwhile(shared: Path, tmp_path: Path, m
         assert (out / "manifest/start.json").exists()
     assert ls.generate(shared, out, pictures=0).shards_left == 0
     assert ls.datasets.verify(out) == []
+
+
+KILLED = """
+import os, sys
+from lidarsim.datasets.store import open_store
+
+left = int(sys.argv[2])
+
+def mortal(remove):
+    def removing(*arguments, **options):
+        global left
+        if left == 0:
+            os._exit(9)
+        left -= 1
+        remove(*arguments, **options)
+    return removing
+
+os.unlink, os.rmdir = mortal(os.unlink), mortal(os.rmdir)
+open_store(sys.argv[1]).create("a.bin", b"1")
+"""
+
+
+def test_killed_between_any_two_removals(tmp_path: Path) -> None:
+    for removals in itertools.count():
+        out = tmp_path / f"out{removals}"
+        code = subprocess.run([sys.executable, "-c", KILLED, str(out), str(removals)], check=False).returncode
+        open_store(out).tidy()
+        assert files(out) == {"a.bin": b"1"}
+        if code == 0:
+            break
+        assert code == 9
+    assert removals == 3  # the file, the lock and their folder
 
 
 def test_tidying_leaves_writers_at_work_and_what_is_foreign(tmp_path: Path) -> None:

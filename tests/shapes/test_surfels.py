@@ -122,17 +122,22 @@ def test_disks_of_a_plane_leave_no_hole() -> None:
     lines = np.stack(np.meshgrid(np.arange(120) / 20, np.arange(20) * 0.3), axis=-1).reshape(-1, 2)
     turn = Rotation.from_euler("xyz", (0.3, 0.4, 0.5)).as_matrix()
     shift = np.array([4e5, 5e6, 100.0])
+    # Coordinates below 2²³ m are rounded by at most 2⁻³¹ m, which puts a point at most this far off the plane.
+    off = np.sqrt(3.0) * 2.0**-31
     for plane, neighbours in ((grid, 8), (grid, 16), (lines, 32), (rng.uniform(0, 6, (4000, 2)), 16)):
         points = np.column_stack([plane, np.zeros(len(plane))]) @ turn.T + shift
         disks = ls.Disks.from_points(points, neighbours=neighbours)
         assert len(disks) == len(points)
+        tilts = np.linalg.norm(np.cross(disks.normals, turn[:, 2]), axis=1)
+        assert (tilts * disks.radii).max() <= off
         spots = np.column_stack([rng.uniform(0.6, 5.2, (20_000, 2)), np.zeros(20_000)]) @ turn.T + shift
         for slant in ((0.0, 0.0, 1.0), (3.0, -1.0, 0.5)):
             d = np.broadcast_to(np.array(slant) @ turn.T, spots.shape)
             hits = disks.cast(spots - d, d)
             # Of random points, 0.75¹⁶ = 1 % have no neighbour in some quarter, which looks like an edge.
             assert hits.hit.mean() >= (1.0 if plane is grid else 0.999)
-            np.testing.assert_allclose(hits.t[hits.hit], 1.0, rtol=0, atol=1e-6)
+            # The disk's centre, its tilt, the spot and the origin of the ray each have an error of at most `off`.
+            np.testing.assert_allclose(hits.t[hits.hit], 1.0, rtol=0, atol=4 * off / slant[2])
         # and they are not much larger than needed
         area = np.pi * np.square(disks.radii).sum() / 36
         assert area < 8

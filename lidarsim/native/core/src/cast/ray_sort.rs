@@ -874,6 +874,19 @@ mod tests {
         assert!((100..140).contains(&taken_over), "{taken_over}");
     }
 
+    /// Between two groups of one origin there is one whose origins are far apart, as of a sensor that jumps.
+    #[test]
+    fn an_order_is_not_taken_over_across_another_group() {
+        let direction = |i: usize| [1.0, 0.1 + 0.001 * (i % NEAR) as f64, 0.1 + 0.01 * (i % 16) as f64];
+        let directions: Vec<Point> = (0..3 * NEAR).map(direction).collect();
+        let mut origins = vec![[0.0; 3]; 3 * NEAR];
+        origins[NEAR..2 * NEAR].copy_from_slice(&places(NEAR, 100.0));
+        for (k, mut group) in groups(&origins, &directions, 100.0).into_iter().enumerate() {
+            group.sort_unstable();
+            assert!(group.into_iter().eq((NEAR * k) as u32..(NEAR * (k + 1)) as u32), "{k}");
+        }
+    }
+
     /// The orders of consecutive pieces of rays of one origin, each cast at a world.
     struct Pieces<'a, const N: usize>([&'a [Point]; N], [u64; N]);
 
