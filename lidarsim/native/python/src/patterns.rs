@@ -144,7 +144,7 @@ pub fn fire_risley<'py>(
 ) -> PyResult<bool> {
     let (beams, kernels) = (points("beams", &beams)?, kernels(py)?);
     let arrays = Arrays { directions: places(&mut directions)?, ..Arrays::default() };
-    if beams.is_empty() || arrays.directions.len() % beams.len() != 0 {
+    if beams.is_empty() || !arrays.directions.len().is_multiple_of(beams.len()) {
         return Err(unequal());
     }
     let through = detached(py, || {

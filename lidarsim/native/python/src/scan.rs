@@ -135,6 +135,7 @@ impl<T: Element + Copy> Entry for [T; 3] {
     }
 }
 
+/// An array of this shape over values, which it takes.
 fn shaped<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
     let array = ArrayD::from_shape_vec(shape, values);
     let array = array.map_err(|wrong| PyValueError::new_err(wrong.to_string()))?;
