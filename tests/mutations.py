@@ -62,6 +62,11 @@ MUTANTS = [
     Mutant("patterns: anchors of another group", "if anchors.group != group {", "if anchors.group == usize::MAX {"),
     Mutant("patterns: pieces begin within a block", "(first / LANES, first % LANES)", "(first / LANES, 0)"),
     Mutant("patterns: reflection in a column of another piece", "[skipped..skipped + count] {", "[..] {"),
+    Mutant(
+        "patterns: a run that starts in a cycle of its own",
+        "(run.since, run.late) == (run.cycle, self.wait)",
+        "run.since == run.cycle",
+    ),
     Mutant("patterns: light from behind a face", "if before > 0.0 { square }", "if before > -2.0 { square }"),
     Mutant("patterns: total reflection", "(if before > 0.0 { square }", "(if before > 0.0 { square.abs() }"),
     Mutant(

@@ -322,22 +322,29 @@ mod tests {
         });
 
         let beams = [of(0.2, 0.1), of(-0.3, -0.2)];
-        let runs = [(40, 3.0, 7.0, 0.25), (COLUMNS - 40, 50.0, 3.0, 0.5)];
+        // One starts with the frame, one with it but for a part of a cycle, and one at another time.
+        let runs = [(40, 0.0, 0.0, 0.25), (60, 45.0, 45.0, 0.5), (COLUMNS - 100, 110.0, 3.0, 0.5)];
         let runs = runs.map(|(columns, cycle, since, late)| Run { columns, cycle, since, late });
+        // The cycles since the frame and since the run.
+        let cycles_to = |pulse: usize| {
+            let (mut column, mut run) = (pulse / 2, 0);
+            while column >= runs[run].columns {
+                column -= runs[run].columns;
+                run += 1;
+            }
+            let Run { cycle, since, late, .. } = runs[run];
+            [cycle + column as f64 + 0.25, since + column as f64 + late]
+        };
         let channels = Channels::new(&beams, &beams, &[0.0, 1e-6]);
         let cycles = Cycles::new(&channels, &runs, [1e4, 0.25], [3.0, -60.0]);
         check("cycles", Formula::Cycles(&cycles), &|i| {
-            let cycle = i as f64 / 2.0;
-            let run = if cycle < 40.0 { cycle.floor() + 7.25 } else { cycle.floor() - 40.0 + 3.5 };
             let (azimuth, elevation) = [(0.2, 0.1), (-0.3, -0.2)][i % 2];
-            of(azimuth + 3.0 - 60.0 * run / 1e4, elevation)
+            of(azimuth + 3.0 - 60.0 * cycles_to(i)[1] / 1e4, elevation)
         });
         let [directions, origins, times] = fired(Formula::Cycles(&cycles), 0, COLUMNS, Level::best());
         for (pulse, time) in times.iter().enumerate() {
-            let column = (pulse / 2) as f64;
-            let cycle = if column < 40.0 { column + 3.25 } else { column - 40.0 + 50.25 };
             let later = [0.0, 1e-6][pulse % 2];
-            assert!((time - (cycle / 1e4 + later)).abs() <= f64::EPSILON, "{pulse}: {time}");
+            assert!((time - (cycles_to(pulse)[0] / 1e4 + later)).abs() <= f64::EPSILON, "{pulse}: {time}");
         }
         // These origins are unit vectors, turned as the beams are.
         for (direction, origin) in directions.iter().zip(origins) {
