@@ -74,6 +74,12 @@ MUTANTS = [
         "(glass, glass - 1.0), (1.0, 1.0 - glass)",
         "(1.0, 1.0 - glass), (glass, glass - 1.0)",
     ),
+    Mutant(
+        "measure: eight rays that hit one object",
+        "different |= object ^ objects[0]",
+        "different = object ^ objects[0]",
+        ("tests/test_scan.py", "-k", "neighbouring"),
+    ),
     Mutant("leaf: volumes, rounding 64u", "reach * (64.0 * UNIT * reach +", "reach * (32.0 * UNIT * reach +"),
     Mutant("leaf: volumes, vertices 12ε", "* reach + 12.0 * error), 12.0", "* reach + 6.0 * error), 12.0"),
     Mutant("leaf: volumes, direction 12ε", "error), 12.0 * reach * reach]", "error), 6.0 * reach * reach]"),
