@@ -13,6 +13,7 @@ from lidarsim.trajectory import Trajectory
 
 __all__ = [
     "Affine",
+    "Channels",
     "Path",
     "Receiver",
     "Scene",
@@ -24,7 +25,6 @@ __all__ = [
     "are_plain_points",
     "coverage",
     "expect_room",
-    "fire_cycles",
     "fire_mid360",
     "fire_oscillating_mirror",
     "fire_palmer",
@@ -231,17 +231,24 @@ def air_echoes(lidar: object, atmosphere: object) -> tuple[tuple[float, float] |
 class Receiver:
     def __new__(cls, lidar: object) -> Receiver: ...
 
-def fire_cycles(
-    beams: npt.NDArray[np.float64],
-    beam_origins: npt.NDArray[np.float64],
-    firing_times: npt.NDArray[np.float64],
-    runs: Sequence[tuple[int, float, float, float]],
-    clock: Sequence[float],
-    azimuth: Sequence[float],
-    directions: npt.NDArray[np.float64],
-    origins: npt.NDArray[np.float64],
-    times: npt.NDArray[np.float64],
-) -> None: ...
+@final
+class Channels:
+    def __new__(
+        cls,
+        beams: npt.NDArray[np.float64],
+        firing_times: npt.NDArray[np.float64],
+        origins: npt.NDArray[np.float64] | None = None,
+    ) -> Channels: ...
+    def fire(
+        self,
+        runs: Sequence[tuple[int, float, float, float]],
+        clock: Sequence[float],
+        azimuth: Sequence[float],
+        directions: npt.NDArray[np.float64],
+        times: npt.NDArray[np.float64],
+        origins: npt.NDArray[np.float64] | None = None,
+    ) -> None: ...
+
 def fire_mid360(fast: tuple[int, int], tick: int, directions: npt.NDArray[np.float64]) -> None: ...
 def fire_oscillating_mirror(
     field_of_view: float, turn: float, turns: tuple[int, int], directions: npt.NDArray[np.float64]

@@ -62,12 +62,23 @@ MUTANTS = [
     Mutant("patterns: anchors of another group", "if anchors.group != group {", "if anchors.group == usize::MAX {"),
     Mutant("patterns: pieces begin within a block", "(first / LANES, first % LANES)", "(first / LANES, 0)"),
     Mutant("patterns: reflection in a column of another piece", "[skipped..skipped + count] {", "[..] {"),
+    Mutant(
+        "patterns: a run that starts in a cycle of its own",
+        "(run.since, run.late) == (run.cycle, self.wait)",
+        "run.since == run.cycle",
+    ),
     Mutant("patterns: light from behind a face", "if before > 0.0 { square }", "if before > -2.0 { square }"),
     Mutant("patterns: total reflection", "(if before > 0.0 { square }", "(if before > 0.0 { square.abs() }"),
     Mutant(
         "patterns: indices of glass and air",
         "(glass, glass - 1.0), (1.0, 1.0 - glass)",
         "(1.0, 1.0 - glass), (glass, glass - 1.0)",
+    ),
+    Mutant(
+        "measure: eight rays that hit one object",
+        "different |= object ^ objects[0]",
+        "different = object ^ objects[0]",
+        ("tests/test_scan.py", "-k", "neighbouring"),
     ),
     Mutant("leaf: volumes, rounding 64u", "reach * (64.0 * UNIT * reach +", "reach * (32.0 * UNIT * reach +"),
     Mutant("leaf: volumes, vertices 12ε", "* reach + 12.0 * error), 12.0", "* reach + 6.0 * error), 12.0"),

@@ -1219,3 +1219,19 @@ def test_nearly_rigid_poses_are_refused_with_the_repair() -> None:
     pose[:3, :3] = np.diag([1.0, 1.0, -1.0])
     with pytest.raises(ValueError, match="a reflection, determinant -1"):
         sensor.scan(ls.Scene(), pose)
+
+
+def test_each_of_neighbouring_pulses_is_measured_on_its_own_object() -> None:
+    """Eight are measured together; here the first and the last of them hit the same object, and the others do not."""
+    azimuths, scene = 0.2 * np.arange(7), ls.Scene()
+    for k, azimuth in enumerate(azimuths):
+        center = 10.0 * np.cos(azimuth), 10.0 * np.sin(azimuth), 0.0
+        scene.add(ls.Sphere(center, 0.5), label=k + 1, material=ls.Material(reflectivity=(k + 1) / 8))
+    lidar = ls.Lidar(ls.patterns.Grid(azimuths, [0.0], rate=10.0))
+    found = scan_pulses(lidar, scene, indices=[*range(7), 0]).single
+    expected = np.array([*range(7), 0])
+    np.testing.assert_array_equal(found.object_id, expected)
+    np.testing.assert_array_equal(found.label, expected + 1)
+    np.testing.assert_array_equal(found.instance, expected + 1)
+    # The incidence is 0 but for roundings, of which its cosine takes the square.
+    np.testing.assert_allclose(found.intensity, (expected + 1) / 8, rtol=FLOAT32)

@@ -106,16 +106,12 @@ class Ticks:
     """Time from the start of the frame to its first tick, in ticks."""
 
     @classmethod
-    def of(cls, frame: int, rate: float, frame_rate: float, *, beams: int = 0) -> Ticks:
-        """Return the ticks m of a clock of `rate`, Hz, with ``frame <= m frame_rate / rate < frame + 1``.
-
-        If so many `beams` are to fire at each, there must be memory for that.
-        """
+    def of(cls, frame: int, rate: float, frame_rate: float) -> Ticks:
+        """Return the ticks m of a clock of `rate`, Hz, with ``frame <= m frame_rate / rate < frame + 1``."""
         frame = integer("frame", frame, at_least=0)
         ticks, frames = ratio(rate, frame_rate)
         first = -(-frame * ticks // frames)
         count = -(-(frame + 1) * ticks // frames) - first
-        expect_room(count * beams)
         return cls(rate, first, count, wait(frame, rate, frame_rate))
 
     @property
@@ -149,6 +145,7 @@ class Frames:
 
     def __init__(self, rings: npt.NDArray[np.uint16], columns: int, origins: Floats | None) -> None:
         self._beams = len(rings)
+        expect_room(columns * self._beams)
         self._ring = np.tile(rings, columns)
         self._column = np.repeat(np.arange(columns, dtype=np.uint32), self._beams)
         self._origin: tuple[float, ...] | None = None
@@ -161,6 +158,7 @@ class Frames:
             self._origins = np.tile(origins, (columns, 1)) if origins.any() else np.zeros(shape)
         for values in (self._ring, self._column, self._origins):
             values.setflags(write=False)
+        self._cut = self._origins, self._ring, self._column
         self._last: tuple[tuple[float, int], Floats] | None = None
 
     def fired_together(self, ticks: Ticks, fire: Callable[[Floats], object]) -> Pulses:
@@ -174,15 +172,12 @@ class Frames:
 
     def pulses(self, directions: Floats, time: Floats, origins: Floats | None = None) -> Pulses:
         """Return the pulses of a frame, with their `origins` unless these are the same in all columns."""
-        count = len(directions)
-        return made_pulses(
-            directions,
-            self._origins[:count] if origins is None else origins,
-            time,
-            self._ring[:count],
-            self._column[:count],
-            origin=self._origin if count else None,
-        )
+        count, cut = len(directions), self._cut
+        if len(cut[1]) != count:
+            cut = self._cut = self._origins[:count], self._ring[:count], self._column[:count]
+        common, ring, column = cut
+        origin = self._origin if count else None
+        return made_pulses(directions, common if origins is None else origins, time, ring, column, origin=origin)
 
 
 class Cycles:
@@ -213,11 +208,10 @@ class Cycles:
         order = np.argsort(firing_times, kind="stable")
         moved = speed * firing_times[order]
         turn = bool(origins[:, :2].any())
-        self._beams = directions_of(azimuth_offsets[order] + moved, elevations[order])
-        self._origins = turned(origins[order], moved) if turn else np.empty((0, 3))
-        self._firing_times = firing_times[order]
-        self._speed = speed
         self._frames = Frames(order.astype(np.uint16), columns, None if turn else origins[order])
+        beams = directions_of(azimuth_offsets[order] + moved, elevations[order])
+        self._channels = _native.Channels(beams, firing_times[order], turned(origins[order], moved) if turn else None)
+        self._count, self._turn, self._speed = len(order), turn, speed
 
     def fired(self, runs: Sequence[tuple[int, int, int, float]], *, rate: float, wait: float, azimuth: float) -> Pulses:
         """Return the pulses of a frame whose cycle c starts at ``(c + wait) / rate``, s.
@@ -226,21 +220,11 @@ class Cycles:
         of them; how many cycles it had before the frame; and the part of a cycle by which its first one is late. Its
         head is at `azimuth` when it starts.
         """
-        count = sum(run[0] for run in runs) * len(self._beams)
+        count = sum([run[0] for run in runs]) * self._count
         directions, times = np.empty((count, 3)), np.empty(count)
-        origins = np.empty((count if len(self._origins) else 0, 3))
-        _native.fire_cycles(
-            self._beams,
-            self._origins,
-            self._firing_times,
-            list(runs),
-            (float(rate), wait),
-            (azimuth, self._speed),
-            directions,
-            origins,
-            times,
-        )
-        return self._frames.pulses(directions, times, origins if len(self._origins) else None)
+        origins = np.empty((count, 3)) if self._turn else None
+        self._channels.fire(runs, (rate, wait), (azimuth, self._speed), directions, times, origins)
+        return self._frames.pulses(directions, times, origins)
 
 
 def firing_times_within(cycle: float, firing_times: npt.ArrayLike, channels: int) -> Floats:

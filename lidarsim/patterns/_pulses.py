@@ -118,7 +118,7 @@ def made_pulses(
     *,
     origin: tuple[float, ...] | None,
 ) -> Pulses:
-    """Return pulses of arrays that a pattern has made as `Pulses` describes them, without checks; they are kept.
+    """Return pulses of read-only arrays that a pattern has made as `Pulses` describes them, without checks.
 
     `origin` is that of all pulses, if they have one.
     """
@@ -130,8 +130,6 @@ def made_pulses(
     set_(made, "time", time)
     set_(made, "ring", ring)
     set_(made, "column", column)
-    for values in (directions, origins, time, ring, column):
-        values.setflags(write=False)
     return made
 
 

@@ -89,7 +89,7 @@ class Mid360(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        ticks = Ticks.of(frame, TICK_RATE, self.rate, beams=4)
+        ticks = Ticks.of(frame, TICK_RATE, self.rate)
         fire = partial(_native.fire_mid360, ticks.turns(FAST), ticks.first % SLOW_TURN)
         return self._frames.fired_together(ticks, fire)
 

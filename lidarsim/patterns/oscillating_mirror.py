@@ -100,7 +100,7 @@ class OscillatingMirror(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        ticks = Ticks.of(frame, self.pulse_rate, self.rate, beams=1)
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         turns = ticks.turns(self.scan_rate)
         return self._frames.fired_together(
             ticks, partial(_native.fire_oscillating_mirror, self.field_of_view, self.turn, turns)

@@ -177,7 +177,7 @@ class Risley(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        ticks = Ticks.of(frame, self.pulse_rate, self.rate, beams=len(self.beams))
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         return self._frames.fired_together(ticks, partial(self._fire, ticks))
 
     def _fire(self, ticks: Ticks, directions: Floats) -> None:

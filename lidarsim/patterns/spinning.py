@@ -16,7 +16,6 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import (
     TURN,
     Cycles,
-    expect_room,
     firing_times_within,
     per_channel,
     rings,
@@ -209,7 +208,5 @@ class Spinning(Value):
         )
 
     def _turn(self, late: float) -> Pulses:
-        columns = self._used(late)
-        expect_room(columns * len(self.elevations))
-        rate, turn = self.columns_per_turn * self.rate, (columns, 0, 0, late)
+        rate, turn = self.columns_per_turn * self.rate, (self._used(late), 0, 0, late)
         return self._cycles.fired([turn], rate=rate, wait=late, azimuth=self.start_azimuth)

@@ -39,12 +39,13 @@ def test_vectors_are_turned_and_scaled() -> None:
     np.testing.assert_allclose(quarter, [[-4.0, 3.0, 12.0]], rtol=0, atol=8 * 2**-52)
 
 
-def _cycles(channels: int = 2, origins: int = 0, pulses: int = 4, written: int = 4) -> None:
-    beams, firing = np.tile([1.0, 0.0, 0.0], (channels, 1)), np.zeros(2)
-    runs, out = [(2, 0, 0, 0.0)], np.empty((pulses, 3))
-    _native.fire_cycles(
-        beams, np.zeros((origins, 3)), firing, runs, (1.0, 0.0), (0.0, 1.0), out, np.empty((0, 3)), np.empty(written)
-    )
+def _cycles(
+    channels: int = 2, origins: int | None = None, pulses: int = 4, timed: int = 4, placed: int | None = None
+) -> None:
+    beams = np.tile([1.0, 0.0, 0.0], (channels, 1))
+    fired = _native.Channels(beams, np.zeros(2), None if origins is None else np.zeros((origins, 3)))
+    places = None if placed is None else np.empty((placed, 3))
+    fired.fire([(2, 0, 0, 0.0)], (1.0, 0.0), (0.0, 1.0), np.empty((pulses, 3)), np.empty(timed), places)
 
 
 @pytest.mark.parametrize(
@@ -52,9 +53,12 @@ def _cycles(channels: int = 2, origins: int = 0, pulses: int = 4, written: int =
     [
         lambda: _cycles(channels=0),
         lambda: _cycles(channels=3),
+        lambda: _cycles(origins=3, placed=4),
         lambda: _cycles(origins=2),
+        lambda: _cycles(origins=2, placed=3),
+        lambda: _cycles(placed=4),
         lambda: _cycles(pulses=5),
-        lambda: _cycles(written=3),
+        lambda: _cycles(timed=3),
         lambda: _native.fire_polar(np.zeros(3), np.zeros(2), np.empty((3, 3))),
         lambda: _native.fire_polar(np.zeros(3), np.zeros(3), np.empty((3, 2))),
         lambda: _native.fire_palmer(0.1, (0, 1), np.empty((6, 3))[::2]),
@@ -64,5 +68,6 @@ def _cycles(channels: int = 2, origins: int = 0, pulses: int = 4, written: int =
 )
 def test_arrays_that_do_not_fit_are_refused(call: Callable[[], object]) -> None:
     _cycles()
+    _cycles(origins=2, placed=4)
     with pytest.raises(ValueError, match="expected"):
         call()

@@ -61,7 +61,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
     m.add_function(wrap_pyfunction!(object::placed, m)?)?;
-    m.add_function(wrap_pyfunction!(patterns::fire_cycles, m)?)?;
+    m.add_class::<patterns::PyChannels>()?;
     m.add_function(wrap_pyfunction!(patterns::fire_mid360, m)?)?;
     m.add_function(wrap_pyfunction!(patterns::fire_oscillating_mirror, m)?)?;
     m.add_function(wrap_pyfunction!(patterns::fire_palmer, m)?)?;

@@ -1,9 +1,10 @@
-//! The pulses of scan patterns, written to arrays that the caller provides.
+//! The pulses of scan patterns, written to arrays that the caller provides, which become read-only.
 
-use lidarsim_core::Point;
 use lidarsim_core::patterns::{
-    Arrays, Cycles, Formula, Mid360, OscillatingMirror, Palmer, Polar, Prism, Risley, Rotation, Run, fire,
+    Arrays, Channels, Cycles, Formula, Mid360, OscillatingMirror, Palmer, Polar, Prism, Risley, Rotation,
+    Run, fire,
 };
+use lidarsim_core::{Point, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, PyReadonlyArray1, PyReadwriteArray, PyReadwriteArray1, PyReadwriteArray2, PyUntypedArrayMethods,
@@ -25,51 +26,75 @@ pub fn fire_polar<'py>(
     mut directions: PyReadwriteArray2<'py, f64>,
 ) -> PyResult<()> {
     let (azimuths, elevations) = (elements("azimuths", &azimuths)?, elements("elevations", &elevations)?);
-    let directions = places(&mut directions)?;
-    if [azimuths.len(), elevations.len()] != [directions.len(); 2] {
+    if [azimuths.len(), elevations.len()] != [places(&mut directions)?.len(); 2] {
         return Err(unequal());
     }
-    let formula = Formula::Polar(&Polar { azimuths, elevations });
-    run(py, formula, Arrays { directions, ..Arrays::default() }).map(drop)
+    run(py, Formula::Polar(&Polar { azimuths, elevations }), directions)
 }
 
-/// The cycles of a frame, as `lidarsim_core::patterns::Cycles` and `Run` describe them. The arrays of origins
-/// have no rows if these do not turn with the head.
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "one call a frame")]
-pub fn fire_cycles<'py>(
-    py: Python<'py>,
-    beams: Points<'py>,
-    beam_origins: Points<'py>,
-    firing_times: PyReadonlyArray1<'py, f64>,
-    runs: Vec<(usize, f64, f64, f64)>,
-    clock: [f64; 2],
-    azimuth: [f64; 2],
-    mut directions: PyReadwriteArray2<'py, f64>,
-    mut origins: PyReadwriteArray2<'py, f64>,
-    mut times: PyReadwriteArray1<'py, f64>,
-) -> PyResult<()> {
-    let (beams, beam_origins) = (points("beams", &beams)?, points("beam_origins", &beam_origins)?);
-    let firing_times = elements("firing_times", &firing_times)?;
-    let (directions, origins, times) =
-        (places(&mut directions)?, places(&mut origins)?, numbers(&mut times)?);
-    let run = |(columns, cycle, since, late)| Run { columns, cycle, since, late };
-    let runs: Vec<Run> = runs.into_iter().map(run).collect();
-    let columns = runs.iter().fold(0, |columns: usize, run| columns.saturating_add(run.columns));
-    let (channels, pulses) = (beams.len(), beams.len().saturating_mul(columns));
-    let turning = if beam_origins.is_empty() { 0 } else { 1 };
-    if channels == 0
-        || [firing_times.len(), beam_origins.len()] != [channels, turning * channels]
-        || [directions.len(), times.len(), origins.len()] != [pulses, pulses, turning * pulses]
-    {
-        return Err(unequal());
+/// Channels that fire in cycles, in firing order.
+#[pyclass(frozen, name = "Channels", module = "lidarsim._native")]
+pub struct PyChannels(Channels);
+
+#[pymethods]
+impl PyChannels {
+    /// Beams and origins are those at the azimuth 0; there are no origins if these do not turn with the head.
+    /// The firing times are since the start of a cycle.
+    #[new]
+    #[pyo3(signature = (beams, firing_times, origins=None))]
+    fn new<'py>(
+        py: Python<'py>,
+        beams: Points<'py>,
+        firing_times: PyReadonlyArray1<'py, f64>,
+        origins: Option<Points<'py>>,
+    ) -> PyResult<Self> {
+        let (beams, firing_times) = (points("beams", &beams)?, elements("firing_times", &firing_times)?);
+        let origins = origins.as_ref().map(|origins| points("origins", origins)).transpose()?;
+        let count = beams.len();
+        if count == 0 || firing_times.len() != count || origins.is_some_and(|each| each.len() != count) {
+            return Err(unequal());
+        }
+        let origins = origins.unwrap_or_default();
+        detached(py, || PyChannels(Channels::new(beams, origins, firing_times)))
     }
-    let kernels = kernels(py)?;
-    detached(py, || {
-        let cycles = Cycles::new(beams, beam_origins, firing_times, &runs, clock, azimuth);
-        let arrays = Arrays { directions, origins, times };
-        fire(Formula::Cycles(&cycles), arrays, |piece| kernels.fire(piece));
-    })
+
+    /// Writes the cycles of a frame, as `lidarsim_core::patterns::Cycles` and `Run` describe them, and makes
+    /// the arrays read-only.
+    #[pyo3(signature = (runs, clock, azimuth, directions, times, origins=None))]
+    #[expect(clippy::too_many_arguments, reason = "one call a frame")]
+    fn fire<'py>(
+        &self,
+        py: Python<'py>,
+        runs: Vec<(usize, f64, f64, f64)>,
+        clock: [f64; 2],
+        azimuth: [f64; 2],
+        mut directions: PyReadwriteArray2<'py, f64>,
+        mut times: PyReadwriteArray1<'py, f64>,
+        mut origins: Option<PyReadwriteArray2<'py, f64>>,
+    ) -> PyResult<()> {
+        let (PyChannels(channels), kernels) = (self, kernels(py)?);
+        let arrays = Arrays {
+            directions: places(&mut directions)?,
+            origins: origins.as_mut().map(places).transpose()?.unwrap_or_default(),
+            times: numbers(&mut times)?,
+        };
+        let columns = runs.iter().fold(0, |columns: usize, run| columns.saturating_add(run.0));
+        let pulses = channels.count().saturating_mul(columns);
+        let turning = if channels.has_origins() { pulses } else { 0 };
+        if [arrays.directions.len(), arrays.origins.len(), arrays.times.len()] != [pulses, turning, pulses] {
+            return Err(unequal());
+        }
+        detached(py, || {
+            let run = |(columns, cycle, since, late)| Run { columns, cycle, since, late };
+            let runs = memory::collect(runs.into_iter().map(run));
+            let cycles = Cycles::new(channels, &runs, clock, azimuth);
+            fire(Formula::Cycles(&cycles), arrays, |piece| kernels.fire(piece));
+        })?;
+        directions.make_nonwriteable();
+        times.make_nonwriteable();
+        origins.map(PyReadwriteArray2::make_nonwriteable);
+        Ok(())
+    }
 }
 
 /// The directions of a beam on a cone of this half angle, rad.
@@ -78,10 +103,9 @@ pub fn fire_palmer<'py>(
     py: Python<'py>,
     half_angle: f64,
     turns: Turns,
-    mut directions: PyReadwriteArray2<'py, f64>,
+    directions: PyReadwriteArray2<'py, f64>,
 ) -> PyResult<()> {
-    let arrays = Arrays { directions: places(&mut directions)?, ..Arrays::default() };
-    run(py, Formula::Palmer(&Palmer::new(half_angle, rotation(turns, 0.0))), arrays).map(drop)
+    run(py, Formula::Palmer(&Palmer::new(half_angle, rotation(turns, 0.0))), directions)
 }
 
 /// The directions of a beam that swings over a field of view, rad; `turn` of the time is that of reversals.
@@ -91,11 +115,10 @@ pub fn fire_oscillating_mirror<'py>(
     field_of_view: f64,
     turn: f64,
     turns: Turns,
-    mut directions: PyReadwriteArray2<'py, f64>,
+    directions: PyReadwriteArray2<'py, f64>,
 ) -> PyResult<()> {
-    let arrays = Arrays { directions: places(&mut directions)?, ..Arrays::default() };
     let mirror = OscillatingMirror::new(field_of_view, turn, rotation(turns, 0.0));
-    run(py, Formula::OscillatingMirror(&mirror), arrays).map(drop)
+    run(py, Formula::OscillatingMirror(&mirror), directions)
 }
 
 /// The directions of the beams of a Mid-360: turns of the fast phase, and the tick of the first column.
@@ -104,10 +127,9 @@ pub fn fire_mid360<'py>(
     py: Python<'py>,
     fast: Turns,
     tick: usize,
-    mut directions: PyReadwriteArray2<'py, f64>,
+    directions: PyReadwriteArray2<'py, f64>,
 ) -> PyResult<()> {
-    let arrays = Arrays { directions: places(&mut directions)?, ..Arrays::default() };
-    run(py, Formula::Mid360(&Mid360::new(rotation(fast, 0.0), tick)), arrays).map(drop)
+    run(py, Formula::Mid360(&Mid360::new(rotation(fast, 0.0), tick)), directions)
 }
 
 /// The directions of unit vectors behind prisms. A prism is the tilts of its faces, its turns, and its phase,
@@ -120,26 +142,31 @@ pub fn fire_risley<'py>(
     refractive_index: f64,
     mut directions: PyReadwriteArray2<'py, f64>,
 ) -> PyResult<bool> {
-    let (beams, directions) = (points("beams", &beams)?, places(&mut directions)?);
-    if beams.is_empty() || directions.len() % beams.len() != 0 {
+    let (beams, kernels) = (points("beams", &beams)?, kernels(py)?);
+    let arrays = Arrays { directions: places(&mut directions)?, ..Arrays::default() };
+    if beams.is_empty() || !arrays.directions.len().is_multiple_of(beams.len()) {
         return Err(unequal());
     }
-    let kernels = kernels(py)?;
-    detached(py, || {
+    let through = detached(py, || {
         let prism = |(tilts, turns, phase)| Prism { tilts, rotation: rotation(turns, phase) };
-        let risley = Risley::new(beams, &prisms.into_iter().map(prism).collect::<Vec<_>>(), refractive_index);
-        let arrays = Arrays { directions, ..Arrays::default() };
+        let risley = Risley::new(beams, &memory::collect(prisms.into_iter().map(prism)), refractive_index);
         fire(Formula::Risley(&risley), arrays, |piece| kernels.fire(piece))
-    })
+    })?;
+    directions.make_nonwriteable();
+    Ok(through)
 }
 
 fn rotation((first, step): Turns, angle: f64) -> Rotation {
     Rotation::new(first, step, angle)
 }
 
-fn run(py: Python<'_>, formula: Formula, arrays: Arrays) -> PyResult<bool> {
+/// Writes the directions of a frame, and makes their array read-only.
+fn run<'py>(py: Python<'py>, formula: Formula, mut directions: PyReadwriteArray2<'py, f64>) -> PyResult<()> {
     let kernels = kernels(py)?;
-    detached(py, || fire(formula, arrays, |piece| kernels.fire(piece)))
+    let arrays = Arrays { directions: places(&mut directions)?, ..Arrays::default() };
+    detached(py, || fire(formula, arrays, |piece| kernels.fire(piece)))?;
+    directions.make_nonwriteable();
+    Ok(())
 }
 
 fn numbers<'a, T: Element, D: Dimension>(array: &'a mut PyReadwriteArray<'_, T, D>) -> PyResult<&'a mut [T]> {

@@ -7,6 +7,7 @@ use lidarsim_core::measure::{
     BadPulse, Beyond, Fault, Frame, Layout, Measurement, Origins, Parameters, Scan, ScanColumns, Value,
 };
 use lidarsim_core::{Path, Point, World, memory, span};
+use numpy::ndarray::ArrayD;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayMethods, PyReadonlyArray1,
     PyReadonlyArray2,
@@ -117,7 +118,7 @@ macro_rules! entries {
                 column: Vec<Self>,
                 shape: &[usize],
             ) -> PyResult<Bound<'py, PyAny>> {
-                Ok(column.into_pyarray(py).reshape(shape)?.into_any())
+                shaped(py, column, shape)
             }
         })+
     };
@@ -130,8 +131,15 @@ impl<T: Element + Copy> Entry for [T; 3] {
     const SHAPE: &'static [usize] = &[3];
 
     fn array<'py>(py: Python<'py>, column: Vec<Self>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
-        Ok(column.into_flattened().into_pyarray(py).reshape([shape, Self::SHAPE].concat())?.into_any())
+        shaped(py, column.into_flattened(), &[shape, Self::SHAPE].concat())
     }
+}
+
+/// An array of this shape over values, which it takes.
+fn shaped<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+    let array = ArrayD::from_shape_vec(shape, values);
+    let array = array.map_err(|wrong| PyValueError::new_err(wrong.to_string()))?;
+    Ok(array.into_pyarray(py).into_any())
 }
 
 macro_rules! arrays {
@@ -147,13 +155,13 @@ macro_rules! arrays {
             let (layout, arrays) = (columns.layout, PyDict::new(py));
             let (pulses, rows) = ([layout.pulses], [layout.pulses, layout.most]);
             $(if layout.$has_echo(1) > 0 {
-                arrays.set_item(stringify!($echo), Entry::array(py, columns.$echo, &rows)?)?;
+                arrays.set_item(intern!(py, stringify!($echo)), Entry::array(py, columns.$echo, &rows)?)?;
             })+
             $(if layout.$has_ray(1) > 0 {
-                arrays.set_item(stringify!($ray), Entry::array(py, columns.$ray, &rows)?)?;
+                arrays.set_item(intern!(py, stringify!($ray)), Entry::array(py, columns.$ray, &rows)?)?;
             })+
             $(if layout.$has_pulse(1) > 0 {
-                arrays.set_item(stringify!($pulse), Entry::array(py, columns.$pulse, &pulses)?)?;
+                arrays.set_item(intern!(py, stringify!($pulse)), Entry::array(py, columns.$pulse, &pulses)?)?;
             })+
             Ok(arrays)
         }

@@ -7,7 +7,11 @@
 /// Sum of c₀ + c₁x + c₂x² + …, by Horner's rule.
 #[inline(always)]
 pub fn polynomial<const N: usize>(coefficients: [f64; N], x: f64) -> f64 {
-    coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
+    let mut sum = coefficients[N - 1];
+    for k in (0..N - 1).rev() {
+        sum = sum * x + coefficients[k];
+    }
+    sum
 }
 
 /// ln 2 = LN_2_HIGH + LN_2_LOW; the high part has 32 bits, so its product with an exponent is exact.

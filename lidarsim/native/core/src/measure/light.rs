@@ -1,5 +1,6 @@
 //! From hits to light: range, incidence and intensity of each ray.
 
+use super::appearance::Reflectivity;
 use super::backscatter::Backscatter;
 use super::caster::Caster;
 use super::direction::distance;
@@ -24,24 +25,31 @@ impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
     pub(super) fn reflect(&self, scratch: &mut Scratch) {
         let Scratch { rays, hits, reflectivity, is_lambert, .. } = scratch;
-        *is_lambert = true;
-        let whole = hits.len().next_multiple_of(8);
-        resize(reflectivity, whole, 0.0);
-        let surfaces = hits.object.iter().zip(&hits.primitive);
-        // Neighbours often hit the same object.
-        let mut last = (-1, None);
-        for (i, (reflectivity, (object, primitive))) in reflectivity.iter_mut().zip(surfaces).enumerate() {
-            if last.0 != *object {
-                last = (*object, self.appearances.get(*object as usize));
-            }
-            if let Some(appearance) = last.1 {
-                let hit = || (hits.at(i), rays.at(i));
-                *reflectivity = appearance.reflectivity.at(*primitive, hit, self.caster);
-                *is_lambert &= appearance.backscatter.is_none();
-            }
-        }
+        let (whole, mut all_lambert) = (hits.len().next_multiple_of(8), true);
         hits.resize(whole);
         resize(&mut rays.directions, whole, [0.0; 3]);
+        resize(reflectivity, whole, 0.0);
+        let objects = hits.object.as_chunks::<8>().0;
+        for (part, (values, objects)) in
+            reflectivity.as_chunks_mut::<8>().0.iter_mut().zip(objects).enumerate()
+        {
+            if let Some(appearance) = self.hit_by_all(objects)
+                && let Reflectivity::Object(value) = appearance.reflectivity
+            {
+                *values = [value; 8];
+                all_lambert &= appearance.backscatter.is_none();
+                continue;
+            }
+            for (k, object) in objects.iter().enumerate() {
+                if let Some(appearance) = self.appearances.get(*object as usize) {
+                    let i = 8 * part + k;
+                    let hit = || (hits.at(i), rays.at(i));
+                    values[k] = appearance.reflectivity.at(hits.primitive[i], hit, self.caster);
+                    all_lambert &= appearance.backscatter.is_none();
+                }
+            }
+        }
+        *is_lambert = all_lambert;
     }
 
     /// The light of the rays from 8·part on, in clear air.

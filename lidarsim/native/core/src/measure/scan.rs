@@ -139,6 +139,16 @@ impl<C: Caster> Scan<'_, C> {
         Ok(())
     }
 
+    /// The object that eight rays hit, if it is one: neighbours often hit the same.
+    #[inline(always)]
+    pub(super) fn hit_by_all(&self, objects: &[i32; 8]) -> Option<&Appearance> {
+        let mut different = 0;
+        for object in objects {
+            different |= object ^ objects[0];
+        }
+        if different == 0 { self.appearances.get(objects[0] as usize).map(Arc::as_ref) } else { None }
+    }
+
     #[inline(always)]
     pub(super) fn instance_and_label(&self, object: i32, primitive: i32) -> [u32; 2] {
         let appearance = self.appearances.get(object as usize);

@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use super::appearance::Labels;
 use super::caster::Caster;
 use super::columns::{Entries, Rows, unused, write};
 use super::effects::Echoes;
@@ -123,7 +124,23 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        let ids = std::array::from_fn(|k| self.instance_and_label(object_id[k], primitive[k]));
+        let (mut instance, mut label) = ([0; 8], [0; 8]);
+        if let Some(appearance) = self.hit_by_all(&object_id)
+            && let Labels::Object(of_object) = appearance.labels
+        {
+            (instance, label) = ([appearance.instance; 8], [of_object; 8]);
+        } else {
+            for k in 0..8 {
+                [instance[k], label[k]] = self.instance_and_label(object_id[k], primitive[k]);
+            }
+        }
+        if aerial != 0 {
+            for (k, label) in label.iter_mut().enumerate() {
+                if aerial & 1 << k != 0 {
+                    *label = self.measurement.air_label;
+                }
+            }
+        }
         let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
         let mut normal = [[0.0; 3]; 8];
         let parts = parts.map(|part| part.map(|x| x as f32));
@@ -149,11 +166,8 @@ impl<C: Caster> Scan<'_, C> {
                 intensity: intensity.store().map(|x| x as f32),
                 normal,
                 object_id,
-                instance: ids.map(|[instance, _]: [u32; 2]| instance),
-                label: std::array::from_fn(|k| match aerial & 1 << k {
-                    0 => ids[k][1],
-                    _ => self.measurement.air_label,
-                }),
+                instance,
+                label,
                 source: std::array::from_fn(|k| match (falsely & 1 << k, aerial & 1 << k, object_id[k]) {
                     (0, 0, 0..) => Source::Surface as u8,
                     (0, 0, _) => Entries::<1>::UNUSED.source[0],

@@ -6,12 +6,20 @@ use crate::arith::simd::Isa;
 use crate::geometry::vector::Point;
 use crate::memory;
 
+/// Channels, in firing order.
+pub struct Channels {
+    /// At the azimuth 0.
+    beams: Vectors,
+    /// At the azimuth 0, if they turn with the head; else of no channel.
+    origins: Vectors,
+    /// Since the start of a cycle, s.
+    firing_times: Vec<f64>,
+}
+
 /// The cycles of a frame. Cycle c starts `(c + wait)/rate` after the frame, and at an azimuth of `start` plus
 /// `speed` times the time since its run.
-pub struct Cycles {
-    beams: Channels,
-    origins: Channels,
-    firing_times: Vec<f64>,
+pub struct Cycles<'a> {
+    channels: &'a Channels,
     /// With the number of columns up to the end of each.
     runs: Vec<(usize, Run)>,
     rate: f64,
@@ -36,25 +44,42 @@ pub struct Run {
 const CHANNELS: usize = 16;
 
 /// The coordinates of a vector for each channel, by axis; zeros follow up to a multiple of `CHANNELS`.
-struct Channels([Vec<f64>; 3]);
+struct Vectors([Vec<f64>; 3]);
 
-impl Channels {
+impl Vectors {
     fn new(vectors: &[Point]) -> Self {
-        Channels([0, 1, 2].map(|axis| {
+        Vectors([0, 1, 2].map(|axis| {
             let mut column = memory::collect(vectors.iter().map(|vector| vector[axis]));
             memory::resize(&mut column, vectors.len().next_multiple_of(CHANNELS), 0.0);
             column
         }))
     }
+
+    fn is_empty(&self) -> bool {
+        self.0[0].is_empty()
+    }
 }
 
-impl Cycles {
-    /// `beams` and `origins`, if they turn with the head, are of the channels in firing order and of the
-    /// azimuth 0; the firing times are since the start of a cycle. `clock` is the rate and the wait.
+impl Channels {
+    pub fn new(beams: &[Point], origins: &[Point], firing_times: &[f64]) -> Self {
+        let firing_times = memory::copy(firing_times);
+        Channels { beams: Vectors::new(beams), origins: Vectors::new(origins), firing_times }
+    }
+
+    pub fn count(&self) -> usize {
+        self.firing_times.len()
+    }
+
+    /// Whether origins turn with the head.
+    pub fn has_origins(&self) -> bool {
+        !self.origins.is_empty()
+    }
+}
+
+impl<'a> Cycles<'a> {
+    /// `clock` is the rate and the wait.
     pub fn new(
-        beams: &[Point],
-        origins: &[Point],
-        firing_times: &[f64],
+        channels: &'a Channels,
         runs: &[Run],
         [rate, wait]: [f64; 2],
         [start, speed]: [f64; 2],
@@ -65,32 +90,18 @@ impl Cycles {
         });
         let mut with_ends = memory::with_capacity(runs.len());
         with_ends.extend(ends.zip(runs.iter().copied()));
-        Cycles {
-            beams: Channels::new(beams),
-            origins: Channels::new(origins),
-            firing_times: memory::copy(firing_times),
-            runs: with_ends,
-            rate,
-            wait,
-            start,
-            speed,
-        }
+        Cycles { channels, runs: with_ends, rate, wait, start, speed }
     }
 
-    pub fn channels(&self) -> usize {
-        self.firing_times.len()
-    }
-
-    /// Whether origins turn with the head.
-    #[cfg(test)]
-    pub(super) fn has_origins(&self) -> bool {
-        !self.origins.0[0].is_empty()
+    pub fn channels(&self) -> &Channels {
+        self.channels
     }
 
     /// Writes consecutive columns from `first` on.
     #[inline(always)]
     pub(super) fn fire<I: Isa>(&self, first: usize, mut arrays: Arrays) -> bool {
-        let channels = self.channels();
+        let Channels { beams, origins, firing_times } = self.channels;
+        let channels = firing_times.len();
         let last = first + arrays.directions.len() / channels;
         let (mut column, mut number) = (first, self.runs.partition_point(|(end, _)| *end <= first));
         while column < last {
@@ -99,10 +110,10 @@ impl Cycles {
             if count > 0 {
                 let (times, azimuths) = self.starts(run, run.columns - (end - column));
                 let some = arrays.split_off(count * channels);
-                put_times(&times, &self.firing_times, some.times);
+                put_times(&times, firing_times, some.times);
                 let turn = &sines_and_cosines(&azimuths);
-                put_turned::<I, true>(&self.beams, turn, channels, some.directions);
-                put_turned::<I, false>(&self.origins, turn, channels, some.origins);
+                put_turned::<I, true>(beams, turn, channels, some.directions);
+                put_turned::<I, false>(origins, turn, channels, some.origins);
             }
             column += count;
             number += usize::from(column == *end);
@@ -113,13 +124,25 @@ impl Cycles {
     /// When cycles of a run from this one on start, and at which azimuths.
     #[inline(always)]
     fn starts(&self, run: &Run, first: usize) -> (Lanes, Lanes) {
-        let (mut times, mut azimuths) = ([0.0; LANES], [0.0; LANES]);
-        for lane in 0..LANES {
-            let number = (first + lane) as f64;
-            times[lane] = (run.cycle + number + self.wait) / self.rate;
-            azimuths[lane] = self.start + self.speed * ((run.since + number + run.late) / self.rate);
+        let times = self.times(run.cycle, first, self.wait);
+        // Of a run that starts with the frame, they are the same, and divisions are slow.
+        let is_whole = (run.since, run.late) == (run.cycle, self.wait);
+        let mut azimuths = if is_whole { times } else { self.times(run.since, first, run.late) };
+        for azimuth in &mut azimuths {
+            *azimuth = self.start + self.speed * *azimuth;
         }
         (times, azimuths)
+    }
+
+    /// The times of cycles from number `first` after `cycle` on, the first of which starts `late` of a cycle
+    /// after that.
+    #[inline(always)]
+    fn times(&self, cycle: f64, first: usize, late: f64) -> Lanes {
+        let mut times = [0.0; LANES];
+        for lane in 0..LANES {
+            times[lane] = (cycle + (first + lane) as f64 + late) / self.rate;
+        }
+        times
     }
 }
 
@@ -129,8 +152,8 @@ fn put_times(starts: &Lanes, firing_times: &[f64], places: &mut [f64]) {
     let channels = firing_times.len();
     if channels < CHANNELS {
         for (channel, later) in firing_times.iter().enumerate() {
-            for (place, start) in places.iter_mut().skip(channel).step_by(channels).zip(starts) {
-                *place = start + later;
+            for (places, start) in places.chunks_exact_mut(channels).zip(starts) {
+                places[channel] = start + later;
             }
         }
         return;
@@ -145,7 +168,7 @@ fn put_times(starts: &Lanes, firing_times: &[f64], places: &mut [f64]) {
 /// Writes a vector of each channel, turned about z, in some columns, and at unit length if it is one.
 #[inline(always)]
 fn put_turned<I: Isa, const UNIT: bool>(
-    Channels([x, y, z]): &Channels,
+    Vectors([x, y, z]): &Vectors,
     [sin, cos]: &[Lanes; 2],
     channels: usize,
     places: &mut [Point],

@@ -16,7 +16,7 @@ mod rotation;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-pub use cycles::{Cycles, Run};
+pub use cycles::{Channels, Cycles, Run};
 pub use mid360::Mid360;
 pub use oscillating_mirror::OscillatingMirror;
 pub use palmer::Palmer;
@@ -42,7 +42,7 @@ const MOST: usize = 1 << 13;
 /// The formula of a family of patterns, for one frame.
 #[derive(Clone, Copy)]
 pub enum Formula<'a> {
-    Cycles(&'a Cycles),
+    Cycles(&'a Cycles<'a>),
     Mid360(&'a Mid360),
     OscillatingMirror(&'a OscillatingMirror),
     Palmer(&'a Palmer),
@@ -54,7 +54,7 @@ impl Formula<'_> {
     /// Pulses of a column.
     fn beams(&self) -> usize {
         match self {
-            Formula::Cycles(cycles) => cycles.channels(),
+            Formula::Cycles(cycles) => cycles.channels().count(),
             Formula::Mid360(_) => mid360::BEAMS,
             Formula::Risley(risley) => risley.beams(),
             Formula::OscillatingMirror(_) | Formula::Palmer(_) | Formula::Polar(_) => 1,
@@ -188,8 +188,8 @@ fn put<I: Isa, const N: usize>(
     }
     let mut points = [[0.0; 3]; N];
     interleave::<I, N>(vectors, &mut points);
-    for (place, point) in places[beam..].iter_mut().step_by(beams).zip(&points[skipped..]) {
-        *place = *point;
+    for (places, point) in places.chunks_exact_mut(beams).zip(&points[skipped..]) {
+        places[beam] = *point;
     }
 }
 
@@ -246,7 +246,8 @@ mod tests {
             (0..37).map(|i| [0.6, 0.0, 0.8].map(|x: f64| x + f64::from(i) * 1e-17)).collect();
         for (beams, origins) in [(&beams[..], &beams[..]), (&beams[..1], &[]), (&many, &many)] {
             let times: Vec<f64> = (0..beams.len()).map(|i| i as f64 * 1e-6).collect();
-            let cycles = Cycles::new(beams, origins, &times, &runs, [1e4, 0.25], [3.0, -60.0]);
+            let channels = Channels::new(beams, origins, &times);
+            let cycles = Cycles::new(&channels, &runs, [1e4, 0.25], [3.0, -60.0]);
             test("cycles", Formula::Cycles(&cycles));
         }
         test("Mid-360", Formula::Mid360(&Mid360::new(rotation, 4950)));
@@ -259,7 +260,7 @@ mod tests {
 
     /// The arrays of columns from `first` on.
     fn fired(formula: Formula, first: usize, columns: usize, level: Level) -> [Vec<f64>; 3] {
-        let turning = matches!(formula, Formula::Cycles(cycles) if cycles.has_origins());
+        let turning = matches!(formula, Formula::Cycles(cycles) if cycles.channels().has_origins());
         let timed = matches!(formula, Formula::Cycles(_));
         let pulses = columns * formula.beams();
         let mut directions = vec![[f64::NAN; 3]; pulses];
@@ -321,21 +322,29 @@ mod tests {
         });
 
         let beams = [of(0.2, 0.1), of(-0.3, -0.2)];
-        let runs = [(40, 3.0, 7.0, 0.25), (COLUMNS - 40, 50.0, 3.0, 0.5)];
+        // One starts with the frame, one with it but for a part of a cycle, and one at another time.
+        let runs = [(40, 0.0, 0.0, 0.25), (60, 45.0, 45.0, 0.5), (COLUMNS - 100, 110.0, 3.0, 0.5)];
         let runs = runs.map(|(columns, cycle, since, late)| Run { columns, cycle, since, late });
-        let cycles = Cycles::new(&beams, &beams, &[0.0, 1e-6], &runs, [1e4, 0.25], [3.0, -60.0]);
+        // The cycles since the frame and since the run.
+        let cycles_to = |pulse: usize| {
+            let (mut column, mut run) = (pulse / 2, 0);
+            while column >= runs[run].columns {
+                column -= runs[run].columns;
+                run += 1;
+            }
+            let Run { cycle, since, late, .. } = runs[run];
+            [cycle + column as f64 + 0.25, since + column as f64 + late]
+        };
+        let channels = Channels::new(&beams, &beams, &[0.0, 1e-6]);
+        let cycles = Cycles::new(&channels, &runs, [1e4, 0.25], [3.0, -60.0]);
         check("cycles", Formula::Cycles(&cycles), &|i| {
-            let cycle = i as f64 / 2.0;
-            let run = if cycle < 40.0 { cycle.floor() + 7.25 } else { cycle.floor() - 40.0 + 3.5 };
             let (azimuth, elevation) = [(0.2, 0.1), (-0.3, -0.2)][i % 2];
-            of(azimuth + 3.0 - 60.0 * run / 1e4, elevation)
+            of(azimuth + 3.0 - 60.0 * cycles_to(i)[1] / 1e4, elevation)
         });
         let [directions, origins, times] = fired(Formula::Cycles(&cycles), 0, COLUMNS, Level::best());
         for (pulse, time) in times.iter().enumerate() {
-            let column = (pulse / 2) as f64;
-            let cycle = if column < 40.0 { column + 3.25 } else { column - 40.0 + 50.25 };
             let later = [0.0, 1e-6][pulse % 2];
-            assert!((time - (cycle / 1e4 + later)).abs() <= f64::EPSILON, "{pulse}: {time}");
+            assert!((time - (cycles_to(pulse)[0] / 1e4 + later)).abs() <= f64::EPSILON, "{pulse}: {time}");
         }
         // These origins are unit vectors, turned as the beams are.
         for (direction, origin) in directions.iter().zip(origins) {
@@ -362,7 +371,8 @@ mod tests {
     fn frames_are_shared_among_threads_whole() {
         let beams: Vec<Point> = (0..100).map(|_| [1.0, 0.0, 0.0]).collect();
         let run = Run { columns: 400, cycle: 0.0, since: 0.0, late: 0.0 };
-        let cycles = Cycles::new(&beams, &[], &[0.0; 100], &[run], [1e4, 0.0], [3.0, -60.0]);
+        let channels = Channels::new(&beams, &[], &[0.0; 100]);
+        let cycles = Cycles::new(&channels, &[run], [1e4, 0.0], [3.0, -60.0]);
         let (mut directions, mut times) = (vec![[f64::NAN; 3]; 40_000], vec![f64::NAN; 40_000]);
         let arrays = Arrays { directions: &mut directions, times: &mut times, ..Arrays::default() };
         let formula = Formula::Cycles(&cycles);
