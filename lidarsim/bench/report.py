@@ -56,7 +56,8 @@ triangles. Peers know geoms only; they scan from one place again and again, whic
 
 IN_PLANE = """\
 541 horizontal rays all around, over surfaces that lie in the plane z = 0, hits of no ray but for the box and the height
-field. Time at 0.5 m above, and the ratios to it of the same rays at z = 0 exactly, and at z = 1e-300 m."""
+field. Time at 0.5 m above, and the ratios to it of the same rays at z = 0 exactly, and at z = 1e-300 m. Tilted, rays
+and vertices are rotated by 30° about x and rounded, so that most rays hit the floor somewhere."""
 
 PATTERNS = """\
 Frames that differ from the one before, in the city, on one thread. The pulses of a frame, a cast of its rays, and the
