@@ -1,6 +1,7 @@
 //! Deferred candidates: pairs of a ray and a triangle that the quantized test in a leaf left uncertain.
-//! Expansions test eight at a time with the vertices as given. Sides that remain open are decided exactly,
-//! and where t remains uncertain, the filtered predicates decide.
+//! Expansions test eight at a time with the vertices as given: first t, which rules out most triangles that
+//! a ray in their plane passes over, then the sides. Sides that remain open are decided exactly, and where t
+//! remains uncertain, the filtered predicates decide.
 
 use crate::arith::expansion::Expansion;
 use crate::arith::number::Interval;
@@ -78,7 +79,6 @@ impl Task for Resolve<'_, '_> {
         }
         let object = &scene.objects()[root[0].object as usize];
         let inverse = object.inverse().and_then(Inverse::expanded);
-        // Most triangles that a ray in their plane passes over are known to be missed by t alone.
         let (mut bounds, mut known, mut kept) = ([Interval::point(0.0); CAPACITY], 0_u32, 0);
         for eight in 0..count.div_ceil(8) {
             let triangles = corners_of::<I>(&corners.as_chunks().0[eight]);

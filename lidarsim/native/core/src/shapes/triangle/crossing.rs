@@ -208,8 +208,9 @@ impl<I: Isa> Crossing<I> {
         Self::of((plane.num.renormalized(), plane.num_error), (den, plane.den_error(d)))
     }
 
-    /// As `grazing`, by long expansions, for the t of rays almost in the plane: of sums that cancel to u of
-    /// their terms, u² remain.
+    /// As `grazing`, by long expansions, for the t of rays almost in the plane: sums that cancel to u of their
+    /// terms are known to about u² of themselves. The sizes include `TINY`, as in `TrianglePlane`, and u³
+    /// of that still exceeds what a few products lose to underflow.
     #[inline(always)]
     pub fn long([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Self {
         let (e1, e2) = (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a));
@@ -496,13 +497,12 @@ mod tests {
     /// rounding, whose sums cancel to about u of their terms.
     #[test]
     fn long_sums_are_as_near_as_the_bound_says() {
-        for (which, known, known_in_plane) in [(0, 0.1225, 0.01), (1, 0.1225, 0.01)] {
+        for (which, known, known_in_plane) in [(0, 0.1225, 0.00232), (1, 0.1225, 0.01)] {
             assert_slack("sum", worst(6, 1500, draw, |x| long_share(x, which)).0, known);
             let in_plane = |x: &[f64; 15]| {
                 let [a, b, c, o, d] = points(x);
-                let along = |p: Point| -> Point {
-                    [0, 1, 2].map(|i| p[0] * (b[i] - a[i]) + p[1] * (c[i] - a[i]))
-                };
+                let along =
+                    |p: Point| -> Point { [0, 1, 2].map(|i| p[0] * (b[i] - a[i]) + p[1] * (c[i] - a[i])) };
                 let (from, d) = (along(o), along(d));
                 let o: Point = [0, 1, 2].map(|i| a[i] + from[i]);
                 let all = std::array::from_fn(|k| [a, b, c, o, d][k / 3][k % 3]);
@@ -562,16 +562,14 @@ mod tests {
         );
     }
 
-    /// Rays to a vertex, where the plane is left: the ends of the extent are hits.
+    /// Rays of whole numbers to a vertex hit the end of the extent, exactly.
     #[test]
     fn no_vertex_is_outside() {
         let mut next = crate::testing::numbers();
         let mut hits = 0;
         for k in 0..4000 {
-            let size = [1.0, 1e-3, 1e3][k % 3];
-            let mut point = |by: f64| [0; 3].map(|_: u8| by * (2.0_f64.powi(20) * (next() - 0.5)).round());
-            let corners: [Point; 3] = [point(1.0), point(1.0), point(1.0)];
-            let o = point(size.max(1.0));
+            let mut point = || [0; 3].map(|_: u8| (2.0_f64.powi(20) * (next() - 0.5)).round());
+            let (corners, o): ([Point; 3], Point) = ([point(), point(), point()], point());
             let d: Point = [0, 1, 2].map(|i| corners[k % 3][i] - o[i]);
             let [a, b, c] = corners.map(in_lanes);
             let crossing =
