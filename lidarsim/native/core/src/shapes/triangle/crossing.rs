@@ -497,7 +497,7 @@ mod tests {
     /// rounding, whose sums cancel to about u of their terms.
     #[test]
     fn long_sums_are_as_near_as_the_bound_says() {
-        for (which, known, known_in_plane) in [(0, 0.1225, 0.00232), (1, 0.1225, 0.01)] {
+        for (which, known, known_in_plane) in [(0, 0.1225, 0.00232), (1, 0.1225, 0.00146)] {
             assert_slack("sum", worst(6, 1500, draw, |x| long_share(x, which)).0, known);
             let in_plane = |x: &[f64; 15]| {
                 let [a, b, c, o, d] = points(x);
