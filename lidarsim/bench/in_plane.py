@@ -1,4 +1,4 @@
-"""Rays that lie in the plane of a surface, as those of a lidar that looks along a flat floor from its very height."""
+"""Rays that lie in the plane of a surface: a lidar that looks along a flat floor or slope from its very height."""
 
 from __future__ import annotations
 
@@ -31,6 +31,11 @@ ABOVE = 0.5
 TINY = 1e-300
 """Height of rays that are parallel to the plane and next to it, m."""
 
+LEVEL = np.eye(3)
+
+TILTED = np.array([[1, 0, 0], [0, np.sqrt(0.75), -0.5], [0, 0.5, np.sqrt(0.75)]])
+"""A rotation by 30°, which leaves rays and vertices in one plane only up to rounding."""
+
 
 def rays(height: float) -> tuple[Floats, Floats]:
     """Return origins and directions of horizontal rays all around, at a height, m: each of shape (n, 3)."""
@@ -39,8 +44,8 @@ def rays(height: float) -> tuple[Floats, Floats]:
     return np.tile((0.3, 0.17, height), (RAYS, 1)), directions
 
 
-def worlds() -> dict[str, ls.Scene]:
-    """Return scenes by name; the surface of each lies in the plane z = 0."""
+def worlds() -> dict[str, tuple[ls.Scene, Floats]]:
+    """Return scenes by name; the surface of each lies in the plane z = 0, rotated by the given matrix."""
     half = POSTS / 2.0
     mesh = ls.TriangleMesh.from_heightfield(np.zeros((POSTS, POSTS)), 1.0, origin=(-half, -half))
     heights = np.maximum(0.0, np.outer(np.sin(np.arange(POSTS) / 8.0), np.sin(np.arange(POSTS) / 9.0))).round(2)
@@ -51,26 +56,32 @@ def worlds() -> dict[str, ls.Scene]:
     i = np.arange(COLLAPSED)
     turned = np.array([[0, -1, 0, 0.25], [1, 0, 0, -0.5], [0, 0, 1, 0], [0, 0, 0, 1.0]])
     drive = ls.Trajectory.from_twist(np.eye(4), linear=(1.0, 0.5, 0.0))
-    parts: dict[str, tuple[ls.Shape, dict[str, Any]]] = {
-        "plane": (ls.Plane((0, 0, 1), 0.0), {}),
-        "box": (ls.Box((2.0 * half, 2.0 * half, 1.0), center=(0.0, 0.0, -0.5)), {}),
-        "flat mesh": (mesh, {}),
-        "flat mesh, turned and shifted": (mesh, {"transform": turned}),
-        "flat mesh that moves": (mesh, {"motion": drive}),
-        "height field with flat parts": (
-            ls.TriangleMesh.from_heightfield(heights, 1.0, origin=(-half, -half)),
-            {},
-        ),
-        f"polygon of {CORNERS:,} corners": (ls.Polygon(outline), {}),
+    hills = ls.TriangleMesh.from_heightfield(heights, 1.0, origin=(-half, -half))
+    tilt = np.eye(4)
+    tilt[:3, :3] = TILTED
+    parts: dict[str, tuple[ls.Shape, dict[str, Any], Floats]] = {
+        "plane": (ls.Plane((0, 0, 1), 0.0), {}, LEVEL),
+        "box": (ls.Box((2.0 * half, 2.0 * half, 1.0), center=(0.0, 0.0, -0.5)), {}, LEVEL),
+        "flat mesh": (mesh, {}, LEVEL),
+        "flat mesh, turned and shifted": (mesh, {"transform": turned}, LEVEL),
+        "flat mesh that moves": (mesh, {"motion": drive}, LEVEL),
+        "height field with flat parts": (hills, {}, LEVEL),
+        f"polygon of {CORNERS:,} corners": (ls.Polygon(outline), {}, LEVEL),
         f"{COLLAPSED:,} triangles without an area": (
             ls.TriangleMesh(along, np.column_stack([i, i + 1, i])),
             {},
+            LEVEL,
         ),
+        "flat mesh with tilted vertices": (ls.TriangleMesh(mesh.vertices @ TILTED.T, mesh.faces), {}, TILTED),
+        "hills with tilted vertices": (ls.TriangleMesh(hills.vertices @ TILTED.T, hills.faces), {}, TILTED),
+        "flat mesh under a tilt": (mesh, {"transform": tilt}, TILTED),
+        "hills under a tilt": (hills, {"transform": tilt}, TILTED),
     }
     found = {}
-    for name, (shape, options) in parts.items():
-        found[name] = ls.Scene()
-        found[name].add(shape, **options)
+    for name, (shape, options, rotation) in parts.items():
+        scene = ls.Scene()
+        scene.add(shape, **options)
+        found[name] = (scene, rotation)
     return found
 
 
@@ -79,9 +90,9 @@ def calls() -> dict[str, Callable[[], Any]]:
     heights = {"in the plane": 0.0, "next to it": TINY, "above": ABOVE}
     given = {where: rays(height) for where, height in heights.items()}
     what: dict[str, Callable[[], Any]] = {}
-    for name, scene in worlds().items():
+    for name, (scene, rotation) in worlds().items():
         for where, (origins, directions) in given.items():
-            what[f"{name}; {where}"] = partial(scene.cast, origins, directions)
+            what[f"{name}; {where}"] = partial(scene.cast, origins @ rotation.T, directions @ rotation.T)
     for call in what.values():
         call()
     return what

@@ -58,7 +58,8 @@ update them."""
 IN_PLANE = """\
 541 horizontal rays all around, in the plane z = 0 in which the surfaces lie. They hit only the box and the height
 field. The table gives the time of the same rays 0.5 m above the plane, and the ratios to it of rays at z = 0 exactly
-and at z = 1e-300 m."""
+and at z = 1e-300 m. Where it says tilted, rays and vertices are rotated by 30° about x and rounded, so that most rays
+hit the floor somewhere."""
 
 PATTERNS = """\
 Each frame differs from the one before; the scene is the city; one thread. The table gives the times of a pulse: to make

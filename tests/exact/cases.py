@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from conformance.samples import SAMPLES
 from exact.spec import Spec
+from scipy.spatial.transform import Rotation
 
 from lidarsim.bench.scenes import UTM, rotations
 
@@ -642,6 +643,18 @@ def _meshes() -> Iterator[Case]:
     yield Case(
         "mesh-terraces-rays-in-their-planes", "mesh, rays in the planes of its parts", spec, *_rays(along), 20, 10
     )
+    x, y = (g.ravel().astype(float) for g in np.meshgrid(np.arange(7), np.arange(7)))
+    i = (np.arange(6)[:, None] * 7 + np.arange(6)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + 8], 1), np.stack([i, i + 8, i + 7], 1)])
+    for axes, angles in (("x", (30,)), ("xy", (10, 45)), ("zxy", (15, 30, 60))):
+        tilt = Rotation.from_euler(axes, angles, degrees=True).as_matrix()
+        floor = np.column_stack([x, y, np.zeros(len(x))])
+        group = "mesh, rays in the plane of a tilted floor"
+        along = [(tilt @ o, tilt @ d) for z in (0.0, 2.0**-52) for o, d in _level_rays(rng, 6, z, 30)]
+        spec = Spec("TriangleMesh", (floor @ tilt.T, faces))
+        yield Case(f"mesh-floor-tilted-{axes}-rays-in-its-plane", group, spec, *_rays(along), 8, 4)
+        spec = Spec("TriangleMesh", (floor, faces), _affine(tilt))
+        yield Case(f"mesh-floor-under-a-tilt-{axes}-rays-in-its-plane", group, spec, *_rays(along), 2, 4)
     # two coplanar triangles overlap, one twice; then zero area in three ways
     vertices = np.array([(0, 0, 0), (4, 0, 0), (0, 4, 0), (4, 4, 0), (2, 0, 0), (2, 2, 0)], dtype=float)
     faces = np.array([(0, 0, 1), (0, 4, 1), (3, 3, 3), (0, 1, 3), (0, 1, 2), (2, 0, 1), (1, 3, 2)])

@@ -33,6 +33,14 @@ pub const CONSTANT: f64 = 64.0 * UNIT * UNIT;
 /// A few products lose less than u² of this to underflow.
 pub const TINY: f64 = f64::MIN_POSITIVE / (UNIT * UNIT);
 
+/// The sum of three numbers by decreasing size, for sums that cancel almost wholly.
+#[derive(Clone, Copy)]
+pub struct LongExpansion<I: Isa> {
+    high: I::F64x8,
+    low: I::F64x8,
+    rest: I::F64x8,
+}
+
 impl Constant {
     pub const ZERO: Constant = Constant { high: 0.0, low: 0.0, size: 0.0 };
 }
@@ -49,6 +57,19 @@ impl<I: Isa> Expansion<I> {
     #[inline(always)]
     pub fn splat(x: Constant) -> Self {
         Expansion { high: I::F64x8::splat(x.high), low: I::F64x8::splat(x.low) }
+    }
+
+    /// The numbers of one float64 each.
+    #[inline(always)]
+    pub fn plain(v: V<I>) -> [Self; 3] {
+        let low = I::F64x8::splat(0.0);
+        [Expansion { high: v[0], low }, Expansion { high: v[1], low }, Expansion { high: v[2], low }]
+    }
+
+    /// The high parts.
+    #[inline(always)]
+    pub fn highs(v: [Self; 3]) -> V<I> {
+        [v[0].high, v[1].high, v[2].high]
     }
 
     /// a − b, exactly, by axis.
@@ -69,6 +90,12 @@ impl<I: Isa> Expansion<I> {
     fn sum(a: I::F64x8, b: I::F64x8) -> Self {
         let (high, low) = two_sum(a, b);
         Expansion { high, low }
+    }
+
+    /// The same number, as the nearest float64 and the rest.
+    #[inline(always)]
+    pub fn renormalized(self) -> Self {
+        Self::sum(self.high, self.low)
     }
 
     /// a + b, exactly, for |a| ≥ |b|.
@@ -145,5 +172,85 @@ impl<I: Isa> Expansion<I> {
         let xy = Self::sum(x, y);
         let all = Self::sum(xy.high, z);
         Expansion { high: all.high, low: xy.low.add(all.low).add(x_low.add(y_low).add(z_low)) }
+    }
+}
+
+impl<I: Isa> LongExpansion<I> {
+    /// The sum of large numbers, of some of about u times their size, and of some of u² times their size,
+    /// which alone are added with rounding.
+    #[inline(always)]
+    fn sum<const L: usize, const M: usize, const S: usize>(
+        large: [I::F64x8; L],
+        medium: [I::F64x8; M],
+        small: [I::F64x8; S],
+    ) -> Self {
+        let (mut high, mut low, mut rest) = (large[0], medium[0], small[0]);
+        for x in &small[1..] {
+            rest = rest.add(*x);
+        }
+        for x in &medium[1..] {
+            let (sum, error) = two_sum(low, *x);
+            (low, rest) = (sum, rest.add(error));
+        }
+        for x in &large[1..] {
+            let (sum, error) = two_sum(high, *x);
+            let (medium, error) = two_sum(low, error);
+            (high, low, rest) = (sum, medium, rest.add(error));
+        }
+        LongExpansion { high, low, rest }
+    }
+
+    /// p·q − r·s.
+    #[inline(always)]
+    fn minor(p: Expansion<I>, q: Expansion<I>, r: Expansion<I>, s: Expansion<I>) -> Self {
+        let (r, r_low) = (r.high.negated(), r.low.negated());
+        let [(a, a1), (b, b1), (c, c1)] =
+            [two_product(p.high, q.high), two_product(p.high, q.low), two_product(p.low, q.high)];
+        let [(d, d1), (e, e1), (f, f1)] =
+            [two_product(r, s.high), two_product(r, s.low), two_product(r_low, s.high)];
+        Self::sum([a, d], [a1, b, c, d1, e, f], [b1, c1, e1, f1, p.low.mul(q.low), r_low.mul(s.low)])
+    }
+
+    /// p × q, for p and q of which each low part is at most u of the high one. A coordinate p·q − r·s of the
+    /// size A = |p·q| + |r·s| has a low part of at most 4u·A and a rest of at most 27u²·A, and is off by at
+    /// most 300u³·A: three medium products of u·A and a rounding of the large ones sum to 4u·A, six
+    /// roundings of that and three small products of u²·A to 27u²·A, in 11 additions; and one small product
+    /// rounds.
+    #[inline(always)]
+    pub fn cross(p: [Expansion<I>; 3], q: [Expansion<I>; 3]) -> [Self; 3] {
+        [
+            Self::minor(p[1], q[2], p[2], q[1]),
+            Self::minor(p[2], q[0], p[0], q[2]),
+            Self::minor(p[0], q[1], p[1], q[0]),
+        ]
+    }
+
+    /// n·r for n of `cross` and r of which each low part is at most u of the high one, with the nearest
+    /// float64 as its high part: off by at most 2500u³·S, S = ΣA_i|r_i|, and 2u² of itself. Medium products
+    /// and roundings of the large ones sum to 8u·S; ten roundings of that and small products of 36u²·S to
+    /// 116u²·S, in 18 additions: 2088u³·S. Small products round by 62u³·S, and n is off by 300u³·S. The sum
+    /// of three numbers to two rounds by u of the lower one, which is at most u of the higher and
+    /// 117u³·S.
+    #[inline(always)]
+    pub fn dot(n: [Self; 3], r: [Expansion<I>; 3]) -> Expansion<I> {
+        let [(x, x_medium, x_small), (y, y_medium, y_small), (z, z_medium, z_small)] =
+            [Self::product(n[0], r[0]), Self::product(n[1], r[1]), Self::product(n[2], r[2])];
+        let ([a, b, c], [d, e, f], [g, h, i]) = (x_medium, y_medium, z_medium);
+        let ([j, k, l], [m, n, o], [p, q, r]) = (x_small, y_small, z_small);
+        let LongExpansion { high, low, rest } =
+            Self::sum([x, y, z], [a, b, c, d, e, f, g, h, i], [j, k, l, m, n, o, p, q, r]);
+        let (high, low) = two_sum(high, low);
+        let (low, rest) = two_sum(low, rest);
+        let (high, low) = two_sum(high, low);
+        Expansion { high, low: low.add(rest) }
+    }
+
+    /// The large, medium and small numbers of a product.
+    #[inline(always)]
+    fn product(n: Self, r: Expansion<I>) -> (I::F64x8, [I::F64x8; 3], [I::F64x8; 3]) {
+        let (a, a1) = two_product(n.high, r.high);
+        let (b, b1) = two_product(n.high, r.low);
+        let (c, c1) = two_product(n.low, r.high);
+        (a, [a1, b, c], [b1, c1, n.low.mul_add(r.low, n.rest.mul(r.high))])
     }
 }

@@ -289,11 +289,17 @@ impl<'a> ClosestHits<'a> {
         self.part[lane] = part(&root);
     }
 
+    /// Whether a root with these bounds is certainly out of range or farther than the closest hit.
+    #[inline(always)]
+    pub fn excludes(&self, lane: usize, t: Interval) -> bool {
+        self.limit[lane] < t.low || t.high < self.range.min
+    }
+
     /// As `ClosestHit::accept`, for the only root of a primitive. Returns whether the limit may have
     /// decreased.
     #[inline(always)]
     pub fn accept_only(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
-        if self.limit[lane] < t.low || t.high < self.range.min {
+        if self.excludes(lane, t) {
             return false;
         }
         if self.range.min <= t.low && t.high <= self.range.max && t.high < self.low[lane] {

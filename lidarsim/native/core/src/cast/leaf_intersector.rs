@@ -23,7 +23,9 @@ pub struct LeafIntersector<'a, 's> {
     /// The same rays in world coordinates.
     pub world: &'a RayPacket,
     pub closest: &'a mut ClosestHits<'s>,
-    /// `None` if the mesh is transformed.
+    /// Whether the mesh is transformed.
+    pub transformed: bool,
+    /// `None` if the mesh moves, or is transformed by an extreme map.
     pub deferred: Option<&'a mut DeferredCandidates>,
     pub scratch: &'a mut LeafScratch,
 }
@@ -100,7 +102,7 @@ impl LeafIntersector<'_, '_> {
         let RayPacket { spread, largest_origin_error, has_offsets, .. } = *self.rays;
         let edges = leaf.edges(&leaf.grid_vertices::<I>(), self.rays.origin(0), spread, largest_origin_error);
         // Not in transformed meshes, whose visits are too many and too short to bound the rays for each.
-        if mask.count_ones() >= MANY && !has_offsets && self.deferred.is_some() {
+        if mask.count_ones() >= MANY && !has_offsets && !self.transformed {
             let reachable = leaf.reachable::<I, APART>(&edges, &self.bounds::<I, APART>());
             let eights = (0..LANES / 8).filter(|&eight| part_of_mask::<8>(mask, eight) != 0).count();
             if reachable.count_ones() as usize * eights < mask.count_ones() as usize {
@@ -121,7 +123,7 @@ impl LeafIntersector<'_, '_> {
                 self.scratch.plane_normals = edges.plane_normals();
             }
         }
-        self.accept::<I, APART>(tests, |_| leaf)
+        self.accept::<I, APART>(tests, |_| leaf, Some(&edges))
     }
 
     /// Intersects rays with these triangles of a leaf, one after the other.
@@ -149,7 +151,7 @@ impl LeafIntersector<'_, '_> {
                 let taken = self.closest.accept_eight::<I>(self.world, eight, known, root, t);
                 nearer |= Mask::from(taken.nearer) << (8 * eight);
                 while let Some(k) = take(&mut unknown) {
-                    self.defer::<I>(8 * eight + k, root.primitive);
+                    nearer |= self.defer::<I>(8 * eight + k, root.primitive);
                 }
             }
             if nearer != before {
@@ -200,18 +202,19 @@ impl LeafIntersector<'_, '_> {
     }
 
     /// Updates the closest hits from tests in leaves, and returns the mask of rays whose limits have
-    /// decreased.
+    /// decreased. The edges of the leaf are given if all rays share it.
     #[inline(always)]
     fn accept<'l, I: Isa, const APART: bool>(
         &mut self,
         tests: LeafTests,
         leaf: impl Fn(usize) -> &'l Leaf,
+        edges: Option<&Edges<I>>,
     ) -> Mask {
         let mut nearer = 0;
         for k in 0..tests.count {
             let LeafTest { lane, candidates, sure, planes } = self.scratch.tests[k];
             let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
-            let (ray, planes) = (ray::<APART>(self.rays, lane), usize::from(planes));
+            let (ray, planes, mut unknown) = (ray::<APART>(self.rays, lane), usize::from(planes), 0);
             while let Some(i) = take(&mut candidates) {
                 let primitive = leaf(planes).ids()[i];
                 let known = if sure & 1 << i != 0 {
@@ -222,7 +225,7 @@ impl LeafIntersector<'_, '_> {
                     None
                 };
                 let Some(t) = known else {
-                    self.defer::<I>(lane, primitive);
+                    unknown |= 1 << i;
                     continue;
                 };
                 if self.closest.accept_only(self.world, lane, RootId::of_triangle(self.id, primitive), t) {
@@ -230,21 +233,41 @@ impl LeafIntersector<'_, '_> {
                     nearer |= 1 << lane;
                 }
             }
+            if unknown != 0 {
+                let leaf = leaf(planes);
+                let beside = match edges {
+                    Some(edges) => Leaf::beside::<I, APART>(edges, &ray),
+                    None => {
+                        let error = self.rays.origin_error[lane];
+                        let vertices = leaf.grid_vertices::<I>();
+                        let edges = leaf.edges(&vertices, self.rays.origin(lane), 0.0, error);
+                        Leaf::beside::<I, APART>(&edges, &ray)
+                    }
+                };
+                let mut unknown = Mask::from(unknown & !beside);
+                while let Some(i) = take(&mut unknown) {
+                    nearer |= self.defer::<I>(lane, leaf.ids()[i]);
+                }
+            }
         }
         nearer
     }
 
-    /// Defers a candidate that the test in the leaf left uncertain.
+    /// Defers a candidate that the test in the leaf left uncertain. Returns the rays whose limits may have
+    /// decreased.
     #[inline(always)]
-    fn defer<I: Isa>(&mut self, lane: usize, primitive: u32) {
+    fn defer<I: Isa>(&mut self, lane: usize, primitive: u32) -> Mask {
         let Some(deferred) = &mut self.deferred else {
             self.closest.intersect(self.world, lane, self.id, primitive);
-            return;
+            return 1 << lane;
         };
-        if deferred.is_full() {
-            deferred.resolve::<I>(self.scene, self.world, self.closest);
-        }
+        let nearer = if deferred.is_full(self.scene, self.id) {
+            deferred.resolve::<I>(self.scene, self.world, self.closest)
+        } else {
+            0
+        };
         deferred.push::<I>(self.scene, lane, RootId::of_triangle(self.id, primitive));
+        nearer
     }
 }
 
@@ -262,7 +285,7 @@ impl Visitor<Leaf> for LeafIntersector<'_, '_> {
             self.scratch.keep(&mut tests, lane, candidates, sure);
             tests.planes += 1;
         }
-        self.accept::<I, false>(tests, |k| leaves[k])
+        self.accept::<I, false>(tests, |k| leaves[k], None)
     }
 
     #[inline(always)]

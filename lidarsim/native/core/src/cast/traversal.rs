@@ -489,13 +489,16 @@ impl<'a> PacketState<'a, '_> {
     ) -> LeafIntersector<'_, 'a> {
         let PacketState { scene, closest, scratch, .. } = self;
         let world = &*self.rays;
-        let InstanceVisit { id, .. } = visit;
-        let (rays, deferred) = match (&self.instance_rays, &self.near_rays) {
-            (Some(instance_rays), _) if !visit.object.is_untransformed() => (instance_rays.rays(), None),
-            (_, Some(near_rays)) if self.are_far => (&**near_rays, Some(&mut *self.deferred)),
-            _ => (world, Some(&mut *self.deferred)),
+        let InstanceVisit { id, object, .. } = visit;
+        let transformed = !object.is_untransformed();
+        let rays = match (&self.instance_rays, &self.near_rays) {
+            (Some(instance_rays), _) if transformed => instance_rays.rays(),
+            (_, Some(near_rays)) if self.are_far => &**near_rays,
+            _ => world,
         };
-        LeafIntersector { scene, mesh, id, rays, world, closest, deferred, scratch }
+        let can_defer = !transformed || object.is_placed_triangle();
+        let deferred = if can_defer { Some(&mut *self.deferred) } else { None };
+        LeafIntersector { scene, mesh, id, rays, world, closest, transformed, deferred, scratch }
     }
 
     #[inline(always)]

@@ -151,6 +151,17 @@ impl Task for Refine<'_, '_> {
                 normal[axis].as_chunks_mut().0[eight] = unit[axis].store();
             }
             certain |= Mask::from(sure & fine & mask) << (8 * eight);
+            let left = mask & !sure;
+            if left != 0 {
+                let corners =
+                    if one.is_some() { &[corners[first]; 8] } else { &corners.as_chunks().0[eight] };
+                let (origins, directions) = (rays.origins::<I>(eight), rays.directions::<I>(eight));
+                let (refined, sure) =
+                    Crossing::<I>::long(corners_of::<I>(corners), origins, directions).rounded();
+                let (unit, fine) = plane.common_unit_normal();
+                let found = (refined.store(), [unit[0].store(), unit[1].store(), unit[2].store()]);
+                certain |= put(t, normal, eight, sure & fine & left, found);
+            }
         }
         certain
     }
@@ -193,21 +204,32 @@ impl Task for RefinePlaced<'_, '_> {
                 origin = Some(from);
                 let plane =
                     TrianglePlane::<I>::placed(corners_of::<I>(&corners.as_chunks().0[eight]), inverse, from);
-                let (unit, fine) = plane.placed_unit_normal();
+                let (unit, fine) = plane.common_unit_normal();
                 let (refined, sure) = Crossing::<I>::new(&plane, rays.directions::<I>(eight)).rounded();
-                let (refined, unit) = (refined.store(), [unit[0].store(), unit[1].store(), unit[2].store()]);
-                let known = sure & fine & mask;
-                let mut sure = Mask::from(known);
-                while let Some(k) = take(&mut sure) {
-                    let lane = 8 * eight + k;
-                    t[lane] = refined[k];
-                    for axis in 0..3 {
-                        normal[axis][lane] = unit[axis][k];
-                    }
-                }
-                certain |= Mask::from(known) << (8 * eight);
+                let found = (refined.store(), [unit[0].store(), unit[1].store(), unit[2].store()]);
+                certain |= put(t, normal, eight, sure & fine & mask, found);
             }
         }
         certain
     }
+}
+
+/// Puts t and normals to these lanes of the eight, and returns them as lanes of the packet.
+#[inline(always)]
+fn put(
+    t: &mut [f64; LANES],
+    normal: &mut [[f64; LANES]; 3],
+    eight: usize,
+    lanes: u32,
+    (refined, unit): ([f64; 8], [[f64; 8]; 3]),
+) -> Mask {
+    let mut left = Mask::from(lanes);
+    while let Some(k) = take(&mut left) {
+        let lane = 8 * eight + k;
+        t[lane] = refined[k];
+        for axis in 0..3 {
+            normal[axis][lane] = unit[axis][k];
+        }
+    }
+    Mask::from(lanes) << (8 * eight)
 }

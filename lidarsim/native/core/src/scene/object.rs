@@ -248,7 +248,7 @@ impl ObjectAt<'_> {
 
     /// A world ray in the coordinates of the object.
     #[inline(always)]
-    pub(super) fn local<N: Number>(&self, ray: Ray<N>) -> Ray<N> {
+    pub fn local<N: Number>(&self, ray: Ray<N>) -> Ray<N> {
         self.placement().local(ray)
     }
 

@@ -86,7 +86,8 @@ impl TriangleMesh {
 
     #[inline(always)]
     pub fn corners(&self, id: u32) -> [&Point; 3] {
-        self.faces[id as usize].map(|v| &self.vertices[v as usize])
+        let [a, b, c] = self.faces[id as usize];
+        [&self.vertices[a as usize], &self.vertices[b as usize], &self.vertices[c as usize]]
     }
 
     #[inline(always)]

@@ -66,6 +66,18 @@ impl ExpandedInverse {
         ([x, y, z], [x_size, y_size, z_size])
     }
 
+    /// The images of vectors, and their sizes, as near as those of points.
+    #[inline(always)]
+    pub fn vectors<I: Isa>(&self, x: V<I>) -> ([Expansion<I>; 3], V<I>) {
+        let (from, sizes) = (Expansion::plain(x), lanes::abs(x));
+        let [(x, x_size), (y, y_size), (z, z_size)] = [
+            Self::product(from, sizes, self.linear[0]),
+            Self::product(from, sizes, self.linear[1]),
+            Self::product(from, sizes, self.linear[2]),
+        ];
+        ([x, y, z], [x_size, y_size, z_size])
+    }
+
     /// A coordinate less that of the offset and of the rest, and its size.
     #[inline(always)]
     fn past_offset<I: Isa>(&self, axis: usize, x: I::F64x8) -> (Expansion<I>, I::F64x8) {

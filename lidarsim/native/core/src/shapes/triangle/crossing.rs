@@ -1,7 +1,7 @@
 //! Intersections of rays with the planes of triangles, one triangle per lane, by expansions.
 
 use crate::arith::error_free::two_product;
-use crate::arith::expansion::{Expansion, TINY, V};
+use crate::arith::expansion::{Expansion, LongExpansion, TINY, V};
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::affine::ExpandedInverse;
@@ -20,6 +20,11 @@ const ORDINARY_MAX: f64 = f64::from_bits((1023 + 400) << 52);
 /// The omitted part of a sum of triple products, relative to their sizes; see `Crossing`.
 pub const BOUND: f64 = 320.0 * UNIT * UNIT;
 
+/// As `BOUND`, for long expansions, which `LongExpansion::dot` bounds by 2500u³; and the part that is
+/// relative to the sum itself.
+const LONG_BOUND: f64 = 3072.0 * UNIT * UNIT * UNIT;
+const LAST_ROUNDING: f64 = 4.0 * UNIT * UNIT;
+
 /// The omitted part of the correction of a quotient, relative to its components; see `Crossing`.
 const ROUNDINGS: f64 = 16.0 * UNIT;
 
@@ -31,6 +36,21 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
         I::columns([p0[1], p1[1], p2[1], p3[1], p4[1], p5[1], p6[1], p7[1]]),
         I::columns([p0[2], p1[2], p2[2], p3[2], p4[2], p5[2], p6[2], p7[2]]),
     ]
+}
+
+/// A corner less the origin of a ray in its coordinates, as of `ExpandedInverse::points`; and its size.
+#[inline(always)]
+pub fn from_origin<I: Isa>(
+    corner: V<I>,
+    (o, o_size): ([Expansion<I>; 3], V<I>),
+) -> ([Expansion<I>; 3], V<I>) {
+    let mut from = Expansion::<I>::vector_diff(corner, Expansion::highs(o));
+    let mut size = o_size;
+    for axis in 0..3 {
+        from[axis].low = from[axis].low.sub(o[axis].low);
+        size[axis] = size[axis].add(from[axis].high.abs());
+    }
+    (from, size)
 }
 
 /// The intersection of a ray with the plane of a triangle by expansions: t = n·(a − o)/(n·d) with the
@@ -112,25 +132,13 @@ impl<I: Isa> TrianglePlane<I> {
         let (y, y_size) = ExpandedInverse::product(n, size, [r01, r11, r21]);
         let (z, z_size) = ExpandedInverse::product(n, size, [r02, r12, r22]);
         let corner = corners[0];
-        let (from_x, reach_x) = Self::from_origin(corner[0], o[0], o_size[0]);
-        let (from_y, reach_y) = Self::from_origin(corner[1], o[1], o_size[1]);
-        let (from_z, reach_z) = Self::from_origin(corner[2], o[2], o_size[2]);
-        let num = Expansion::product(
-            Expansion::splat(inverse.determinant),
-            Expansion::dot(n, [from_x, from_y, from_z]),
-        );
-        let reach = lanes::dot(size, [reach_x, reach_y, reach_z]);
+        let (from, reach) = from_origin::<I>(corner, (o, o_size));
+        let num = Expansion::product(Expansion::splat(inverse.determinant), Expansion::dot(n, from));
+        let reach = lanes::dot(size, reach);
         let num_error = reach.mul(I::F64x8::splat(2.0 * BOUND * inverse.determinant.size));
         let two = I::F64x8::splat(2.0);
         let size = [x_size.mul(two), y_size.mul(two), z_size.mul(two)];
         TrianglePlane { normal: [x, y, z], size, corner, num, num_error }
-    }
-
-    /// A coordinate of a − o, and its size.
-    #[inline(always)]
-    fn from_origin(a: I::F64x8, o: Expansion<I>, o_size: I::F64x8) -> (Expansion<I>, I::F64x8) {
-        let Expansion { high, low } = Expansion::<I>::diff(a, o.high);
-        (Expansion { high, low: low.sub(o.low) }, high.abs().add(o_size))
     }
 
     /// n and A.
@@ -147,6 +155,12 @@ impl<I: Isa> TrianglePlane<I> {
     #[inline(always)]
     pub fn seen_from(&self, o: V<I>) -> Self {
         Self::of_point(self.normal, self.size, self.corner, o)
+    }
+
+    /// The error of n·d.
+    #[inline(always)]
+    fn den_error(&self, d: V<I>) -> I::F64x8 {
+        lanes::dot(self.size, lanes::abs(d)).mul(I::F64x8::splat(BOUND))
     }
 
     /// The length above which a normal is accurate to 2⁻⁶⁰ of its length.
@@ -169,9 +183,9 @@ impl<I: Isa> TrianglePlane<I> {
         ([n[0].mul(shrink), n[1].mul(shrink), n[2].mul(shrink)], fine)
     }
 
-    /// As `unit_normal`, for placed triangles: rounded like the normals of other surfaces.
+    /// As `unit_normal`, rounded like the normals of other surfaces.
     #[inline(always)]
-    pub fn placed_unit_normal(&self) -> (V<I>, u32) {
+    pub fn common_unit_normal(&self) -> (V<I>, u32) {
         let TrianglePlane { normal: n, .. } = *self;
         let n = [n[0].rounded(), n[1].rounded(), n[2].rounded()];
         let largest = n[0].abs().max(n[1].abs()).max(n[2].abs());
@@ -183,10 +197,38 @@ impl<I: Isa> TrianglePlane<I> {
 impl<I: Isa> Crossing<I> {
     #[inline(always)]
     pub fn new(plane: &TrianglePlane<I>, d: V<I>) -> Self {
-        let TrianglePlane { normal, size, num, num_error, .. } = *plane;
-        let den = Expansion::dot_plain(normal, d);
+        Self::of((plane.num, plane.num_error), (Expansion::dot_plain(plane.normal, d), plane.den_error(d)))
+    }
 
-        let (unit, bound) = (I::F64x8::splat(UNIT), I::F64x8::splat(BOUND));
+    /// As `new`, but also of use for rays almost in the plane, whose sums cancel until their low parts are
+    /// about as large as the high ones.
+    #[inline(always)]
+    pub fn grazing(plane: &TrianglePlane<I>, d: V<I>) -> Self {
+        let den = Expansion::dot_plain(plane.normal, d).renormalized();
+        Self::of((plane.num.renormalized(), plane.num_error), (den, plane.den_error(d)))
+    }
+
+    /// As `grazing`, by long expansions, for the t of rays almost in the plane: sums that cancel to u of their
+    /// terms are known to about u² of themselves. The sizes include `TINY`, as in `TrianglePlane`, and u³
+    /// of that still exceeds what a few products lose to underflow.
+    #[inline(always)]
+    pub fn long([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Self {
+        let (e1, e2) = (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a));
+        let normal = LongExpansion::cross(e1, e2);
+        let (_, size) = TrianglePlane::<I>::normals([a, b, c]);
+        let r = Expansion::<I>::vector_diff(a, o);
+        let reach = [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()];
+        let (num, den) = (LongExpansion::dot(normal, r), LongExpansion::dot(normal, Expansion::plain(d)));
+        let (long, last) = (I::F64x8::splat(LONG_BOUND), I::F64x8::splat(LAST_ROUNDING));
+        let num_error = lanes::dot(size, reach).mul(long).add(num.high.abs().mul(last));
+        let den_error = lanes::dot(size, lanes::abs(d)).mul(long).add(den.high.abs().mul(last));
+        Self::of((num, num_error), (den, den_error))
+    }
+
+    /// The quotient of two sums with their errors.
+    #[inline(always)]
+    fn of((num, num_error): (Expansion<I>, I::F64x8), (den, den_error): (Expansion<I>, I::F64x8)) -> Self {
+        let unit = I::F64x8::splat(UNIT);
         let (num_high, den_high) = (num.rounded(), den.rounded());
         let inverse = I::F64x8::splat(1.0).div(den_high);
         let first = num_high.mul(inverse);
@@ -195,7 +237,6 @@ impl<I: Isa> Crossing<I> {
         let correction = num.high.sub(p).sub(q).add(lows).mul(inverse);
         let t = Expansion::<I>::fast_sum(first, correction);
 
-        let den_error = lanes::dot(size, lanes::abs(d)).mul(bound);
         let parts = num.low.abs().add(first.mul(den.low).abs()).add(first.mul(den.high).abs().mul(unit));
         let roundings = parts.mul(inverse).abs().add(correction.abs()).mul(I::F64x8::splat(ROUNDINGS));
         let error = num_error.add(first.abs().mul(den_error)).mul(inverse).abs();
@@ -211,6 +252,35 @@ impl<I: Isa> Crossing<I> {
             & den_error.add(den.low.abs()).mul(I::F64x8::splat(128.0)).lt(den_size)
             & num.low.abs().mul(I::F64x8::splat(8.0)).lt(num_size);
         Crossing { t, error, ordinary }
+    }
+
+    /// The lanes in which the crossing certainly lies outside the extent of the triangle along the ray.
+    ///
+    /// At a hit, t·d·d = d·(p − o) lies between the least and the largest of d·(v − o) over the vertices v.
+    /// A coordinate of o, like one of d, comes with its size, of which it is off by up to 7u; v − o has the
+    /// size |v − o| plus that of o. So d·(v − o) is off by less than 20u, and d·d by less than 19u, of the
+    /// sums S and D of the products of sizes; t·(d·d) by one rounding more. d·d is a normal number
+    /// (`RayPacket::fits`), and what else underflows is less than the smallest of these.
+    #[inline(always)]
+    pub fn outside(&self, corners: [V<I>; 3], o: (V<I>, V<I>), d: (V<I>, V<I>)) -> u32 {
+        let (Interval { low, high }, known) = self.bounds();
+        let (a, a_size) = Self::along(corners[0], o, d);
+        let (b, b_size) = Self::along(corners[1], o, d);
+        let (c, c_size) = Self::along(corners[2], o, d);
+        let (near, far) = (a.min(b).min(c), a.max(b).max(c));
+        let square = lanes::dot(d.0, d.0);
+        let t_size = low.abs().max(high.abs()).mul(lanes::dot(d.1, d.1));
+        let (low, high) = (low.mul(square), high.mul(square));
+        let size = a_size.max(b_size).max(c_size).add(t_size);
+        let off = size.mul_add(I::F64x8::splat(32.0 * UNIT), I::F64x8::splat(f64::MIN_POSITIVE));
+        known & (high.add(off).lt(near) | far.lt(low.sub(off)))
+    }
+
+    /// d·(v − o), and its size.
+    #[inline(always)]
+    fn along(v: V<I>, (o, o_size): (V<I>, V<I>), (d, d_size): (V<I>, V<I>)) -> (I::F64x8, I::F64x8) {
+        let from = lanes::sub(v, o);
+        (lanes::dot(d, from), lanes::dot(d_size, lanes::add(lanes::abs(from), o_size)))
     }
 
     /// t, correctly rounded, and the lanes in which it is certain.
@@ -238,6 +308,7 @@ impl<I: Isa> Crossing<I> {
 mod tests {
     use super::*;
     use crate::arith::number::{Dyadic, Number};
+    use crate::arith::root::Root;
     use crate::arith::simd::Portable;
     use crate::geometry::affine::{Affine, Inverse, Placement};
     use crate::geometry::ray::Ray;
@@ -407,6 +478,107 @@ mod tests {
         });
         assert!(used > 3000, "{used}");
         assert_slack("error", found, 0.0166);
+    }
+
+    /// The error of a long sum, n·(a − o) or n·d, as a share of its bound.
+    fn long_share(x: &[f64; 15], which: usize) -> f64 {
+        let [a, b, c, o, d] = points(x).map(in_lanes);
+        let e1 = Expansion::<Portable>::vector_diff(b, a);
+        let e2 = Expansion::<Portable>::vector_diff(c, a);
+        let r = [Expansion::<Portable>::vector_diff(a, o), Expansion::plain(d)][which];
+        let sum = LongExpansion::dot(LongExpansion::cross(e1, e2), r);
+        let (_, size) = TrianglePlane::<Portable>::normals([a, b, c]);
+        let size = (0..3).map(|i| size[i][0] * r[i].high[0].abs()).sum::<f64>();
+        let bound = LONG_BOUND * size + LAST_ROUNDING * sum.high[0].abs();
+        of_bound(&exact(sum).minus(&sums(x).1[which]), bound)
+    }
+
+    /// For any rays, of which the last rounding is most of the error; and for rays in the plane up to
+    /// rounding, whose sums cancel to about u of their terms.
+    #[test]
+    fn long_sums_are_as_near_as_the_bound_says() {
+        for (which, known, known_in_plane) in [(0, 0.1225, 0.00232), (1, 0.1225, 0.00146)] {
+            assert_slack("sum", worst(6, 1500, draw, |x| long_share(x, which)).0, known);
+            let in_plane = |x: &[f64; 15]| {
+                let [a, b, c, o, d] = points(x);
+                let along =
+                    |p: Point| -> Point { [0, 1, 2].map(|i| p[0] * (b[i] - a[i]) + p[1] * (c[i] - a[i])) };
+                let (from, d) = (along(o), along(d));
+                let o: Point = [0, 1, 2].map(|i| a[i] + from[i]);
+                let all = std::array::from_fn(|k| [a, b, c, o, d][k / 3][k % 3]);
+                long_share(&all, which)
+            };
+            assert_slack("sum in the plane", worst(6, 1500, draw, in_plane).0, known_in_plane);
+        }
+    }
+
+    /// Rays that graze as closely as roundings allow: `long` knows t, correctly rounded.
+    #[test]
+    fn t_in_the_plane_is_correctly_rounded() {
+        let mut next = crate::testing::numbers();
+        let (mut open, mut known, mut outside, mut inside) = (0, 0, 0, 0);
+        for _ in 0..4000 {
+            let mut point = || [0; 3].map(|_: u8| next() - 0.5);
+            let (a, b, c): (Point, Point, Point) = (point(), point(), point());
+            let within =
+                |u: f64, v: f64| -> Point { [0, 1, 2].map(|i| a[i] + u * (b[i] - a[i]) + v * (c[i] - a[i])) };
+            let (o, to) = (within(4.0 * next() - 2.0, 4.0 * next()), within(next(), next()));
+            let d: Point = [0, 1, 2].map(|i| to[i] - o[i]);
+            let all = std::array::from_fn(|k| [a, b, c, o, d][k / 3][k % 3]);
+            let (_, [num, den]) = sums(&all);
+            if den.is_zero() == Ok(true) {
+                continue;
+            }
+            let [a, b, c, o, d] = points(&all).map(in_lanes);
+            let crossing = Crossing::<Portable>::grazing(&TrianglePlane::new([a, b, c], o), d);
+            open += usize::from(crossing.rounded().1 & 1 == 0);
+            let (t, sure) = Crossing::<Portable>::long([a, b, c], o, d).rounded();
+            let root = match Root::ratio(num, den, 0) {
+                Ok(Some(root)) => root,
+                _ => unreachable!("the ray crosses the plane"),
+            };
+            if sure & 1 != 0 {
+                assert_eq!(Number::round(&root), Ok(t[0]));
+                known += 1;
+            }
+            let [a, b, c, o, d] = points(&all);
+            let is_hit =
+                crate::shapes::Surface::roots(&crate::shapes::Triangle(a, b, c), &Ray::<Dyadic>::new(o, d))
+                    .is_ok_and(|[root, _]| root.is_some());
+            let zero = [[0.0; 8]; 3];
+            let far = crossing.outside(
+                [a, b, c].map(in_lanes),
+                (in_lanes(o), zero),
+                (in_lanes(d), in_lanes(d.map(f64::abs))),
+            ) & 1
+                != 0;
+            assert!(!(is_hit && far), "{all:?}");
+            outside += usize::from(far);
+            inside += usize::from(is_hit);
+        }
+        assert!(
+            open > 3000 && known > 3000 && outside > 1000 && inside > 100,
+            "{open} {known} {outside} {inside}"
+        );
+    }
+
+    /// Rays of whole numbers to a vertex hit the end of the extent, exactly.
+    #[test]
+    fn no_vertex_is_outside() {
+        let mut next = crate::testing::numbers();
+        let mut hits = 0;
+        for k in 0..4000 {
+            let mut point = || [0; 3].map(|_: u8| (2.0_f64.powi(20) * (next() - 0.5)).round());
+            let (corners, o): ([Point; 3], Point) = ([point(), point(), point()], point());
+            let d: Point = [0, 1, 2].map(|i| corners[k % 3][i] - o[i]);
+            let [a, b, c] = corners.map(in_lanes);
+            let crossing =
+                Crossing::<Portable>::grazing(&TrianglePlane::new([a, b, c], in_lanes(o)), in_lanes(d));
+            let sizes = ([[0.0; 8]; 3], in_lanes(d.map(f64::abs)));
+            assert_eq!(crossing.outside([a, b, c], (in_lanes(o), sizes.0), (in_lanes(d), sizes.1)), 0);
+            hits += usize::from(crossing.bounds().1 & 1 != 0);
+        }
+        assert!(hits > 3000, "{hits}");
     }
 
     /// Down to numbers that are not `ordinary`, so that products of three coordinates underflow.

@@ -287,6 +287,22 @@ impl Leaf {
         (candidates, candidates & equal)
     }
 
+    /// The triangles that certainly lie beside the line of a ray: their vertices are on one side of the plane
+    /// through the line that is perpendicular to the triangle. The volumes of a ray in the plane of triangles
+    /// are all about zero, however far beside it they are.
+    ///
+    /// With N = (b − a) × (c − a) and w = d × N, that side of a vertex a is the sign of w·(a − o). Each N
+    /// gives a plane through the line, so that of the grid needs no bound. With n ≥ all coordinates of N, and
+    /// m, δ and ε as in `candidates`: |wᵢ| ≤ n·|d|₁, and wᵢ rounds by 2u of that; in w·a and w·o, of at most
+    /// 3n·|d|₁·m together, that is 6u·m, the errors of a and o come to 3·(4u·m + 2ε), and products and sums
+    /// round by 12u·m, all times n·|d|₁. An error ε_d of the direction adds 6n·m·ε_d. So the side is off by
+    /// less than n/m times the bound of `candidates`.
+    #[inline(always)]
+    pub fn beside<I: Isa, const APART: bool>(edges: &Edges<I>, ray: &LeafRay) -> u32 {
+        let (sides, _, bound) = sides::<I, APART>(edges, ray);
+        signs(sides, bound).1
+    }
+
     /// The triangles that any of many rays may hit: all except those with one volume negative for every ray
     /// and another one positive for every ray.
     ///
@@ -478,6 +494,25 @@ fn volumes<F: Floats<f64, 8>, const APART: bool>(
     (volumes, u.add(v).add(w))
 }
 
+/// The sides of the vertices as in `Leaf::beside`, N, and the bound of the errors.
+#[inline(always)]
+fn sides<I: Isa, const APART: bool>(
+    edges: &Edges<I>,
+    ray: &LeafRay,
+) -> ([F64x8<I>; 3], [F64x8<I>; 3], F64x8<I>) {
+    let normal: [F64x8<I>; 3] = lanes::fused_cross(edges.sides[1], edges.sides[2]);
+    let across = lanes::fused_cross(lanes::splat(ray.direction), normal);
+    let [a, b, c] = edges.vertices;
+    let mut sides = [lanes::fused_dot(across, a), lanes::fused_dot(across, b), lanes::fused_dot(across, c)];
+    if APART {
+        let start = lanes::fused_dot(across, lanes::splat(ray.start));
+        sides = [sides[0].sub(start), sides[1].sub(start), sides[2].sub(start)];
+    }
+    let size = normal[0].abs().max(normal[1].abs()).max(normal[2].abs());
+    let bound = F64x8::<I>::splat(edges.bound_of(ray.length, ray.error) / edges.reach);
+    (sides, normal, size.fused(bound, F64x8::<I>::splat(f64::MIN_POSITIVE)))
+}
+
 /// Three vectors of triangle i.
 #[inline(always)]
 fn three<I: Isa>([p, q, r]: &[[[f64; LEAF_SIZE]; 3]; 3], i: usize) -> [[F64x8<I>; 3]; 3] {
@@ -644,6 +679,8 @@ mod tests {
         reachable: u32,
         candidates: u32,
         sure: u32,
+        /// For single rays.
+        beside: u32,
         /// For certain hits.
         t: [Option<Interval>; LEAF_SIZE],
     }
@@ -689,7 +726,8 @@ mod tests {
                             t[i] = planes.intersect_one::<APART>(i, &edges.plane_normals(), &ray, &sums);
                         }
                     }
-                    told.push(Said { reachable, candidates, sure, t });
+                    let beside = Leaf::beside::<I, APART>(&edges, &ray);
+                    told.push(Said { reachable, candidates, sure, beside, t });
                 }
             }
             let one_by_one = told.len();
@@ -708,7 +746,7 @@ mod tests {
                 };
                 for k in 0..eight.len() {
                     let Said { reachable, .. } = told[8 * group + k];
-                    told.push(Said { reachable, candidates: 0, sure: 0, t: [None; LEAF_SIZE] });
+                    told.push(Said { reachable, candidates: 0, sure: 0, beside: 0, t: [None; LEAF_SIZE] });
                 }
                 for i in 0..self.leaf.ids().len() {
                     let TriangleTest { candidates, known, t } =
@@ -767,6 +805,7 @@ mod tests {
         // Hits, certain ones among them, and those with bounds of t; misses, those ruled out, and those ruled
         // out for two rays at once.
         let (mut hit, mut sure, mut bounded, mut missed, mut out, mut beyond) = (0, 0, 0, 0, 0, 0);
+        let mut beside = 0;
         for (place, size) in BOXES {
             for round in 0..12 {
                 let mesh = mesh(place, size, [8, 5, 1][round % 3], &mut next);
@@ -834,9 +873,11 @@ mod tests {
                                 missed += 1;
                                 out += usize::from(!is(told.candidates));
                                 beyond += usize::from(!is(told.reachable));
+                                beside += usize::from(is(told.beside));
                                 continue;
                             };
                             assert!(is(told.candidates) && is(told.reachable), "{level:?}: {place}, {size}");
+                            assert!(!is(told.beside), "{level:?}: {place}, {size}");
                             hit += 1;
                             sure += usize::from(is(told.sure));
                             if let Some(t) = &told.t[lane] {
@@ -859,6 +900,7 @@ mod tests {
         }
         assert!(hit > 16_000 && sure > 8_000 && bounded > 8_000, "{hit}, {sure}, {bounded}");
         assert!(missed > 100_000 && out > 40_000 && beyond > 10_000, "{missed}, {out}, {beyond}");
+        assert!(beside > 10_000, "{beside}");
     }
 
     /// A triangle in a box of side 1, a ray towards a weighted mean of its vertices, and both as the leaf
@@ -964,6 +1006,18 @@ mod tests {
             largest
         }
 
+        /// The largest error of the side of a vertex as a share of its bound.
+        fn sides(&self) -> f64 {
+            let (sides, normal, bound) = sides::<Portable, true>(&self.edges, &self.ray);
+            let normal = [0, 1, 2].map(|axis| Dyadic::exact(normal[axis][0]));
+            let across = crate::geometry::vector::cross(&self.direction, &normal);
+            let off = |k: usize| {
+                let truth = crate::geometry::vector::dot(&across, &self.vertices[k]);
+                truth.minus(&Dyadic::exact(sides[k][0])).split().0.abs() / bound[0]
+            };
+            off(0).max(off(1)).max(off(2))
+        }
+
         /// The error of t as a share of its bound, if there is one.
         fn t(&self) -> f64 {
             let mut sums = [0.0; LEAF_SIZE];
@@ -997,20 +1051,22 @@ mod tests {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
         let found = FROM.map(|from| {
             let volume = worst(8, 1500, draw, |x| Shown::new(x, from).volumes()).0;
-            (volume, worst(8, 1500, draw, |x| Shown::new(x, from).t()).0)
+            let t = worst(8, 1500, draw, |x| Shown::new(x, from).t()).0;
+            (volume, t, worst(8, 1500, draw, |x| Shown::new(x, from).sides()).0)
         });
-        for ((volume, t), known) in found.into_iter().zip([
-            (0.0196, 0.00264),
-            (0.00176, 0.000229),
-            (0.0649, 0.243),
-            (0.0524, 0.25),
-            (0.0974, 0.25),
-            (0.00473, 0.0014),
-            (0.0419, 0.243),
-            (0.0574, 0.25),
+        for ((volume, t, side), known) in found.into_iter().zip([
+            (0.0196, 0.00264, 0.032),
+            (0.00176, 0.000229, 0.011),
+            (0.0649, 0.243, 0.162),
+            (0.0524, 0.25, 0.165),
+            (0.0974, 0.25, 0.307),
+            (0.00473, 0.0014, 0.035),
+            (0.0419, 0.243, 0.159),
+            (0.0574, 0.25, 0.192),
         ]) {
             assert_slack("volume", volume, known.0);
             assert_slack("t", t, known.1);
+            assert_slack("side", side, known.2);
         }
     }
 

@@ -23,7 +23,7 @@ use crate::geometry::vector::{self, Point, Vector};
 pub use crossing::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
 pub use each::Triangles;
 pub use leaf::{Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, RayBounds, TriangleTest};
-pub use sides::sides;
+pub use sides::{placed_sides, sides};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangle(pub Point, pub Point, pub Point);

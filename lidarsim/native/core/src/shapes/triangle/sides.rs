@@ -3,7 +3,7 @@
 
 use std::cmp::Ordering;
 
-use super::crossing::BOUND;
+use super::crossing::{BOUND, from_origin};
 use super::volume;
 use crate::arith::expansion::{Expansion, V};
 use crate::arith::number::{Dyadic, Number, Uncertain};
@@ -42,7 +42,7 @@ impl Sides {
     #[inline(never)]
     pub fn decide(&mut self, lane: usize, corners: [&Point; 3], ray: &Ray<Dyadic>) {
         stop::poll();
-        let [a, b, c] = &corners.map(|corner| vector::sub(&vector::exact(*corner), &ray.origin));
+        let [a, b, c] = &corners.map(|corner| vector::negated(&ray.origin_from(vector::exact(*corner))));
         for (side, (p, q)) in self.signs.iter_mut().zip([(c, b), (a, c), (b, a)]) {
             if side.known() >> lane & 1 == 0 {
                 match volume(&ray.direction, p, q).sign() {
@@ -71,6 +71,58 @@ pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
         Expansion::<I>::vector_diff(c, o),
     );
     Sides { signs: [side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d)], ordinary }
+}
+
+/// As `sides`, for triangles that are placed, and the rays in their coordinates, as of
+/// `ExpandedInverse::points` and `vectors`.
+///
+/// A corner less the origin, of size P, has a low part of at most 7u·P and is off by 187u²·P
+/// (`TrianglePlane::placed`). So the low part of a minor of two corners of sizes P and Q, with A = PⱼQₖ +
+/// PₖQⱼ, is at most 16u·A; it rounds by 54u²·A, omits the products of low parts, 49u²·A, and its terms are
+/// off by 374u²·A: less than 480u²·A in all. In its product with d, whose low part is at most 6u and
+/// whose error 180u² of its size D, S = ΣA_iD_i, the low part is at most 26u·S, its roundings come to
+/// 104u²·S, low parts omit 96u²·S, and with the errors of minors and d that is less than 870u²·S. `BOUND` is
+/// taken three times, which is 960u². What underflows loses less than `LEAST`, as d is less than 2³⁰⁰.
+#[inline(always)]
+pub fn placed_sides<I: Isa>(
+    [a, b, c]: [V<I>; 3],
+    o: ([Expansion<I>; 3], V<I>),
+    d: ([Expansion<I>; 3], V<I>),
+) -> Sides {
+    let (a, b, c) = (from_origin::<I>(a, o), from_origin::<I>(b, o), from_origin::<I>(c, o));
+    let signs = [placed_side::<I>(c, b, d), placed_side::<I>(a, c, d), placed_side::<I>(b, a, d)];
+    Sides { signs, ordinary: 0xff }
+}
+
+/// 2⁻⁷⁰⁰.
+const LEAST: f64 = f64::from_bits((1023 - 700) << 52);
+
+#[inline(always)]
+fn placed_side<I: Isa>(
+    p: ([Expansion<I>; 3], V<I>),
+    q: ([Expansion<I>; 3], V<I>),
+    d: ([Expansion<I>; 3], V<I>),
+) -> Side {
+    let (volume, bound) = placed_volume::<I>(p, q, d);
+    let volume = volume.rounded();
+    Side { below: volume.lt(bound.negated()), zero: 0, above: bound.lt(volume) }
+}
+
+/// d·(p × q), and the bound of its error.
+#[inline(always)]
+fn placed_volume<I: Isa>(
+    (p, p_size): ([Expansion<I>; 3], V<I>),
+    (q, q_size): ([Expansion<I>; 3], V<I>),
+    (d, d_size): ([Expansion<I>; 3], V<I>),
+) -> (Expansion<I>, I::F64x8) {
+    let (normal, _) = Expansion::cross(p, q);
+    let size = [
+        p_size[1].mul(q_size[2]).add(p_size[2].mul(q_size[1])),
+        p_size[2].mul(q_size[0]).add(p_size[0].mul(q_size[2])),
+        p_size[0].mul(q_size[1]).add(p_size[1].mul(q_size[0])),
+    ];
+    let bound = lanes::dot(size, d_size).mul_add(I::F64x8::splat(3.0 * BOUND), I::F64x8::splat(LEAST));
+    (Expansion::dot(normal, d), bound)
 }
 
 /// Lanes by the sign of a volume, if it is certain.
@@ -114,9 +166,10 @@ fn ordinary<I: Isa>(v: V<I>) -> u32 {
 mod tests {
     use super::super::{Crossing, Triangle, TrianglePlane, corners_of};
     use super::*;
-    use crate::arith::simd::{Level, Task, dispatch};
+    use crate::arith::simd::{Level, Portable, Task, dispatch};
+    use crate::geometry::affine::{Affine, Inverse, Placement};
     use crate::shapes::Surface;
-    use crate::testing::numbers;
+    use crate::testing::{assert_slack, numbers, worst};
 
     /// Eight pairs of a ray and a triangle.
     struct Probe<'a> {
@@ -267,6 +320,75 @@ mod tests {
             let (filtered, decided, ..) = dispatch(level, Probe { triangles: &triangles, rays: &rays });
             assert_eq!((filtered, decided), ((0, 0), (0x0f, 0xff)), "{level:?}");
         }
+    }
+
+    /// The largest share of its bound that the volume of a placed edge is off by.
+    #[test]
+    fn volumes_of_placed_edges_are_as_near_as_the_bound_says() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;
+        let (found, _) = worst(8, 1500, draw, |x: &[f64; 24]| {
+            let [p, q, o, d] = [0, 3, 6, 9].map(|k: usize| [x[k], x[k + 1], x[k + 2]]);
+            let row = |k: usize| [x[k], x[k + 1], x[k + 2]];
+            let Some(inverse) = Inverse::of(&Affine::new([row(12), row(15), row(18)], row(21)), None) else {
+                return 0.0;
+            };
+            let Some(expanded) = inverse.expanded() else { return 0.0 };
+            let lanes = |p: Point| p.map(|x| [x; 8]);
+            let from = expanded.points::<Portable>(lanes(o));
+            let [from_p, from_q] = [p, q].map(|p| from_origin::<Portable>(lanes(p), from));
+            let (volume, bound) =
+                placed_volume::<Portable>(from_p, from_q, expanded.vectors::<Portable>(lanes(d)));
+            let ray: Ray<Dyadic> = inverse.local(Ray::new(o, d));
+            let truth = super::volume(
+                &ray.direction,
+                &ray.origin_from(vector::exact(p)),
+                &ray.origin_from(vector::exact(q)),
+            );
+            // The exact ray is scaled by its weight, and so are the three factors.
+            let weight = ray.weight.unwrap_or(Dyadic::exact(1.0));
+            let cube = weight.times(&weight).times(&weight);
+            let found = Dyadic::exact(volume.high[0]).plus(&Dyadic::exact(volume.low[0])).times(&cube);
+            found.minus(&truth).split().0.abs() / (cube.split().0.abs() * bound[0])
+        });
+        assert_slack("volume", found, 0.00349);
+    }
+
+    /// Whole numbers under maps of whole numbers, half of which reflect: rays to edges and corners.
+    #[test]
+    fn placed_triangles_are_hit_as_in_their_own_coordinates() {
+        let mut next = numbers();
+        let (mut hit, mut filtered, mut open) = (0, 0, 0);
+        for _ in 0..600 {
+            let mut whole = |size: f64| (size * (2.0 * next() - 1.0)).round();
+            let mut point = |size: f64| [0; 3].map(|_: u8| whole(size));
+            let (linear, offset) = ([point(3.0), point(3.0), point(3.0)], point(9.0));
+            let (corners, origin) = ([0; 3].map(|_: u8| point(16.0)), point(16.0));
+            let Some(inverse) = Inverse::of(&Affine::new(linear, offset), None) else { continue };
+            let Some(expanded) = inverse.expanded() else { continue };
+            let to = target(corners, &mut next);
+            let direction: Point = [0, 1, 2].map(|i| to[i] - origin[i]);
+            let map = |v: Point| -> Point { linear.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2]) };
+            let placed = map(origin);
+            let ray = ([0, 1, 2].map(|i| placed[i] + offset[i]), map(direction));
+            let [a, b, c] = corners;
+            let root = Triangle(a, b, c).roots(&Ray::<Dyadic>::new(origin, direction));
+            let is_hit = root.is_ok_and(|[root, _]| root.is_some());
+            let lanes = |p: Point| p.map(|x| [x; 8]);
+            let mut sides = placed_sides::<Portable>(
+                corners.map(lanes),
+                expanded.points::<Portable>(lanes(ray.0)),
+                expanded.vectors::<Portable>(lanes(ray.1)),
+            );
+            let (hits, misses) = sides.hit_and_missed();
+            assert!(!(hits & 1 != 0 && !is_hit) && !(misses & 1 != 0 && is_hit));
+            filtered += usize::from((hits | misses) & 1 != 0);
+            open += usize::from((hits | misses) & 1 == 0);
+            sides.decide(0, corners.each_ref(), &inverse.local(Ray::new(ray.0, ray.1)));
+            // A triangle without an area has no root.
+            assert_eq!(sides.hit_and_missed().0 & 1 != 0, is_hit, "{linear:?}, {corners:?}, {ray:?}");
+            hit += usize::from(is_hit);
+        }
+        assert!(hit > 200 && filtered > 100 && open > 100, "{hit}, {filtered}, {open}");
     }
 
     #[test]
