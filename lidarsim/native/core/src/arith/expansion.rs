@@ -211,11 +211,11 @@ impl<I: Isa> LongExpansion<I> {
         Self::sum([a, d], [a1, b, c, d1, e, f], [b1, c1, e1, f1, p.low.mul(q.low), r_low.mul(s.low)])
     }
 
-    /// p × q, for p and q of which each low part is at most u of the high one. A coordinate p·q − r·s of the
-    /// size A = |p·q| + |r·s| has a low part of at most 4u·A and a rest of at most 27u²·A, and is off by at
-    /// most 300u³·A: three medium products of u·A and a rounding of the large ones sum to 4u·A, six
-    /// roundings of that and three small products of u²·A to 27u²·A, in 11 additions; and one small product
-    /// rounds.
+    /// p × q, for p and q of which each low part is at most u of the high one. A coordinate p·q − r·s
+    /// of the size A = |p·q| + |r·s| has a low part of at most 4u·A and a rest of at most 27u²·A, and
+    /// is off by at most 300u³·A: three medium products of u·A and a rounding of the large ones sum to
+    /// 4u·A, six roundings of that and three small products of u²·A to 27u²·A, in 11 additions; and one
+    /// small product rounds.
     #[inline(always)]
     pub fn cross(p: [Expansion<I>; 3], q: [Expansion<I>; 3]) -> [Self; 3] {
         [
@@ -226,11 +226,11 @@ impl<I: Isa> LongExpansion<I> {
     }
 
     /// n·r for n of `cross` and r of which each low part is at most u of the high one, with the nearest
-    /// float64 as its high part: off by at most 2500u³·S, S = ΣA_i|r_i|, and 2u² of itself. Medium products
-    /// and roundings of the large ones sum to 8u·S; ten roundings of that and small products of 36u²·S to
-    /// 116u²·S, in 18 additions: 2088u³·S. Small products round by 62u³·S, and n is off by 300u³·S. The sum
-    /// of three numbers to two rounds by u of the lower one, which is at most u of the higher and
-    /// 117u³·S.
+    /// float64 as its high part: off by at most 2500u³·S, S = ΣA_i|r_i|, and 2u² of itself. Medium
+    /// products and roundings of the large ones sum to 8u·S; ten roundings of that and small products of
+    /// 36u²·S to 116u²·S, in 18 additions: 2088u³·S. Small products round by 62u³·S, and n is off by
+    /// 300u³·S. The sum of three numbers to two rounds by u of the lower one, which is at most u of the
+    /// higher and 117u³·S.
     #[inline(always)]
     pub fn dot(n: [Self; 3], r: [Expansion<I>; 3]) -> Expansion<I> {
         let [(x, x_medium, x_small), (y, y_medium, y_small), (z, z_medium, z_small)] =

@@ -204,9 +204,9 @@ fn interleave<I: Isa, const N: usize>([x, y, z]: &[[f64; N]; 3], places: &mut [P
 /// Normalizes v to within 4u, for |v| within 2⁻²⁷ of 1: a step of Newton's iteration for 1/√|v|².
 ///
 /// With e = |v|² − 1 the length becomes (1+e)^½ (1 − e/2) = 1 − 3e²/8 + …, off by less than
-/// 2⁻⁵⁴ = u/2. In
-/// |v|² ≈ 1 the squares round by u in all, their first sum by u/2 and the second by u: half of that, 1.25u,
-/// is in the factor, which rounds by u. The products with it round by u of each coordinate, u of the length.
+/// 2⁻⁵⁴ = u/2. In |v|² ≈ 1 the squares round by u in all, their first sum by u/2 and the second by
+/// u: half of that, 1.25u, is in the factor, which rounds by u. The products with it round by u of each
+/// coordinate, u of the length.
 #[inline(always)]
 fn unit([x, y, z]: Point) -> Point {
     let factor = 1.5 - 0.5 * (x * x + y * y + z * z);

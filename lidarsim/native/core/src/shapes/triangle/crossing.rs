@@ -208,9 +208,9 @@ impl<I: Isa> Crossing<I> {
         Self::of((plane.num.renormalized(), plane.num_error), (den, plane.den_error(d)))
     }
 
-    /// As `grazing`, by long expansions, for the t of rays almost in the plane: sums that cancel to u of their
-    /// terms are known to about u² of themselves. The sizes include `TINY`, as in `TrianglePlane`, and u³
-    /// of that still exceeds what a few products lose to underflow.
+    /// As `grazing`, by long expansions, for the t of rays almost in the plane: sums that cancel to u of
+    /// their terms are known to about u² of themselves. The sizes include `TINY`, as in `TrianglePlane`,
+    /// and u³ of that still exceeds what a few products lose to underflow.
     #[inline(always)]
     pub fn long([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Self {
         let (e1, e2) = (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a));
@@ -256,11 +256,11 @@ impl<I: Isa> Crossing<I> {
 
     /// The lanes in which the crossing certainly lies outside the extent of the triangle along the ray.
     ///
-    /// At a hit, t·d·d = d·(p − o) lies between the least and the largest of d·(v − o) over the vertices v.
-    /// A coordinate of o, like one of d, comes with its size, of which it is off by up to 7u; v − o has the
-    /// size |v − o| plus that of o. So d·(v − o) is off by less than 20u, and d·d by less than 19u, of the
-    /// sums S and D of the products of sizes; t·(d·d) by one rounding more. d·d is a normal number
-    /// (`RayPacket::fits`), and what else underflows is less than the smallest of these.
+    /// At a hit, t·d·d = d·(p − o) lies between the least and the largest of d·(v − o) over the
+    /// vertices v. A coordinate of o, like one of d, comes with its size, of which it is off by up to 7u; v
+    /// − o has the size |v − o| plus that of o. So d·(v − o) is off by less than 20u, and d·d by
+    /// less than 19u, of the sums S and D of the products of sizes; t·(d·d) by one rounding more. d·d is
+    /// a normal number (`RayPacket::fits`), and what else underflows is less than the smallest of these.
     #[inline(always)]
     pub fn outside(&self, corners: [V<I>; 3], o: (V<I>, V<I>), d: (V<I>, V<I>)) -> u32 {
         let (Interval { low, high }, known) = self.bounds();

@@ -291,12 +291,12 @@ impl Leaf {
     /// through the line that is perpendicular to the triangle. The volumes of a ray in the plane of triangles
     /// are all about zero, however far beside it they are.
     ///
-    /// With N = (b − a) × (c − a) and w = d × N, that side of a vertex a is the sign of w·(a − o). Each N
-    /// gives a plane through the line, so that of the grid needs no bound. With n ≥ all coordinates of N, and
-    /// m, δ and ε as in `candidates`: |wᵢ| ≤ n·|d|₁, and wᵢ rounds by 2u of that; in w·a and w·o, of at most
-    /// 3n·|d|₁·m together, that is 6u·m, the errors of a and o come to 3·(4u·m + 2ε), and products and sums
-    /// round by 12u·m, all times n·|d|₁. An error ε_d of the direction adds 6n·m·ε_d. So the side is off by
-    /// less than n/m times the bound of `candidates`.
+    /// With N = (b − a) × (c − a) and w = d × N, that side of a vertex a is the sign of w·(a − o).
+    /// Each N gives a plane through the line, so that of the grid needs no bound. With n ≥ all coordinates
+    /// of N, and m, δ and ε as in `candidates`: |wᵢ| ≤ n·|d|₁, and wᵢ rounds by 2u of that; in
+    /// w·a and w·o, of at most 3n·|d|₁·m together, that is 6u·m, the errors of a and o come to
+    /// 3·(4u·m + 2ε), and products and sums round by 12u·m, all times n·|d|₁. An error ε_d of the
+    /// direction adds 6n·m·ε_d. So the side is off by less than n/m times the bound of `candidates`.
     #[inline(always)]
     pub fn beside<I: Isa, const APART: bool>(edges: &Edges<I>, ray: &LeafRay) -> u32 {
         let (sides, _, bound) = sides::<I, APART>(edges, ray);

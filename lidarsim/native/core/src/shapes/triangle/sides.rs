@@ -77,12 +77,13 @@ pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
 /// `ExpandedInverse::points` and `vectors`.
 ///
 /// A corner less the origin, of size P, has a low part of at most 7u·P and is off by 187u²·P
-/// (`TrianglePlane::placed`). So the low part of a minor of two corners of sizes P and Q, with A = PⱼQₖ +
-/// PₖQⱼ, is at most 16u·A; it rounds by 54u²·A, omits the products of low parts, 49u²·A, and its terms are
-/// off by 374u²·A: less than 480u²·A in all. In its product with d, whose low part is at most 6u and
-/// whose error 180u² of its size D, S = ΣA_iD_i, the low part is at most 26u·S, its roundings come to
-/// 104u²·S, low parts omit 96u²·S, and with the errors of minors and d that is less than 870u²·S. `BOUND` is
-/// taken three times, which is 960u². What underflows loses less than `LEAST`, as d is less than 2³⁰⁰.
+/// (`TrianglePlane::placed`). So the low part of a minor of two corners of sizes P and Q, with A = PⱼQₖ
+/// + PₖQⱼ, is at most 16u·A; it rounds by 54u²·A, omits the products of low parts, 49u²·A, and its
+/// terms are off by 374u²·A: less than 480u²·A in all. In its product with d, whose low part is at most
+/// 6u and whose error 180u² of its size D, S = ΣA_iD_i, the low part is at most 26u·S, its roundings come
+/// to 104u²·S, low parts omit 96u²·S, and with the errors of minors and d that is less than 870u²·S.
+/// `BOUND` is taken three times, which is 960u². What underflows loses less than `LEAST`, as d is less than
+/// 2³⁰⁰.
 #[inline(always)]
 pub fn placed_sides<I: Isa>(
     [a, b, c]: [V<I>; 3],
@@ -380,7 +381,7 @@ mod tests {
                 expanded.vectors::<Portable>(lanes(ray.1)),
             );
             let (hits, misses) = sides.hit_and_missed();
-            assert!(!(hits & 1 != 0 && !is_hit) && !(misses & 1 != 0 && is_hit));
+            assert!(if is_hit { misses & 1 == 0 } else { hits & 1 == 0 });
             filtered += usize::from((hits | misses) & 1 != 0);
             open += usize::from((hits | misses) & 1 == 0);
             sides.decide(0, corners.each_ref(), &inverse.local(Ray::new(ray.0, ray.1)));
