@@ -253,10 +253,12 @@ def _may_meet(low: Floats, high: Floats, origin: Floats, direction: Floats) -> n
     """Return which boxes the ray may meet.
 
     With the unit roundoff u = 2⁻⁵³, the way to a side takes two roundings and a quotient, so it is off by less than
-    3u·(1 + 3u) of the sum of both coordinates. Sides are moved outward by more than that, 4u of it.
+    3u·(1 + 3u) of the sum of both coordinates. Sides are moved outward by more than that, 4u of it, and by the least
+    normal number, so that a ray along a side at 0 divides no 0 by 0.
     """
     with np.errstate(all="ignore"):
-        below, above = (4 * 2.0**-53 * (np.abs(side) + np.abs(origin)) for side in (low, high))
+        least = np.finfo(float).tiny
+        below, above = (4 * 2.0**-53 * (np.abs(side) + np.abs(origin)) + least for side in (low, high))
         t = np.stack([low - below - origin, high + above - origin]) / direction
         near, far = np.fmin(t[0], t[1]), np.fmax(t[0], t[1])
     entry, leave = np.fmax.reduce(near, axis=1), np.fmin.reduce(far, axis=1)

@@ -124,3 +124,13 @@ def test_only_round_shapes_tell_casters_apart() -> None:
     mesh = world.tessellated(0)
     truth = exact.first_hits(mesh, some(scenes.lidar(mesh, 128, 32, math.pi / 4), 50))
     assert truth.telling.tolist() == (truth.surface >= 0).tolist()
+
+
+def test_rays_along_the_sides_of_boxes_may_meet_them() -> None:
+    for place in (0.0, 5e-324, 0.1, -1e7):
+        low, high = np.full((1, 3), place), np.full((1, 3), place + 1.0)
+        for corner in ((low[0, 0], low[0, 1]), (high[0, 0], high[0, 1]), (low[0, 0], high[0, 1])):
+            origin, up = np.array([*corner, low[0, 2] - 1.0]), np.array([0.0, 0.0, 1.0])
+            assert exact._may_meet(low, high, origin, up).all()
+            assert not exact._may_meet(low, high, origin, -up).any()
+            assert not exact._may_meet(low, high, origin - [2.0, 0.0, 0.0], up).any()
