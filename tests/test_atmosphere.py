@@ -201,7 +201,10 @@ def test_the_echo_of_fog_is_the_peak_of_the_response(
     if alpha > 0:
         end = min(end, begin + 16 * math.log(2) / alpha)
     middle = min(max(slant[1], begin), end)
-    integrand = lambda r: math.exp(-(((at - r) / sigma) ** 2) / 2) * float(weight(r))  # noqa: E731
+
+    def integrand(r: float) -> float:
+        return math.exp(-(((at - r) / sigma) ** 2) / 2) * float(weight(r))
+
     bound = sum(
         simpson_error(lambda u: integrand(math.exp(u)) * math.exp(u), np.linspace(math.log(a), math.log(b), 129))
         for a, b in ((begin, middle), (middle, end))
