@@ -152,7 +152,7 @@ class PolygonMirror(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        now, channels = Ticks.of(frame, self.pulse_rate, self.rate), self._cycles
+        now = Ticks.of(frame, self.pulse_rate, self.rate)
         # Line `l` starts `cycles / lines` pulses after the one before, at the first tick from there on.
         cycles, lines = ratio(self.pulse_rate, self.line_rate)
         runs = []
@@ -164,7 +164,7 @@ class PolygonMirror(Value):
             columns = min(now.count, start + self._used(late)) - here
             if columns > 0:
                 runs.append((columns, here, here - start, late))
-        return channels.fired(runs, rate=self.pulse_rate, wait=now.wait, azimuth=0.5 * self.field_of_view)
+        return self._cycles.fired(runs, rate=self.pulse_rate, wait=now.wait, azimuth=0.5 * self.field_of_view)
 
     @cached_property
     def _cycles(self) -> Cycles:

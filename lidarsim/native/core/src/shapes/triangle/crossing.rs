@@ -562,23 +562,34 @@ mod tests {
         );
     }
 
-    /// Rays of whole numbers to a vertex hit the end of the extent, exactly.
+    /// Rays of whole numbers to a vertex hit the end of the extent, exactly. Near the plane the error of t
+    /// exceeds the roundings of the extent.
     #[test]
     fn no_vertex_is_outside() {
         let mut next = crate::testing::numbers();
-        let mut hits = 0;
-        for k in 0..4000 {
-            let mut point = || [0; 3].map(|_: u8| (2.0_f64.powi(20) * (next() - 0.5)).round());
-            let (corners, o): ([Point; 3], Point) = ([point(), point(), point()], point());
-            let d: Point = [0, 1, 2].map(|i| corners[k % 3][i] - o[i]);
+        let (mut apart, mut grazing) = (0, 0);
+        for k in 0..8000 {
+            let in_plane = k % 2 == 1;
+            let size = 2.0_f64.powi(if in_plane { 51 } else { 20 });
+            let mut point = || [0; 3].map(|_: u8| (size * (next() - 0.5)).round());
+            let (corners, mut o): ([Point; 3], Point) = ([point(), point(), point()], point());
+            if in_plane {
+                let [a, b, c] = corners;
+                let (u, v) = (3.0 * next() - 1.0, 3.0 * next() - 1.0);
+                o = [0, 1, 2].map(|i| (a[i] + u * (b[i] - a[i]) + v * (c[i] - a[i])).round());
+            }
+            let d: Point = [0, 1, 2].map(|i| corners[k / 2 % 3][i] - o[i]);
             let [a, b, c] = corners.map(in_lanes);
             let crossing =
                 Crossing::<Portable>::grazing(&TrianglePlane::new([a, b, c], in_lanes(o)), in_lanes(d));
             let sizes = ([[0.0; 8]; 3], in_lanes(d.map(f64::abs)));
             assert_eq!(crossing.outside([a, b, c], (in_lanes(o), sizes.0), (in_lanes(d), sizes.1)), 0);
-            hits += usize::from(crossing.bounds().1 & 1 != 0);
+            if crossing.bounds().1 & 1 != 0 {
+                apart += usize::from(!in_plane);
+                grazing += usize::from(in_plane && crossing.error[0] > 64.0 * UNIT);
+            }
         }
-        assert!(hits > 3000, "{hits}");
+        assert!(apart > 3000 && grazing > 1000, "{apart} {grazing}");
     }
 
     /// Down to numbers that are not `ordinary`, so that products of three coordinates underflow.
