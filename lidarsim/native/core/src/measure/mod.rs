@@ -24,6 +24,7 @@ mod frame;
 mod light;
 mod many;
 mod measurement;
+mod only_echo;
 mod origins;
 mod parameters;
 mod points;
