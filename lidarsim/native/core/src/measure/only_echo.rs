@@ -44,8 +44,9 @@ impl<C: Caster> Scan<'_, C> {
             if scratch.only_echoes[part].known == 0 {
                 continue;
             }
-            let echoes = scratch.eight_echoes::<I>(beam, part, pulses.len());
-            self.measure_eight::<I>(pulses.clone(), part, echoes, scratch, rows);
+            let axes = axes(beam, part, pulses.len());
+            let echoes = scratch.eight_echoes::<I>(part, &axes);
+            self.measure_eight::<I>(pulses.clone(), part, echoes, Some(axes), scratch, rows);
         }
         if !rows.true_direction.is_empty() {
             let batch = self.frame.pulses(pulses, &scratch.indices);
@@ -65,6 +66,36 @@ impl<C: Caster> Scan<'_, C> {
             scratch.rows.range_rate[i] =
                 if is_hit { self.range_rate(i, axis, scratch) } else { [f64::NAN; 2] };
         }
+    }
+}
+
+/// Of the sub-rays of eight pulses: the least and the largest range, and the sums of an echo.
+struct Sums<F> {
+    nearest: F,
+    least: F,
+    most: F,
+    power: F,
+    moment: F,
+    intensity: F,
+}
+
+impl<F: Floats<f64, 8>> Sums<F> {
+    /// `nearest`: the ranges of the axes.
+    #[inline(always)]
+    fn new(nearest: F) -> Self {
+        // As sums of floats begin.
+        let zero = F::splat(-0.0);
+        Sums { nearest, least: nearest, most: nearest, power: zero, moment: zero, intensity: zero }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, share: f64, range: F, power: F, received: F) {
+        let share = F::splat(share);
+        let power = share.mul(power);
+        (self.least, self.most) = (Floats::min(range, self.least), Floats::max(range, self.most));
+        self.power = self.power.add(power);
+        self.moment = self.moment.add(power.mul(range.sub(self.nearest)));
+        self.intensity = self.intensity.add(share.mul(received));
     }
 }
 
@@ -102,19 +133,22 @@ impl Scratch {
         }
         let LightArrays { range, received, power, .. } = &self.light;
         let nearest = eight::<I>(range, axes, 0);
-        let (mut least, mut most) = (nearest, nearest);
-        // As `sum` begins.
-        let mut sums = [I::F64x8::splat(-0.0); 3];
-        for (k, share) in beam.shares().iter().enumerate() {
-            let share = I::F64x8::splat(*share);
-            let (range, received) = (eight::<I>(range, axes, k), eight::<I>(received, axes, k));
-            let power = share.mul(eight::<I>(power, axes, k));
-            (least, most) = (Floats::min(range, least), Floats::max(range, most));
-            let parts = [power, power.mul(range.sub(nearest)), share.mul(received)];
-            sums = [sums[0].add(parts[0]), sums[1].add(parts[1]), sums[2].add(parts[2])];
+        let (axis_power, axis_received) = (eight::<I>(power, axes, 0), eight::<I>(received, axes, 0));
+        let mut sums = Sums::new(nearest);
+        sums.add(beam.shares()[0], nearest, axis_power, axis_received);
+        // Each ring about the axis has a multiple of six.
+        for (k, shares) in beam.shares()[1..].as_chunks::<3>().0.iter().enumerate() {
+            let [ranges, powers, received] = [
+                three::<I>(range, axes, 3 * k + 1),
+                three::<I>(power, axes, 3 * k + 1),
+                three::<I>(received, axes, 3 * k + 1),
+            ];
+            for i in 0..3 {
+                sums.add(shares[i], ranges[i], powers[i], received[i]);
+            }
         }
+        let Sums { least, most, power, moment, intensity, .. } = sums;
         let near = most.sub(least).le(I::F64x8::splat(2.0 * beam.pulse_sigma));
-        let [power, moment, intensity] = sums;
         // As `mean`.
         let mean = moment.div(power);
         let is_finite = mean.abs().lt(I::F64x8::splat(f64::INFINITY));
@@ -144,30 +178,22 @@ impl Scratch {
         (missed >> k & 1 == 0).then(|| Echo { range: range[k], ..Echo::of(main) })
     }
 
-    /// The only echoes of the pulses from 8·part on, with the hits of their axes.
+    /// The only echoes of the pulses from 8·part on, with these first rays.
     #[inline(always)]
-    fn eight_echoes<I: Isa>(&self, beam: &Beam, part: usize, pulses: usize) -> EightEchoes<I::F64x8> {
-        let (axes, OnlyEchoes { missed, range, intensity, power, .. }) =
-            (axes(beam, part, pulses), &self.only_echoes[part]);
+    fn eight_echoes<I: Isa>(&self, part: usize, axes: &[usize; 8]) -> EightEchoes<I::F64x8> {
+        let OnlyEchoes { missed, range, intensity, power, .. } = &self.only_echoes[part];
         let Scratch { rays, hits, light, .. } = self;
-        let normals = hits.normal.as_chunks::<3>().0;
-        let (mut object, mut primitive, mut normal) = ([0; 8], [0; 8], [[0.0; 3]; 8]);
-        for (k, axis) in axes.into_iter().enumerate() {
-            (object[k], primitive[k]) = (hits.object[axis], hits.primitive[axis]);
-            normal[k] = normals[axis].map(|x| x as f32);
-        }
-        let cross = lanes::cross(points::<I>(normals, &axes), points::<I>(&rays.directions, &axes));
+        let (normal, direction) =
+            (points::<I>(hits.normal.as_chunks().0, axes), points::<I>(&rays.directions, axes));
+        let cross = lanes::cross(normal, direction);
         EightEchoes {
             missed: *missed,
-            truth: eight::<I>(&light.range, &axes, 0),
+            truth: eight::<I>(&light.range, axes, 0),
             range: I::F64x8::load(range),
             intensity: I::F64x8::load(intensity),
             power: I::F64x8::load(power),
-            cosine: eight::<I>(&light.cosine, &axes, 0),
+            cosine: eight::<I>(&light.cosine, axes, 0),
             squared_sine: lanes::dot(cross, cross),
-            object,
-            primitive,
-            normal,
         }
     }
 }
@@ -187,6 +213,16 @@ fn axes(beam: &Beam, part: usize, pulses: usize) -> [usize; 8] {
 fn points<I: Isa>(points: &[Point], at: &[usize; 8]) -> [I::F64x8; 3] {
     let [a, b, c, d, e, f, g, h] = at.map(|at| &points[at]);
     I::columns([a, b, c, d, e, f, g, h])
+}
+
+/// The values of three sub-rays, from the k-th on.
+#[inline(always)]
+fn three<I: Isa>(values: &[f64], axes: &[usize; 8], k: usize) -> [I::F64x8; 3] {
+    let mut threes = [&[0.0; 3]; 8];
+    for (three, axis) in threes.iter_mut().zip(axes) {
+        *three = &values[axis + k..axis + k + 3].as_chunks().0[0];
+    }
+    I::columns(threes)
 }
 
 /// The values of the k-th sub-rays.

@@ -28,9 +28,6 @@ pub(super) struct EightEchoes<F> {
     /// Of the incidence at the true hit.
     pub(super) cosine: F,
     pub(super) squared_sine: F,
-    pub(super) object: [i32; 8],
-    pub(super) primitive: [i32; 8],
-    pub(super) normal: [[f32; 3]; 8],
 }
 
 impl<C: Caster> Scan<'_, C> {
@@ -59,7 +56,7 @@ impl<C: Caster> Scan<'_, C> {
         resize(&mut scratch.rows.cosine, whole, 0.0);
         for part in 0..whole / 8 {
             let echoes = self.echoes_of_eight_rays::<I>(part, scratch);
-            self.measure_eight::<I>(pulses.clone(), part, echoes, scratch, rows);
+            self.measure_eight::<I>(pulses.clone(), part, echoes, None, scratch, rows);
         }
         if !rows.true_direction.is_empty() {
             let batch = self.frame.pulses(pulses, &scratch.indices);
@@ -83,10 +80,8 @@ impl<C: Caster> Scan<'_, C> {
     fn echoes_of_eight_rays<I: Isa>(&self, part: usize, scratch: &Scratch) -> EightEchoes<I::F64x8> {
         let EightLights { range, cosine, squared_sine, mut intensity } =
             self.eight_lights::<I>(part, scratch);
-        let hits = &scratch.hits;
-        let object = hits.object.as_chunks::<8>().0[part];
         let mut missed = 0;
-        for (k, object) in object.iter().enumerate() {
+        for (k, object) in scratch.hits.object.as_chunks::<8>().0[part].iter().enumerate() {
             missed |= (*object as u32 >> 31) << k;
         }
         if self.measurement.effects.attenuates() {
@@ -94,10 +89,6 @@ impl<C: Caster> Scan<'_, C> {
             self.measurement.effects.attenuate(&range.store(), &mut transmission);
             intensity = intensity.mul(I::F64x8::load(&transmission));
         }
-        let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
-        let mut normal = [[0.0; 3]; 8];
-        let parts = parts.map(|part| part.map(|x| x as f32));
-        normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
         EightEchoes {
             missed,
             truth: range,
@@ -106,26 +97,27 @@ impl<C: Caster> Scan<'_, C> {
             power: intensity.div(range.mul(range)),
             cosine,
             squared_sine,
-            object,
-            primitive: hits.primitive.as_chunks::<8>().0[part],
-            normal,
         }
     }
 
-    /// Measures eight pulses of one echo each at most, those from 8·part on. Only echoes of single rays may
-    /// give way to others than those of surfaces.
+    /// Measures eight pulses of one echo each at most, those from 8·part on. `axes`: with a beam, the rays of
+    /// the true hits; then no echo may give way to others than those of surfaces.
     #[inline(always)]
     pub(super) fn measure_eight<I: Isa>(
         &self,
         pulses: Range<usize>,
         part: usize,
         given: EightEchoes<I::F64x8>,
+        axes: Option<[usize; 8]>,
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
         let EightEchoes { mut missed, truth, range, intensity, power, cosine, squared_sine, .. } = given;
-        let EightEchoes { object: mut object_id, primitive, mut normal, .. } = given;
         let Scratch { hits, indices, draws, rows: row_scratch, .. } = scratch;
+        let (mut object_id, primitive) = match axes {
+            None => (hits.object.as_chunks().0[part], hits.primitive.as_chunks().0[part]),
+            Some(axes) => (axes.map(|axis| hits.object[axis]), axes.map(|axis| hits.primitive[axis])),
+        };
         let mut echoes = Echoes::new(part, 0, range, intensity, power, missed);
         let batch = self.frame.pulses(pulses, indices);
         self.measurement.effects.apply(&batch, draws, &mut echoes);
@@ -180,6 +172,19 @@ impl<C: Caster> Scan<'_, C> {
             for (k, label) in label.iter_mut().enumerate() {
                 if aerial & 1 << k != 0 {
                     *label = self.measurement.air_label;
+                }
+            }
+        }
+        let mut normal = [[0.0; 3]; 8];
+        match axes {
+            None => {
+                let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
+                let parts = parts.map(|part| part.map(|x| x as f32));
+                normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
+            }
+            Some(axes) => {
+                for (normal, axis) in normal.iter_mut().zip(axes) {
+                    *normal = hits.normal.as_chunks::<3>().0[axis].map(|x| x as f32);
                 }
             }
         }
