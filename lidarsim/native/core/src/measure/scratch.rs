@@ -1,6 +1,7 @@
 //! Memory that one batch of pulses leaves to the next.
 
 use super::effects::Draws;
+use super::only_echo::OnlyEchoes;
 use super::ways::Ways;
 use crate::cast::HitArrays;
 use crate::geometry::pose::Motion;
@@ -19,6 +20,8 @@ pub(super) struct Scratch {
     /// Whether all surfaces that were hit are Lambert's.
     pub(super) is_lambert: bool,
     pub(super) light: LightArrays,
+    /// With a beam, by eight pulses.
+    pub(super) only_echoes: Vec<OnlyEchoes>,
     pub(super) rows: RowScratch,
     pub(super) velocities: Velocities,
     /// Per pulse: its number in the whole frame.

@@ -16,6 +16,20 @@ use super::weather::{AIR, Reported};
 use crate::arith::simd::{Floats, Isa};
 use crate::memory::resize;
 
+/// The echoes of surfaces of eight pulses, one each at most.
+pub(super) struct EightEchoes<F> {
+    /// A bit for each pulse without an echo.
+    pub(super) missed: u32,
+    /// The range of the true hit, and that of the echo.
+    pub(super) truth: F,
+    pub(super) range: F,
+    pub(super) intensity: F,
+    pub(super) power: F,
+    /// Of the incidence at the true hit.
+    pub(super) cosine: F,
+    pub(super) squared_sine: F,
+}
+
 impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
     pub(super) fn measure_single_rays<I: Isa>(
@@ -41,7 +55,8 @@ impl<C: Caster> Scan<'_, C> {
         resize(&mut scratch.rows.squared_sine, whole, 0.0);
         resize(&mut scratch.rows.cosine, whole, 0.0);
         for part in 0..whole / 8 {
-            self.measure_eight::<I>(pulses.clone(), part, scratch, rows);
+            let echoes = self.echoes_of_eight_rays::<I>(part, scratch);
+            self.measure_eight::<I>(pulses.clone(), part, echoes, None, scratch, rows);
         }
         if !rows.true_direction.is_empty() {
             let batch = self.frame.pulses(pulses, &scratch.indices);
@@ -60,36 +75,55 @@ impl<C: Caster> Scan<'_, C> {
         }
     }
 
+    /// The echoes of eight pulses of one ray each: their light.
     #[inline(always)]
-    fn measure_eight<I: Isa>(
+    fn echoes_of_eight_rays<I: Isa>(&self, part: usize, scratch: &Scratch) -> EightEchoes<I::F64x8> {
+        let EightLights { range, cosine, squared_sine, mut intensity } =
+            self.eight_lights::<I>(part, scratch);
+        let mut missed = 0;
+        for (k, object) in scratch.hits.object.as_chunks::<8>().0[part].iter().enumerate() {
+            missed |= (*object as u32 >> 31) << k;
+        }
+        if self.measurement.effects.attenuates() {
+            let mut transmission = [1.0; 8];
+            self.measurement.effects.attenuate(&range.store(), &mut transmission);
+            intensity = intensity.mul(I::F64x8::load(&transmission));
+        }
+        EightEchoes {
+            missed,
+            truth: range,
+            range,
+            intensity,
+            power: intensity.div(range.mul(range)),
+            cosine,
+            squared_sine,
+        }
+    }
+
+    /// Measures eight pulses of one echo each at most, those from 8·part on. `axes`: with a beam, the rays of
+    /// the true hits; then no echo may give way to others than those of surfaces.
+    #[inline(always)]
+    pub(super) fn measure_eight<I: Isa>(
         &self,
         pulses: Range<usize>,
         part: usize,
+        given: EightEchoes<I::F64x8>,
+        axes: Option<[usize; 8]>,
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        let EightLights { range: truth, cosine, squared_sine, intensity } =
-            self.eight_lights::<I>(part, scratch);
+        let EightEchoes { mut missed, truth, range, intensity, power, cosine, squared_sine, .. } = given;
         let Scratch { hits, indices, draws, rows: row_scratch, .. } = scratch;
-        let mut object_id = hits.object.as_chunks::<8>().0[part];
-        let primitive = hits.primitive.as_chunks::<8>().0[part];
-        let mut missed = 0;
-        for (k, object) in object_id.iter().enumerate() {
-            missed |= (*object as u32 >> 31) << k;
-        }
-        let mut intensity = intensity;
-        if self.measurement.effects.attenuates() {
-            let mut transmission = [1.0; 8];
-            self.measurement.effects.attenuate(&truth.store(), &mut transmission);
-            intensity = intensity.mul(I::F64x8::load(&transmission));
-        }
-        let power = intensity.div(truth.mul(truth));
-        let mut echoes = Echoes::new(part, 0, truth, intensity, power, missed);
+        let (mut object_id, primitive) = match axes {
+            None => (hits.object.as_chunks().0[part], hits.primitive.as_chunks().0[part]),
+            Some(axes) => (axes.map(|axis| hits.object[axis]), axes.map(|axis| hits.primitive[axis])),
+        };
+        let mut echoes = Echoes::new(part, 0, range, intensity, power, missed);
         let batch = self.frame.pulses(pulses, indices);
         self.measurement.effects.apply(&batch, draws, &mut echoes);
 
         let nan = I::F64x8::splat(f64::NAN);
-        let mut reported = echoes.report();
+        let mut reported = Reported { truth, ..echoes.report() };
         if self.measurement.effects.has_weather() {
             let surface = I::pick(missed, I::F64x8::splat(f64::INFINITY), truth);
             self.add_weather::<I>(part, &batch, draws, surface, &mut reported);
@@ -141,10 +175,19 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
         let mut normal = [[0.0; 3]; 8];
-        let parts = parts.map(|part| part.map(|x| x as f32));
-        normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
+        match axes {
+            None => {
+                let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
+                let parts = parts.map(|part| part.map(|x| x as f32));
+                normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
+            }
+            Some(axes) => {
+                for (normal, axis) in normal.iter_mut().zip(axes) {
+                    *normal = hits.normal.as_chunks::<3>().0[axis].map(|x| x as f32);
+                }
+            }
+        }
         let mut status = [Status::Hit as u8; 8];
         if echoes.kept != 0xff || (falsely | aerial) != 0 {
             status = echoes.statuses();
