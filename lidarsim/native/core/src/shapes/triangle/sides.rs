@@ -6,7 +6,7 @@ use std::cmp::Ordering;
 use super::crossing::{BOUND, from_origin};
 use super::volume;
 use crate::arith::expansion::{Expansion, V};
-use crate::arith::number::{Dyadic, Number, Uncertain};
+use crate::arith::number::{Dyadic, Number, UNIT, Uncertain};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point};
@@ -61,8 +61,12 @@ impl Sides {
 /// `Crossing`. Underflow remains: all given numbers are zero or between 2^±200, so differences are zero or
 /// at least 2⁻²⁵². Then S, if not zero, is at least 2⁻⁷⁰⁴, and u²·S is far above the loss to
 /// underflow; if S is zero, so is the volume.
+///
+/// Coordinates of the origin may be smaller than that, as of rays next to a plane; see `Nudge`.
 #[inline(always)]
-pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
+pub fn sides<I: Isa>(corners: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
+    let [a, b, c] = corners;
+    let (o, nudge) = Nudge::<I>::of(o);
     let ordinary =
         ordinary::<I>(a) & ordinary::<I>(b) & ordinary::<I>(c) & ordinary::<I>(o) & ordinary::<I>(d);
     let (a, b, c) = (
@@ -70,9 +74,73 @@ pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
         Expansion::<I>::vector_diff(b, o),
         Expansion::<I>::vector_diff(c, o),
     );
-    Sides { signs: [side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d)], ordinary }
+    let volumes = [volume_of::<I>(c, b, d), volume_of::<I>(a, c, d), volume_of::<I>(b, a, d)];
+    let signs = match nudge {
+        None => [Side::of::<I>(volumes[0]), Side::of::<I>(volumes[1]), Side::of::<I>(volumes[2])],
+        Some(nudge) => nudge.sides(volumes, corners, d),
+    };
+    Sides { signs, ordinary }
 }
 
+/// Coordinates of origins below 2⁻²⁰⁰, times 2⁶⁰⁰; the others are zero here.
+///
+/// The volume of p and q is affine in the origin: without these coordinates, v·2⁻⁶⁰⁰, it is V, and with
+/// them V + d·(v × (p − q))·2⁻⁶⁰⁰. The triple product, of ordinary corners and an ordinary direction, has
+/// factors of at least 2⁻⁴⁷⁴, 2⁻²⁵² and 2⁻²⁰⁰, so nothing underflows; six roundings are less than 8u
+/// of R, the sum of the absolute values of its terms, and `Nudge::sides` takes 16u. If V is not zero, it has
+/// the sign of the sum as soon as it exceeds its own error and 2R·2⁻⁶⁰⁰, which bounds the change.
+/// If S = 0, V is zero, and the triple product alone has the sign.
+struct Nudge<I: Isa>(V<I>);
+
+impl<I: Isa> Nudge<I> {
+    /// The origins without tiny coordinates, and these, if there are any.
+    #[inline(always)]
+    fn of(o: V<I>) -> (V<I>, Option<Self>) {
+        let (zero, least) = (I::F64x8::splat(0.0), I::F64x8::splat(LEAST_ORDINARY));
+        let (mut kept, mut tiny, mut any) = (o, [zero; 3], 0);
+        for axis in 0..3 {
+            let size = o[axis].abs();
+            let is_tiny = size.lt(least) & zero.lt(size);
+            any |= is_tiny;
+            kept[axis] = I::pick(is_tiny, zero, o[axis]);
+            tiny[axis] = I::pick(is_tiny, o[axis].mul(I::F64x8::splat(1.0 / NUDGE)), zero);
+        }
+        (kept, if any != 0 { Some(Nudge(tiny)) } else { None })
+    }
+
+    /// The signs of volumes and their bounds, as of `volume_of` without the nudge.
+    #[inline(always)]
+    fn sides(&self, volumes: [(I::F64x8, I::F64x8); 3], [a, b, c]: [V<I>; 3], d: V<I>) -> [Side; 3] {
+        let [u, v, w] = volumes;
+        [
+            self.side(u, lanes::sub(c, b), d),
+            self.side(v, lanes::sub(a, c), d),
+            self.side(w, lanes::sub(b, a), d),
+        ]
+    }
+
+    #[inline(always)]
+    fn side(&self, (volume, bound): (I::F64x8, I::F64x8), edge: V<I>, d: V<I>) -> Side {
+        let zero = I::F64x8::splat(0.0);
+        let [x, y, z] = lanes::abs(self.0);
+        let [e, f, g] = lanes::abs(edge);
+        let sizes = [y.mul(g).add(z.mul(f)), z.mul(e).add(x.mul(g)), x.mul(f).add(y.mul(e))];
+        let (change, size) = (lanes::dot(d, lanes::cross(self.0, edge)), lanes::dot(lanes::abs(d), sizes));
+        // What underflows here is less than the least normal number.
+        let most = size.mul(I::F64x8::splat(2.0 * NUDGE)).add(I::F64x8::splat(f64::MIN_POSITIVE));
+        let (is_moved, is_zero) = (zero.lt(size), bound.le(zero));
+        let side = Side::of::<I>((volume, bound.add(I::pick(is_moved, most, zero))));
+        let off = size.mul(I::F64x8::splat(16.0 * UNIT));
+        Side {
+            below: side.below | is_zero & change.lt(off.negated()),
+            zero: side.zero,
+            above: side.above | is_zero & off.lt(change),
+        }
+    }
+}
+
+/// 2⁻⁶⁰⁰.
+const NUDGE: f64 = f64::from_bits((1023 - 600) << 52);
 /// As `sides`, for triangles that are placed, and the rays in their coordinates, as of
 /// `ExpandedInverse::points` and `vectors`.
 ///
@@ -105,8 +173,7 @@ fn placed_side<I: Isa>(
     d: ([Expansion<I>; 3], V<I>),
 ) -> Side {
     let (volume, bound) = placed_volume::<I>(p, q, d);
-    let volume = volume.rounded();
-    Side { below: volume.lt(bound.negated()), zero: 0, above: bound.lt(volume) }
+    Side { zero: 0, ..Side::of::<I>((volume.rounded(), bound)) }
 }
 
 /// d·(p × q), and the bound of its error.
@@ -134,27 +201,34 @@ struct Side {
 }
 
 impl Side {
+    /// The signs of volumes that are known up to a bound.
+    #[inline(always)]
+    fn of<I: Isa>((volume, bound): (I::F64x8, I::F64x8)) -> Self {
+        let zero = bound.le(I::F64x8::splat(0.0));
+        Side { below: volume.lt(bound.negated()), zero, above: bound.lt(volume) }
+    }
+
     #[inline(always)]
     fn known(&self) -> u32 {
         self.below | self.zero | self.above
     }
 }
 
+/// d·(p × q), and the bound of its error.
 #[inline(always)]
-fn side<I: Isa>(p: [Expansion<I>; 3], q: [Expansion<I>; 3], d: V<I>) -> Side {
+fn volume_of<I: Isa>(p: [Expansion<I>; 3], q: [Expansion<I>; 3], d: V<I>) -> (I::F64x8, I::F64x8) {
     let (normal, size) = Expansion::cross(p, q);
     let volume = Expansion::dot_plain(normal, d).rounded();
-    let bound = lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(BOUND));
-    Side { below: volume.lt(bound.negated()), zero: bound.le(I::F64x8::splat(0.0)), above: bound.lt(volume) }
+    (volume, lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(BOUND)))
 }
+
+/// 2⁻²⁰⁰.
+const LEAST_ORDINARY: f64 = f64::from_bits((1023 - 200) << 52);
 
 /// Lanes in which all coordinates are zero or between 2^±200 in size.
 #[inline(always)]
 fn ordinary<I: Isa>(v: V<I>) -> u32 {
-    let (tiny, huge) = (
-        I::F64x8::splat(f64::from_bits((1023 - 200) << 52)),
-        I::F64x8::splat(f64::from_bits((1023 + 200) << 52)),
-    );
+    let (tiny, huge) = (I::F64x8::splat(LEAST_ORDINARY), I::F64x8::splat(1.0 / LEAST_ORDINARY));
     let mut ordinary = 0xff;
     for axis in 0..3 {
         let size = v[axis].abs();
