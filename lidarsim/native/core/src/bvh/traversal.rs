@@ -6,7 +6,7 @@ use super::packet::{FewBoxHits, Frustum, Packet, Slabs};
 use super::ray_packet::{LANES, Mask, all, take};
 use super::stack::{Entry, RayStack, SINGLE_RAYS, Stack};
 use super::traversal_ray::TraversalRay;
-use crate::arith::simd::{Floats, Isa};
+use crate::arith::simd::Isa;
 
 /// Intersects single rays with leaves. A trait, as a closure would not be compiled for the instruction set.
 pub trait Visitor<L> {
@@ -80,7 +80,8 @@ impl<L> Bvh<L> {
             let box_hits = frustum.intersect::<I>(&packet.octant, node);
             for (&near, &i) in box_hits.near.iter().zip(&box_hits.child).take(box_hits.count) {
                 let mask = packet.intersect::<I>(*mask, &box_hits, i as usize);
-                let (child, mask) = (node.child[i as usize], mask & !packet.missing(node, i as usize));
+                let (child, mask) =
+                    (node.child[i as usize], mask & !packet.missing::<I>(mask, node, i as usize));
                 self.prefetch::<I>(if mask != 0 { child } else { traversal.child });
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }
@@ -88,7 +89,7 @@ impl<L> Bvh<L> {
             let FewBoxHits { count, child, near, masks } = packet.intersect_few::<I>(*mask, frustum, node);
             for (&near, &i) in near.iter().zip(&child).take(count) {
                 let (child, mask) = (node.child[i as usize], masks[i as usize]);
-                let mask = mask & !packet.missing(node, i as usize);
+                let mask = mask & !packet.missing::<I>(mask, node, i as usize);
                 self.prefetch::<I>(child);
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }
@@ -126,10 +127,10 @@ impl<L> Bvh<L> {
             while let Some(k) = take(&mut at_nodes) {
                 let (traversal, ray_stack) = (&mut traversals[k], &mut stack.ray_stacks[k]);
                 let node = &self.nodes[traversal.child.index()];
-                let Slabs { near, mut far, .. } =
+                let Slabs { mut near, mut far, .. } =
                     traversal.frustum.slabs::<I>(&octant, node, traversal.limit);
-                if traversal.parallel != 0 && node.is_flat() {
-                    far = without::<I>(far, node.missed(traversal.parallel));
+                if traversal.may_miss && node.is_flat() {
+                    (near, far) = packet.narrowed::<I>(traversal.lane, node, (near, far));
                 }
                 ray_stack.push::<I>(near, far, &node.child);
                 traversal.child = ray_stack.pop();
@@ -236,8 +237,8 @@ struct RayTraversal {
     lane: usize,
     frustum: Frustum,
     limit: f32,
-    /// The axes along which its direction is exactly zero, a bit each.
-    parallel: u8,
+    /// Whether it may miss flat children.
+    may_miss: bool,
     child: Child,
     /// The base of its part of its stack.
     base: usize,
@@ -248,7 +249,7 @@ impl RayTraversal {
         lane: 0,
         frustum: Frustum::EMPTY,
         limit: 0.0,
-        parallel: 0,
+        may_miss: false,
         child: Child::node(0),
         base: 0,
     };
@@ -258,24 +259,12 @@ impl RayTraversal {
         self.lane = lane;
         packet.put_frustum_of_one(lane, &mut self.frustum);
         self.limit = packet.limit(lane);
-        self.parallel = packet.parallel(lane);
+        self.may_miss = packet.may_miss(lane);
         self.child = Child::node(0);
         ray_stack.child[ray_stack.len] = Child::END.0;
         ray_stack.len += 1;
         self.base = ray_stack.len;
     }
-}
-
-/// The t at which a ray leaves each box, −∞ for the boxes of `missed`.
-#[inline(always)]
-fn without<I: Isa>(far: I::F32x8, missed: u8) -> I::F32x8 {
-    let mut far: [f32; WIDTH] = far.store();
-    for (i, far) in far.iter_mut().enumerate() {
-        if missed >> i & 1 != 0 {
-            *far = f32::NEG_INFINITY;
-        }
-    }
-    I::F32x8::load(&far)
 }
 
 /// The interleaved traversals that have ended and those at a leaf, one bit each; the others are at inner
@@ -395,7 +384,7 @@ mod tests {
         fn run<I: Isa>(self) {
             let Traverse { bvh, seen, active, together, notes } = self;
             let (mut traversal, mut stack) = (PacketTraversal::new(), Stack::new());
-            traversal.packet.enter::<I>(seen, bvh.frame(), 0.0, &[f64::MAX; LANES]);
+            traversal.packet.enter::<I>(seen, None, bvh.frame(), 0.0, &[f64::MAX; LANES]);
             if together {
                 bvh.start::<I>(&mut traversal, active, &mut stack);
                 while traversal.next_entry::<I>(&mut stack, notes.limits()) {
