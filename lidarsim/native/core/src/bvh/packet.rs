@@ -571,12 +571,14 @@ pub(super) struct Slabs<I: Isa> {
 
 #[cfg(test)]
 mod tests {
+    use std::cmp::Ordering;
+
     use super::super::Bvh;
     use super::super::node::Child;
     use super::*;
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::Portable;
-    use crate::testing::worst;
+    use crate::testing::{numbers, worst};
 
     /// A hierarchy around the origin that reaches `reach` along each axis.
     fn around_origin(reach: f32) -> Bvh<()> {
@@ -755,5 +757,45 @@ mod tests {
         }
         // At least the margin of known directions.
         assert!(least >= 6.5, "{least}");
+    }
+
+    /// The t of crossings, and of their rays' starts, at all scales.
+    #[test]
+    fn crossings_are_rounded_outward() {
+        let mut next = numbers();
+        for k in -60..60 {
+            let mut rays = RayPacket::empty();
+            (rays.count, rays.has_offsets) = (LANES, k % 2 == 0);
+            let mut crossings = Crossings::NONE;
+            (crossings.rays, crossings.axis) = (u64::MAX, 2);
+            for lane in 0..LANES {
+                rays.set(lane, [0.0; 3], [0.5, 0.25, 2.0_f64.powi(k / 3)]);
+                rays.offset[lane] = 2.0_f64.powi(k) * next();
+                let t = 2.0_f64.powi(k) * (4.0 * next() - 1.0);
+                (crossings.low[lane], crossings.high[lane]) = (t, t.next_up());
+            }
+            let mut packet = Packet::empty();
+            packet.enter::<Portable>(
+                &rays,
+                Some(&crossings),
+                around_origin(1.0).frame(),
+                0.0,
+                &[1e30; LANES],
+            );
+            let Some([first, last]) = packet.crossing_t.as_deref() else { panic!("there are crossings") };
+            for lane in 0..LANES {
+                let offset = if rays.has_offsets { rays.offset[lane] } else { 0.0 };
+                let t = Dyadic::exact(crossings.low[lane]).minus(&Dyadic::exact(offset));
+                let t = t.times(&Dyadic::exact(packet.scale));
+                let beyond = |x: f32| Dyadic::exact(f64::from(x)).minus(&t).sign();
+                if t.sign() == Ok(Ordering::Less) {
+                    assert!(first[lane] <= 0.0, "{}", first[lane]);
+                } else {
+                    assert_eq!(beyond(first[lane]), Ok(Ordering::Less));
+                    assert_eq!(beyond(last[lane]), Ok(Ordering::Greater));
+                    assert!(last[lane] - first[lane] <= 12.0 * U * last[lane] + 4.0 * f32::MIN_POSITIVE);
+                }
+            }
+        }
     }
 }

@@ -291,7 +291,7 @@ mod tests {
     use super::*;
     use crate::arith::number::Interval;
     use crate::arith::simd::{Level, Task, dispatch};
-    use crate::bvh::RayPacket;
+    use crate::bvh::{Crossings, RayPacket};
 
     type Whole = [i64; 3];
 
@@ -373,6 +373,7 @@ mod tests {
     struct Traverse<'a, 'b> {
         bvh: &'a Bvh<Vec<u32>>,
         seen: &'a RayPacket,
+        crossings: Option<&'a Crossings>,
         active: Mask,
         together: bool,
         notes: &'a mut Notes<'b>,
@@ -382,9 +383,9 @@ mod tests {
         type Output = ();
 
         fn run<I: Isa>(self) {
-            let Traverse { bvh, seen, active, together, notes } = self;
+            let Traverse { bvh, seen, crossings, active, together, notes } = self;
             let (mut traversal, mut stack) = (PacketTraversal::new(), Stack::new());
-            traversal.packet.enter::<I>(seen, None, bvh.frame(), 0.0, &[f64::MAX; LANES]);
+            traversal.packet.enter::<I>(seen, crossings, bvh.frame(), 0.0, &[f64::MAX; LANES]);
             if together {
                 bvh.start::<I>(&mut traversal, active, &mut stack);
                 while traversal.next_entry::<I>(&mut stack, notes.limits()) {
@@ -492,7 +493,14 @@ mod tests {
                         };
                         dispatch(
                             level,
-                            Traverse { bvh: &bvh, seen: &seen, active: some, together, notes: &mut notes },
+                            Traverse {
+                                bvh: &bvh,
+                                seen: &seen,
+                                crossings: None,
+                                active: some,
+                                together,
+                                notes: &mut notes,
+                            },
                         );
                         for (lane, &(origin, direction)) in rays.iter().enumerate() {
                             let found = &mut notes.offered[lane];
@@ -539,6 +547,60 @@ mod tests {
         assert!(hit > 10_000, "{hit}");
         assert!(20 * offered < possible, "{offered} of {possible}");
     }
+
+    /// Tiles of a plane among blocks. Rays are known to some metres only, but it is known where they cross the
+    /// plane.
+    #[test]
+    fn tiles_of_a_plane_are_offered_where_rays_cross_it() {
+        let mut next = numbers();
+        let mut cubes = cubes(300, &mut next);
+        cubes.extend((0..900).map(|k| {
+            let low = [60 * (k % 30) - 900, 60 * (k / 30) - 900, 100];
+            Cube { low, high: [low[0] + 60, low[1] + 60, 100] }
+        }));
+        let bounds = |id: u32| {
+            let Cube { low, high } = &cubes[id as usize];
+            Some([0, 1, 2].map(|i| Interval { low: low[i] as f64, high: high[i] as f64 }))
+        };
+        let bvh = Bvh::new(cubes.len(), bounds, 1, <[u32]>::to_vec);
+        assert_eq!(bvh.frame().planes[2].to_bits(), 100.0_f64.to_bits());
+        let (mut hits, mut tiles) = (0, [0; 2]);
+        for round in 0..32 {
+            let (rays, seen) = rays(round % 8, [5, 0], &mut next);
+            let mut crossings = Crossings::NONE;
+            (crossings.rays, crossings.axis) = (all(LANES), 2);
+            for (lane, (o, d)) in rays.iter().enumerate() {
+                let t = (100 - o[2]) as f64 / d[2] as f64;
+                // In the plane there is no hit.
+                let never = d[2] == 0;
+                crossings.low[lane] = if never { f64::INFINITY } else { t.next_down() };
+                crossings.high[lane] = if never { f64::NEG_INFINITY } else { t.next_up() };
+            }
+            for (level, together) in Level::ALL.into_iter().flat_map(|level| [(level, false), (level, true)])
+            {
+                if level > Level::best() {
+                    continue;
+                }
+                for (tiles, crossings) in tiles.iter_mut().zip([Some(&crossings), None]) {
+                    let (offered, limits) = (vec![Vec::new(); LANES], [f64::MAX; LANES]);
+                    let mut notes = Notes { cubes: &cubes, rays: &rays, first_only: false, offered, limits };
+                    let (bvh, seen, active) = (&bvh, &seen, all(seen.count));
+                    dispatch(level, Traverse { bvh, seen, crossings, active, together, notes: &mut notes });
+                    for (offered, (o, d)) in notes.offered.iter().zip(&rays).take(seen.count) {
+                        *tiles += offered.iter().filter(|id| **id >= 300).count();
+                        for (id, cube) in cubes.iter().enumerate() {
+                            let is_met = entry(cube, *o, *d).is_some() && (d[2] != 0 || id < 300);
+                            assert!(!is_met || offered.contains(&(id as u32)), "{level:?}: {o:?} {d:?} {id}");
+                            hits += usize::from(is_met && id >= 300);
+                        }
+                    }
+                }
+            }
+        }
+        // Each is counted with and without the crossings.
+        assert!(hits > 2000 && tiles[0] < hits && tiles[1] > 2 * tiles[0], "{hits}, {tiles:?}");
+    }
+
     /// Straight down, with rounding errors as in the coordinates of an object: the sign is uncertain along
     /// two axes.
     #[test]
@@ -564,8 +626,8 @@ mod tests {
                     seen.direction_error = [error; LANES];
                     let (offered, limits) = (vec![Vec::new(); LANES], [f64::MAX; LANES]);
                     let mut notes = Notes { cubes: &cubes, rays: &rays, first_only: false, offered, limits };
-                    let (bvh, seen, active) = (&bvh, &seen, all(LANES));
-                    dispatch(level, Traverse { bvh, seen, active, together, notes: &mut notes });
+                    let (bvh, seen, crossings, active) = (&bvh, &seen, None, all(LANES));
+                    dispatch(level, Traverse { bvh, seen, crossings, active, together, notes: &mut notes });
                     *count = notes.offered.iter().map(Vec::len).sum::<usize>();
                 }
                 let [known, vague] = counts;

@@ -122,15 +122,12 @@ impl<I: Isa> Nudge<I> {
     #[inline(always)]
     fn side(&self, (volume, bound): (I::F64x8, I::F64x8), edge: V<I>, d: V<I>) -> Side {
         let zero = I::F64x8::splat(0.0);
-        let [x, y, z] = lanes::abs(self.0);
-        let [e, f, g] = lanes::abs(edge);
-        let sizes = [y.mul(g).add(z.mul(f)), z.mul(e).add(x.mul(g)), x.mul(f).add(y.mul(e))];
-        let (change, size) = (lanes::dot(d, lanes::cross(self.0, edge)), lanes::dot(lanes::abs(d), sizes));
+        let (change, size) = self.change(edge, d);
         // What underflows here is less than the least normal number.
         let most = size.mul(I::F64x8::splat(2.0 * NUDGE)).add(I::F64x8::splat(f64::MIN_POSITIVE));
         let (is_moved, is_zero) = (zero.lt(size), bound.le(zero));
         let side = Side::of::<I>((volume, bound.add(I::pick(is_moved, most, zero))));
-        let off = size.mul(I::F64x8::splat(16.0 * UNIT));
+        let off = size.mul(I::F64x8::splat(CHANGE));
         Side {
             below: side.below | is_zero & change.lt(off.negated()),
             zero: side.zero,
@@ -138,6 +135,20 @@ impl<I: Isa> Nudge<I> {
         }
     }
 }
+
+impl<I: Isa> Nudge<I> {
+    /// d·(v × edge), and R.
+    #[inline(always)]
+    fn change(&self, edge: V<I>, d: V<I>) -> (I::F64x8, I::F64x8) {
+        let [x, y, z] = lanes::abs(self.0);
+        let [e, f, g] = lanes::abs(edge);
+        let sizes = [y.mul(g).add(z.mul(f)), z.mul(e).add(x.mul(g)), x.mul(f).add(y.mul(e))];
+        (lanes::dot(d, lanes::cross(self.0, edge)), lanes::dot(lanes::abs(d), sizes))
+    }
+}
+
+/// The error of a change of a volume, relative to R.
+const CHANGE: f64 = 16.0 * UNIT;
 
 /// 2⁻⁶⁰⁰.
 const NUDGE: f64 = f64::from_bits((1023 - 600) << 52);
@@ -373,6 +384,71 @@ mod tests {
         assert!(hit > 5_000 && missed > 3_000 && bounded > 4_000, "{hit}, {missed}, {bounded}");
         // Rays to edges with fractional coordinates, except those that rounding moves far enough aside.
         assert!(unsure > 3_000, "{unsure}");
+    }
+
+    /// The largest share of its bound that the change of a volume is off by.
+    #[test]
+    fn changes_of_volumes_are_as_near_as_the_bound_says() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;
+        let (found, _) = worst(8, 1500, draw, |x: &[f64; 12]| {
+            let [v, p, q, d] = [0, 3, 6, 9].map(|k: usize| [x[k], x[k + 1], x[k + 2]]);
+            let lanes = |p: Point| p.map(|x| [x; 8]);
+            let edge = lanes::sub::<[f64; 8], 8>(lanes(p), lanes(q));
+            let (change, size) = Nudge::<Portable>(lanes(v)).change(edge, lanes(d));
+            let exact = |p: Point| -> [Dyadic; 3] { vector::exact(p) };
+            let truth = super::volume(&exact(d), &exact(v), &vector::sub(&exact(p), &exact(q)));
+            let off = Dyadic::exact(change[0]).minus(&truth).split().0.abs();
+            if size[0] > 0.0 { off / (CHANGE * size[0]) } else { 0.0 }
+        });
+        assert_slack("change", found, 0.2);
+    }
+
+    /// Whole numbers times a power of two, and origins with coordinates next to them: as small as they come
+    /// beside volumes that are as small, and far below them.
+    #[test]
+    fn tiny_coordinates_of_origins_are_heeded() {
+        let mut next = numbers();
+        let (mut hit, mut missed, mut open) = (0, 0, 0);
+        for (size, tiny) in [(-199, -203), (-199, -330), (0, -203), (0, -1000), (0, -1072), (100, -700)] {
+            for _ in 0..200 {
+                let mut whole = |below: f64, power: i32| {
+                    (below * (2.0 * next() - 1.0)).round()
+                        * 2.0_f64.powi(power / 2)
+                        * 2.0_f64.powi(power - power / 2)
+                };
+                let mut point = |flat: bool| -> Point {
+                    [whole(3.0, size), whole(3.0, size), if flat { 0.0 } else { whole(2.0, size) }]
+                };
+                let triangles = [0; 8].map(|_: u8| [point(true), point(true), point(false)]);
+                let origins = [0; 8].map(|_: u8| point(true));
+                let directions = [0; 8].map(|_: u8| point(true));
+                let rays = [0, 1, 2, 3, 4, 5, 6, 7].map(|lane: usize| {
+                    let [x, y, _] = origins[lane];
+                    let axis = if lane < 4 { 2 } else { lane % 3 };
+                    let mut origin = [x, y, 0.0];
+                    origin[axis] = whole(3.0, tiny);
+                    (origin, directions[lane])
+                });
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let ((hits, misses), (decided, ordinary), ..) =
+                        dispatch(level, Probe { triangles: &triangles, rays: &rays });
+                    assert_eq!(ordinary, 0xff);
+                    for (lane, ([a, b, c], (o, d))) in triangles.iter().zip(&rays).enumerate() {
+                        let root = Triangle(*a, *b, *c).roots(&Ray::<Dyadic>::new(*o, *d));
+                        let is_hit = root.is_ok_and(|[root, _]| root.is_some());
+                        let is = |mask: u32| mask >> lane & 1 != 0;
+                        assert!(
+                            !is(if is_hit { misses } else { hits }),
+                            "{level:?}: {a:?} {b:?} {c:?} {o:?} {d:?}"
+                        );
+                        assert_eq!(is(decided), is_hit, "{level:?}: {a:?} {b:?} {c:?} {o:?} {d:?}");
+                        (hit, missed) = (hit + usize::from(is(hits)), missed + usize::from(is(misses)));
+                        open += usize::from(!is(hits | misses));
+                    }
+                }
+            }
+        }
+        assert!(hit > 1000 && missed > 5000 && open < missed / 10, "{hit}, {missed}, {open}");
     }
 
     /// For consecutive Fibonacci numbers, xₙ·xₙ₊₂ − xₙ₊₁² = ±1: far below the resolution
