@@ -146,6 +146,76 @@ def test_rays_in_the_planes_of_a_moving_mesh():
     assert 40 <= np.isfinite(found.t).sum() <= 190
 
 
+TILT = np.array([[1, 0, 0], [0, math.sqrt(0.75), -0.5], [0, 0.5, math.sqrt(0.75)]])  # by 30°, rounded
+SLOPE = np.array([[1, 0, 0], [0, 0.75, -1], [0, 1, 0.75]])  # exact for the whole numbers of terraces
+
+
+def placed(linear, offset):
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = linear, offset
+    return matrix
+
+
+PLACED = {
+    "as-given": np.eye(4),
+    "tilted": placed(TILT, (0, 0, 0)),
+    "tilted-and-far": placed(TILT @ cases.rotations(1, 3)[0], (0.1, 5e5, 0.3)),
+    "stretched": placed(np.diag((3.0, 0.1, 1.7)) @ TILT, (0.5, 0.0, -0.25)),
+    "on-an-exact-slope": placed(SLOPE, (0, 0, 0)),
+}
+
+
+def grazing(n, count, rng):
+    """Return rays in the planes of terraces, and next to them: too low, or at too small an angle, for float32."""
+    heights = rng.integers(0, 3, count) + rng.choice([0.0, 1e-17, -1e-13, 2.0**-40, 1e-300, -1e-200], count)
+    origins = np.column_stack([rng.integers(-2, 2 * n + 4, (count, 2)) / 2, heights])
+    slopes = rng.choice([0.0, 0.0, 1e-17, -1e-16, 2.0**-41, -1e-13], count)
+    ways = np.column_stack([rng.normal(size=(count, 2)) * rng.integers(0, 2, (count, 2)), slopes])
+    some = (ways[:, :2] != 0).any(axis=1)
+    back = rng.choice([0.0, 0.0, 0.0, 1e5], (count, 1))  # from far away
+    return (origins - back * ways)[some], ways[some]
+
+
+@pytest.mark.parametrize("place", PLACED)
+def test_rays_that_graze_the_planes_of_a_mesh(place, instruction_sets, monkeypatch):
+    # some leave the plane, some cross it once, far away or on the mesh, and some run in it
+    matrix, (vertices, faces) = PLACED[place], cases.terraces(12)
+    origins, directions = grazing(12, 400, np.random.default_rng(15))
+    spec = cases.Spec("TriangleMesh", (vertices, faces), None if place == "as-given" else matrix)
+    o, d = origins @ matrix[:3, :3].T + matrix[:3, 3], directions @ matrix[:3, :3].T
+    for isa in instruction_sets:
+        monkeypatch.setenv("LIDARSIM_ISA", isa)
+        mesh = spec.build()
+        hits = mesh.cast(o, d)
+        verdict = judge_cast(spec, o, d, hits.t, primitives=hits.primitive_id)
+        assert verdict.wrong == 0, verdict.first
+        assert verdict.rounded == verdict.values, "not the exact value correctly rounded"
+        assert 100 < hits.hit.sum() < 250
+        alone = np.concatenate([mesh.cast(o[i : i + 1], d[i : i + 1]).t for i in range(len(o))])
+        np.testing.assert_array_equal(alone, hits.t)
+
+
+@pytest.mark.parametrize("place", PLACED)
+def test_rays_that_graze_the_planes_of_a_moving_mesh(place, instruction_sets, monkeypatch):
+    # `cast_all` takes each ray by itself through boxes alone
+    vertices, faces = cases.terraces(12)
+    matrix, rng = PLACED[place], np.random.default_rng(16)
+    drive = ls.Trajectory.from_twist(np.eye(4), linear=(2.0, -1.0, 0.0), angular=(0.3, 0.2, -0.1))
+    scene = ls.Scene()
+    scene.add(ls.TriangleMesh(vertices, faces), transform=matrix, motion=drive)
+    origins, directions = grazing(12, 600, rng)
+    times = rng.choice([0.0, 0.7, 1.5], len(origins))
+    poses = drive.at(times).as_matrix() @ matrix
+    o = np.einsum("nij,nj->ni", poses[:, :3, :3], origins) + poses[:, :3, 3]
+    d = np.einsum("nij,nj->ni", poses[:, :3, :3], directions)
+    for isa in instruction_sets:
+        monkeypatch.setenv("LIDARSIM_ISA", isa)
+        first, every = scene.cast(o, d, time=times), scene.cast_all(o, d, time=times, most=1)
+        np.testing.assert_array_equal(first.t, every.t[:, 0])
+        np.testing.assert_array_equal(first.primitive_id, every.primitive_id[:, 0])
+        assert 100 < first.hit.sum() < 400
+
+
 def test_faces_that_gain_an_area_are_found():
     # without an area a face is in no hierarchy; a new shape of the mesh must have it
     flat = ls.TriangleMesh([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0)], [(0, 1, 2), (0, 1, 3)])

@@ -160,8 +160,8 @@ pub fn build<L: Send>(
         items.iter().filter_map(|item| bounds(item.id)).reduce(union).map_or(NOT_FLAT, planes_of)
     });
     let mut nodes = memory::copy(&parts.nodes);
-    find_flat(&mut nodes, |leaf| planes[leaf]);
-    Bvh::with(center, nodes, leaves)
+    let planes = find_flat(&mut nodes, |leaf| planes[leaf]);
+    Bvh::with(center, planes, nodes, leaves)
 }
 
 /// By axis, the coordinate of the plane that contains a part of a hierarchy, or NaN.
@@ -174,8 +174,10 @@ pub fn planes_of(bounds: [Interval; 3]) -> ContainingPlanes {
     bounds.map(|side| if side.low == side.high { side.low } else { f64::NAN })
 }
 
-/// Sets which children are flat, from the planes that contain each leaf. Each node comes before those below.
-pub fn find_flat(nodes: &mut [Node], leaf: impl Fn(usize) -> ContainingPlanes) {
+/// Sets which children are flat, from the planes that contain each leaf, and returns the planes of the
+/// hierarchy. Each node comes before those below.
+pub fn find_flat(nodes: &mut [Node], leaf: impl Fn(usize) -> ContainingPlanes) -> ContainingPlanes {
+    let mut majority = [Majority::NONE; 3];
     let mut planes = memory::with_capacity(nodes.len());
     planes.resize(nodes.len(), NOT_FLAT);
     for (i, node) in nodes.iter_mut().enumerate().rev() {
@@ -184,6 +186,9 @@ pub fn find_flat(nodes: &mut [Node], leaf: impl Fn(usize) -> ContainingPlanes) {
             let child = node.child[k];
             let of_child = if child.is_leaf() { leaf(child.index()) } else { planes[child.index()] };
             for axis in 0..3 {
+                if child.is_leaf() {
+                    majority[axis].count(of_child[axis]);
+                }
                 node.flat[axis] |= u8::from(!of_child[axis].is_nan()) << k;
                 if k == 0 {
                     planes[i][axis] = of_child[axis];
@@ -192,6 +197,40 @@ pub fn find_flat(nodes: &mut [Node], leaf: impl Fn(usize) -> ContainingPlanes) {
                 }
             }
         }
+    }
+    let of_hierarchy = majority.map(|majority| majority.plane);
+    for node in nodes {
+        node.level = [0; 3];
+        for k in 0..node.children() {
+            let child = node.child[k];
+            let of_child = if child.is_leaf() { leaf(child.index()) } else { planes[child.index()] };
+            for axis in 0..3 {
+                node.level[axis] |= u8::from(of_child[axis] == of_hierarchy[axis]) << k;
+            }
+        }
+    }
+    of_hierarchy
+}
+
+/// The plane of most flat leaves, if more than half of them share one, or else that of some (R. Boyer, J.
+/// Moore, MJRTY, 1981).
+#[derive(Clone, Copy)]
+struct Majority {
+    plane: f64,
+    lead: usize,
+}
+
+impl Majority {
+    const NONE: Majority = Majority { plane: f64::NAN, lead: 0 };
+
+    fn count(&mut self, plane: f64) {
+        if plane.is_nan() {
+            return;
+        }
+        if self.lead == 0 {
+            self.plane = plane;
+        }
+        self.lead = if plane == self.plane { self.lead + 1 } else { self.lead - 1 };
     }
 }
 
@@ -303,6 +342,7 @@ impl Parts {
             high: [[f32::NEG_INFINITY; WIDTH]; 3],
             child: [Child::leaf(0); WIDTH],
             flat: [0; 3],
+            level: [0; 3],
         };
         memory::push(&mut self.nodes, node);
         for (i, child) in children.into_iter().enumerate() {

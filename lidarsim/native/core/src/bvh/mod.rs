@@ -5,6 +5,7 @@
 //! intersects. Exact intersection of the float64 input happens elsewhere.
 
 mod build;
+mod crossings;
 mod node;
 mod packet;
 mod ray_packet;
@@ -18,6 +19,7 @@ use crate::geometry::vector::Point;
 use crate::parallel;
 use node::Node;
 
+pub use crossings::Crossings;
 pub use packet::Packet;
 pub use ray_packet::{LANES, LARGEST, Mask, RayPacket, SMALLEST, all, is_run, part_of_mask, take};
 pub use stack::Stack;
@@ -41,6 +43,9 @@ pub struct Frame {
     pub center: Point,
     /// How far the boxes reach from the centre along each axis; infinity if there are none.
     reach: [f32; 3],
+    /// By axis, the coordinate of a plane that contains leaves, NaN if there is none: the plane of most leaves
+    /// that lie in one, if most of them share it.
+    pub planes: [f64; 3],
 }
 
 impl Frame {
@@ -75,12 +80,12 @@ impl<L> Bvh<L> {
         self.frame
     }
 
-    fn with(center: Point, nodes: Vec<Node>, leaves: Vec<L>) -> Self {
+    fn with(center: Point, planes: [f64; 3], nodes: Vec<Node>, leaves: Vec<L>) -> Self {
         let along = |root: &Node, axis: usize| {
             root.low[axis].map(|x| -x).into_iter().chain(root.high[axis]).fold(0.0, f32::max)
         };
         let reach = [0, 1, 2].map(|axis| nodes.first().map_or(f32::INFINITY, |root| along(root, axis)));
-        Bvh { frame: Frame { center, reach }, nodes, leaves }
+        Bvh { frame: Frame { center, reach, planes }, nodes, leaves }
     }
 
     /// The leaf, if it is the only one.

@@ -13,6 +13,8 @@ pub struct Node {
     /// By axis, the children whose primitives lie in one plane perpendicular to it, exactly: a bit each. A
     /// ray parallel to the plane hits none of them.
     pub flat: [u8; 3],
+    /// By axis, those of them that lie in the plane of the hierarchy (`Frame::planes`).
+    pub level: [u8; 3],
 }
 
 impl Node {

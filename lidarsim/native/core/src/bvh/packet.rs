@@ -6,9 +6,9 @@
 //! for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing Algorithm, 2005; S. Boulos et al.,
 //! Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
 
-use super::Frame;
 use super::node::{Node, WIDTH};
-use super::ray_packet::{LANES, Mask, RayPacket, SUBPACKETS, WIDE, take};
+use super::ray_packet::{LANES, Mask, RayPacket, SUBPACKETS, WIDE, part_of_mask, take};
+use super::{Crossings, Frame};
 use crate::arith::simd::{Floats, Isa};
 
 /// Unit roundoff of float32.
@@ -32,9 +32,15 @@ pub struct Packet {
     /// As in `RayPacket`.
     offset: [f64; LANES],
     has_offsets: bool,
-    /// As in `RayPacket`, and whether there are any.
+    /// As in `RayPacket`.
     parallel: [Mask; 3],
-    are_parallel: bool,
+    /// The rays that are known to cross the plane of the hierarchy perpendicular to `axis` only between these
+    /// t; the interval is empty for rays that never do.
+    crossing: Mask,
+    axis: usize,
+    crossing_t: Option<Box<[[f32; LANES]; 2]>>,
+    /// Whether there are rays of either kind, which may miss flat children.
+    may_miss: bool,
     pub(super) octant: Octant,
 }
 
@@ -112,47 +118,132 @@ impl Packet {
     pub fn empty() -> Self {
         let octant = Octant { start: 0.0, backward: [false; 3] };
         let (subpackets, offset) = ([Subpacket::EMPTY; SUBPACKETS], [0.0; LANES]);
-        let (parallel, are_parallel) = ([0; 3], false);
         Packet {
             subpackets,
             count: 0,
             scale: 1.0,
             offset,
             has_offsets: false,
-            parallel,
-            are_parallel,
+            parallel: [0; 3],
+            crossing: 0,
+            axis: 0,
+            crossing_t: None,
+            may_miss: false,
             octant,
         }
     }
 
-    /// The rays that miss child i of a node because it is flat and they are parallel to its plane.
+    /// The rays of `mask` that miss child i of a node because it is flat and they are parallel to its plane
+    /// or cross it elsewhere.
     #[inline(always)]
-    pub(super) fn missing(&self, node: &Node, i: usize) -> Mask {
-        if !self.are_parallel {
+    pub(super) fn missing<I: Isa>(&self, mask: Mask, node: &Node, i: usize) -> Mask {
+        if !self.may_miss {
             return 0;
         }
         let along = |axis: usize| if node.flat[axis] >> i & 1 != 0 { self.parallel[axis] } else { 0 };
-        along(0) | along(1) | along(2)
+        let missing = along(0) | along(1) | along(2);
+        let crossing = mask & self.crossing;
+        if crossing != 0 && node.level[self.axis] >> i & 1 != 0 {
+            missing | crossing & !self.cross_within::<I>(crossing, node, i)
+        } else {
+            missing
+        }
+    }
+
+    /// The rays that may cross the plane of the hierarchy within child i of a node, by the slab test with the
+    /// t of that plane.
+    #[inline(always)]
+    fn cross_within<I: Isa>(&self, crossing: Mask, node: &Node, i: usize) -> Mask {
+        let Some([first_t, last_t]) = self.crossing_t.as_deref() else { return crossing };
+        let mut within = 0;
+        for (g, subpacket) in self.subpackets.iter().enumerate() {
+            if part_of_mask::<WIDE>(crossing, g) == 0 {
+                continue;
+            }
+            let start = I::F32x16::splat(self.octant.start);
+            let mut near = start.max(I::F32x16::load(&first_t.as_chunks().0[g]));
+            let mut far = I::F32x16::load(&subpacket.limit).min(I::F32x16::load(&last_t.as_chunks().0[g]));
+            for axis in 0..3 {
+                if axis == self.axis {
+                    continue;
+                }
+                let (first, last) = if self.octant.backward[axis] {
+                    (node.high[axis][i], node.low[axis][i])
+                } else {
+                    (node.low[axis][i], node.high[axis][i])
+                };
+                let t = I::F32x16::splat(first)
+                    .sub(I::F32x16::load(&subpacket.near_origin[axis]))
+                    .mul(I::F32x16::load(&subpacket.near_slope[axis]));
+                near = t.max(near);
+                let t = I::F32x16::splat(last)
+                    .sub(I::F32x16::load(&subpacket.far_origin[axis]))
+                    .mul(I::F32x16::load(&subpacket.far_slope[axis]));
+                far = t.min(far);
+            }
+            within |= Mask::from(near.le(far)) << (WIDE * g);
+        }
+        within
+    }
+
+    /// Bounds of t at the children of a node for one ray, without those that it misses; see `missing`.
+    #[inline(always)]
+    pub(super) fn narrowed<I: Isa>(
+        &self,
+        lane: usize,
+        node: &Node,
+        (near, far): (I::F32x8, I::F32x8),
+    ) -> (I::F32x8, I::F32x8) {
+        let (mut near, mut far): ([f32; WIDTH], [f32; WIDTH]) = (near.store(), far.store());
+        let missed = node.missed(self.parallel(lane));
+        let mut level = 0;
+        let (mut first_t, mut last_t) = (0.0, f32::INFINITY);
+        if self.crossing >> lane & 1 != 0
+            && let Some(t) = self.crossing_t.as_deref()
+        {
+            (level, first_t, last_t) = (node.level[self.axis], t[0][lane], t[1][lane]);
+        }
+        for i in 0..WIDTH {
+            if missed >> i & 1 != 0 {
+                far[i] = f32::NEG_INFINITY;
+            }
+            if level >> i & 1 != 0 {
+                near[i] = near[i].max(first_t);
+                far[i] = far[i].min(last_t);
+            }
+        }
+        (I::F32x8::load(&near), I::F32x8::load(&far))
+    }
+
+    /// Whether a ray may miss flat children.
+    #[inline(always)]
+    pub(super) fn may_miss(&self, lane: usize) -> bool {
+        self.may_miss && (self.parallel(lane) != 0 || self.crossing >> lane & 1 != 0)
     }
 
     /// The axes along which the direction of a ray is exactly zero, a bit each.
     #[inline(always)]
-    pub(super) fn parallel(&self, lane: usize) -> u8 {
-        if !self.are_parallel {
-            return 0;
-        }
+    fn parallel(&self, lane: usize) -> u8 {
         let along = |axis: usize| ((self.parallel[axis] >> lane & 1) as u8) << axis;
         along(0) | along(1) | along(2)
     }
 
     /// Sets up rays of one octant, relative to the centre of a hierarchy, from t_min ≥ 0 to one limit each.
     #[inline(always)]
-    pub fn enter<I: Isa>(&mut self, rays: &RayPacket, frame: Frame, t_min: f64, limits: &[f64; LANES]) {
+    pub fn enter<I: Isa>(
+        &mut self,
+        rays: &RayPacket,
+        crossings: Option<&Crossings>,
+        frame: Frame,
+        t_min: f64,
+        limits: &[f64; LANES],
+    ) {
         let octant = rays.octant;
         self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
         self.parallel = rays.parallel;
-        self.are_parallel = rays.parallel != [0; 3];
+        self.crossing = crossings.map_or(0, |crossings| crossings.rays);
+        self.may_miss = rays.parallel != [0; 3] || self.crossing != 0;
         // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents are far from the limits of float64
         // (see `RayPacket::gather`). Components of rays much shorter than the longest may underflow; see
         // `SHRINK`.
@@ -174,6 +265,22 @@ impl Packet {
         self.octant.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
         for g in 0..self.count.div_ceil(WIDE) {
             self.enter_subpacket::<I>(g, rays, frame, shrink, limits);
+        }
+        if let (Some(crossings), true) = (crossings, self.crossing != 0) {
+            self.enter_crossings(crossings);
+        }
+    }
+
+    /// Sets the t of crossings, rounded outward. A t before the start is never reached.
+    fn enter_crossings(&mut self, crossings: &Crossings) {
+        self.axis = crossings.axis;
+        let [first_t, last_t] = &mut **self.crossing_t.get_or_insert_with(|| Box::new([[0.0; LANES]; 2]));
+        let mut left = crossings.rays;
+        while let Some(lane) = take(&mut left) {
+            let offset = if self.has_offsets { self.offset[lane] } else { 0.0 };
+            let [low, high] = [crossings.low[lane], crossings.high[lane]].map(|t| (t - offset) * self.scale);
+            first_t[lane] = low.max(0.0) as f32 * (1.0 - 4.0 * U) - f32::MIN_POSITIVE;
+            last_t[lane] = if high < 0.0 { -1.0 } else { high as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE };
         }
     }
 
@@ -464,12 +571,14 @@ pub(super) struct Slabs<I: Isa> {
 
 #[cfg(test)]
 mod tests {
+    use std::cmp::Ordering;
+
     use super::super::Bvh;
     use super::super::node::Child;
     use super::*;
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::Portable;
-    use crate::testing::worst;
+    use crate::testing::{numbers, worst};
 
     /// A hierarchy around the origin that reaches `reach` along each axis.
     fn around_origin(reach: f32) -> Bvh<()> {
@@ -477,12 +586,13 @@ mod tests {
             low: [[f32::INFINITY; WIDTH]; 3],
             high: [[f32::NEG_INFINITY; WIDTH]; 3],
             child: [Child::END; WIDTH],
+            level: [0; 3],
             flat: [0; 3],
         };
         for axis in 0..3 {
             (root.low[axis][3], root.high[axis][3]) = (-reach, reach);
         }
-        Bvh::with([0.0; 3], vec![root], Vec::new())
+        Bvh::with([0.0; 3], [f64::NAN; 3], vec![root], Vec::new())
     }
 
     /// A packet of one ray from (o, 0, 0) along (d, 0.9, 0), for tests along x.
@@ -494,7 +604,7 @@ mod tests {
             rays.direction_error[lane] = direction_error;
         }
         let mut packet = Packet::empty();
-        packet.enter::<Portable>(&rays, around_origin(1.0).frame(), t, &[t; LANES]);
+        packet.enter::<Portable>(&rays, None, around_origin(1.0).frame(), t, &[t; LANES]);
         packet
     }
 
@@ -555,7 +665,7 @@ mod tests {
             (0..WIDE).for_each(|lane| rays.set(lane, [0.0; 3], [0.5; 3]));
             rays.origin_error = [x[0]; LANES];
             let mut packet = Packet::empty();
-            packet.enter::<Portable>(&rays, around_origin(1.0).frame(), 0.0, &[1.0; LANES]);
+            packet.enter::<Portable>(&rays, None, around_origin(1.0).frame(), 0.0, &[1.0; LANES]);
             let subpacket = packet.subpackets[0];
             let beyond = |far: f32| roundings(&n(far), &Dyadic::exact(x[0]));
             beyond(subpacket.near_origin[0][0]).min(beyond(-subpacket.far_origin[0][0]))
@@ -625,7 +735,7 @@ mod tests {
             (0..WIDE).for_each(|lane| rays.set(lane, [o; 3], [0.5; 3]));
             rays.origin_error = [error; LANES];
             let mut packet = Packet::empty();
-            packet.enter::<Portable>(&rays, around_origin(1.0).frame(), t, &[t; LANES]);
+            packet.enter::<Portable>(&rays, None, around_origin(1.0).frame(), t, &[t; LANES]);
             let Subpacket { near_origin, far_origin, limit, .. } = packet.subpackets[0];
             assert!(o + error <= f64::from(near_origin[0][0]) && f64::from(far_origin[0][0]) <= o - error);
             assert!(t <= f64::from(limit[0]) && t <= f64::from(packet.limit_of(0, t)));
@@ -647,5 +757,45 @@ mod tests {
         }
         // At least the margin of known directions.
         assert!(least >= 6.5, "{least}");
+    }
+
+    /// The t of crossings, and of their rays' starts, at all scales.
+    #[test]
+    fn crossings_are_rounded_outward() {
+        let mut next = numbers();
+        for k in -60..60 {
+            let mut rays = RayPacket::empty();
+            (rays.count, rays.has_offsets) = (LANES, k % 2 == 0);
+            let mut crossings = Crossings::NONE;
+            (crossings.rays, crossings.axis) = (u64::MAX, 2);
+            for lane in 0..LANES {
+                rays.set(lane, [0.0; 3], [0.5, 0.25, 2.0_f64.powi(k / 3)]);
+                rays.offset[lane] = 2.0_f64.powi(k) * next();
+                let t = 2.0_f64.powi(k) * (4.0 * next() - 1.0);
+                (crossings.low[lane], crossings.high[lane]) = (t, t.next_up());
+            }
+            let mut packet = Packet::empty();
+            packet.enter::<Portable>(
+                &rays,
+                Some(&crossings),
+                around_origin(1.0).frame(),
+                0.0,
+                &[1e30; LANES],
+            );
+            let Some([first, last]) = packet.crossing_t.as_deref() else { panic!("there are crossings") };
+            for lane in 0..LANES {
+                let offset = if rays.has_offsets { rays.offset[lane] } else { 0.0 };
+                let t = Dyadic::exact(crossings.low[lane]).minus(&Dyadic::exact(offset));
+                let t = t.times(&Dyadic::exact(packet.scale));
+                let beyond = |x: f32| Dyadic::exact(f64::from(x)).minus(&t).sign();
+                if t.sign() == Ok(Ordering::Less) {
+                    assert!(first[lane] <= 0.0, "{}", first[lane]);
+                } else {
+                    assert_eq!(beyond(first[lane]), Ok(Ordering::Less));
+                    assert_eq!(beyond(last[lane]), Ok(Ordering::Greater));
+                    assert!(last[lane] - first[lane] <= 12.0 * U * last[lane] + 4.0 * f32::MIN_POSITIVE);
+                }
+            }
+        }
     }
 }

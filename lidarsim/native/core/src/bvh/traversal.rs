@@ -6,7 +6,7 @@ use super::packet::{FewBoxHits, Frustum, Packet, Slabs};
 use super::ray_packet::{LANES, Mask, all, take};
 use super::stack::{Entry, RayStack, SINGLE_RAYS, Stack};
 use super::traversal_ray::TraversalRay;
-use crate::arith::simd::{Floats, Isa};
+use crate::arith::simd::Isa;
 
 /// Intersects single rays with leaves. A trait, as a closure would not be compiled for the instruction set.
 pub trait Visitor<L> {
@@ -80,7 +80,8 @@ impl<L> Bvh<L> {
             let box_hits = frustum.intersect::<I>(&packet.octant, node);
             for (&near, &i) in box_hits.near.iter().zip(&box_hits.child).take(box_hits.count) {
                 let mask = packet.intersect::<I>(*mask, &box_hits, i as usize);
-                let (child, mask) = (node.child[i as usize], mask & !packet.missing(node, i as usize));
+                let (child, mask) =
+                    (node.child[i as usize], mask & !packet.missing::<I>(mask, node, i as usize));
                 self.prefetch::<I>(if mask != 0 { child } else { traversal.child });
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }
@@ -88,7 +89,7 @@ impl<L> Bvh<L> {
             let FewBoxHits { count, child, near, masks } = packet.intersect_few::<I>(*mask, frustum, node);
             for (&near, &i) in near.iter().zip(&child).take(count) {
                 let (child, mask) = (node.child[i as usize], masks[i as usize]);
-                let mask = mask & !packet.missing(node, i as usize);
+                let mask = mask & !packet.missing::<I>(mask, node, i as usize);
                 self.prefetch::<I>(child);
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }
@@ -126,10 +127,10 @@ impl<L> Bvh<L> {
             while let Some(k) = take(&mut at_nodes) {
                 let (traversal, ray_stack) = (&mut traversals[k], &mut stack.ray_stacks[k]);
                 let node = &self.nodes[traversal.child.index()];
-                let Slabs { near, mut far, .. } =
+                let Slabs { mut near, mut far, .. } =
                     traversal.frustum.slabs::<I>(&octant, node, traversal.limit);
-                if traversal.parallel != 0 && node.is_flat() {
-                    far = without::<I>(far, node.missed(traversal.parallel));
+                if traversal.may_miss && node.is_flat() {
+                    (near, far) = packet.narrowed::<I>(traversal.lane, node, (near, far));
                 }
                 ray_stack.push::<I>(near, far, &node.child);
                 traversal.child = ray_stack.pop();
@@ -236,8 +237,8 @@ struct RayTraversal {
     lane: usize,
     frustum: Frustum,
     limit: f32,
-    /// The axes along which its direction is exactly zero, a bit each.
-    parallel: u8,
+    /// Whether it may miss flat children.
+    may_miss: bool,
     child: Child,
     /// The base of its part of its stack.
     base: usize,
@@ -248,7 +249,7 @@ impl RayTraversal {
         lane: 0,
         frustum: Frustum::EMPTY,
         limit: 0.0,
-        parallel: 0,
+        may_miss: false,
         child: Child::node(0),
         base: 0,
     };
@@ -258,24 +259,12 @@ impl RayTraversal {
         self.lane = lane;
         packet.put_frustum_of_one(lane, &mut self.frustum);
         self.limit = packet.limit(lane);
-        self.parallel = packet.parallel(lane);
+        self.may_miss = packet.may_miss(lane);
         self.child = Child::node(0);
         ray_stack.child[ray_stack.len] = Child::END.0;
         ray_stack.len += 1;
         self.base = ray_stack.len;
     }
-}
-
-/// The t at which a ray leaves each box, −∞ for the boxes of `missed`.
-#[inline(always)]
-fn without<I: Isa>(far: I::F32x8, missed: u8) -> I::F32x8 {
-    let mut far: [f32; WIDTH] = far.store();
-    for (i, far) in far.iter_mut().enumerate() {
-        if missed >> i & 1 != 0 {
-            *far = f32::NEG_INFINITY;
-        }
-    }
-    I::F32x8::load(&far)
 }
 
 /// The interleaved traversals that have ended and those at a leaf, one bit each; the others are at inner
@@ -302,7 +291,7 @@ mod tests {
     use super::*;
     use crate::arith::number::Interval;
     use crate::arith::simd::{Level, Task, dispatch};
-    use crate::bvh::RayPacket;
+    use crate::bvh::{Crossings, RayPacket};
 
     type Whole = [i64; 3];
 
@@ -384,6 +373,7 @@ mod tests {
     struct Traverse<'a, 'b> {
         bvh: &'a Bvh<Vec<u32>>,
         seen: &'a RayPacket,
+        crossings: Option<&'a Crossings>,
         active: Mask,
         together: bool,
         notes: &'a mut Notes<'b>,
@@ -393,9 +383,9 @@ mod tests {
         type Output = ();
 
         fn run<I: Isa>(self) {
-            let Traverse { bvh, seen, active, together, notes } = self;
+            let Traverse { bvh, seen, crossings, active, together, notes } = self;
             let (mut traversal, mut stack) = (PacketTraversal::new(), Stack::new());
-            traversal.packet.enter::<I>(seen, bvh.frame(), 0.0, &[f64::MAX; LANES]);
+            traversal.packet.enter::<I>(seen, crossings, bvh.frame(), 0.0, &[f64::MAX; LANES]);
             if together {
                 bvh.start::<I>(&mut traversal, active, &mut stack);
                 while traversal.next_entry::<I>(&mut stack, notes.limits()) {
@@ -503,7 +493,14 @@ mod tests {
                         };
                         dispatch(
                             level,
-                            Traverse { bvh: &bvh, seen: &seen, active: some, together, notes: &mut notes },
+                            Traverse {
+                                bvh: &bvh,
+                                seen: &seen,
+                                crossings: None,
+                                active: some,
+                                together,
+                                notes: &mut notes,
+                            },
                         );
                         for (lane, &(origin, direction)) in rays.iter().enumerate() {
                             let found = &mut notes.offered[lane];
@@ -550,6 +547,60 @@ mod tests {
         assert!(hit > 10_000, "{hit}");
         assert!(20 * offered < possible, "{offered} of {possible}");
     }
+
+    /// Tiles of a plane among blocks. Rays are known to some metres only, but it is known where they cross the
+    /// plane.
+    #[test]
+    fn tiles_of_a_plane_are_offered_where_rays_cross_it() {
+        let mut next = numbers();
+        let mut cubes = cubes(300, &mut next);
+        cubes.extend((0..900).map(|k| {
+            let low = [60 * (k % 30) - 900, 60 * (k / 30) - 900, 100];
+            Cube { low, high: [low[0] + 60, low[1] + 60, 100] }
+        }));
+        let bounds = |id: u32| {
+            let Cube { low, high } = &cubes[id as usize];
+            Some([0, 1, 2].map(|i| Interval { low: low[i] as f64, high: high[i] as f64 }))
+        };
+        let bvh = Bvh::new(cubes.len(), bounds, 1, <[u32]>::to_vec);
+        assert_eq!(bvh.frame().planes[2].to_bits(), 100.0_f64.to_bits());
+        let (mut hits, mut tiles) = (0, [0; 2]);
+        for round in 0..32 {
+            let (rays, seen) = rays(round % 8, [5, 0], &mut next);
+            let mut crossings = Crossings::NONE;
+            (crossings.rays, crossings.axis) = (all(LANES), 2);
+            for (lane, (o, d)) in rays.iter().enumerate() {
+                let t = (100 - o[2]) as f64 / d[2] as f64;
+                // In the plane there is no hit.
+                let never = d[2] == 0;
+                crossings.low[lane] = if never { f64::INFINITY } else { t.next_down() };
+                crossings.high[lane] = if never { f64::NEG_INFINITY } else { t.next_up() };
+            }
+            for (level, together) in Level::ALL.into_iter().flat_map(|level| [(level, false), (level, true)])
+            {
+                if level > Level::best() {
+                    continue;
+                }
+                for (tiles, crossings) in tiles.iter_mut().zip([Some(&crossings), None]) {
+                    let (offered, limits) = (vec![Vec::new(); LANES], [f64::MAX; LANES]);
+                    let mut notes = Notes { cubes: &cubes, rays: &rays, first_only: false, offered, limits };
+                    let (bvh, seen, active) = (&bvh, &seen, all(seen.count));
+                    dispatch(level, Traverse { bvh, seen, crossings, active, together, notes: &mut notes });
+                    for (offered, (o, d)) in notes.offered.iter().zip(&rays).take(seen.count) {
+                        *tiles += offered.iter().filter(|id| **id >= 300).count();
+                        for (id, cube) in cubes.iter().enumerate() {
+                            let is_met = entry(cube, *o, *d).is_some() && (d[2] != 0 || id < 300);
+                            assert!(!is_met || offered.contains(&(id as u32)), "{level:?}: {o:?} {d:?} {id}");
+                            hits += usize::from(is_met && id >= 300);
+                        }
+                    }
+                }
+            }
+        }
+        // Each is counted with and without the crossings.
+        assert!(hits > 2000 && tiles[0] < hits && tiles[1] > 2 * tiles[0], "{hits}, {tiles:?}");
+    }
+
     /// Straight down, with rounding errors as in the coordinates of an object: the sign is uncertain along
     /// two axes.
     #[test]
@@ -575,8 +626,8 @@ mod tests {
                     seen.direction_error = [error; LANES];
                     let (offered, limits) = (vec![Vec::new(); LANES], [f64::MAX; LANES]);
                     let mut notes = Notes { cubes: &cubes, rays: &rays, first_only: false, offered, limits };
-                    let (bvh, seen, active) = (&bvh, &seen, all(LANES));
-                    dispatch(level, Traverse { bvh, seen, active, together, notes: &mut notes });
+                    let (bvh, seen, crossings, active) = (&bvh, &seen, None, all(LANES));
+                    dispatch(level, Traverse { bvh, seen, crossings, active, together, notes: &mut notes });
                     *count = notes.offered.iter().map(Vec::len).sum::<usize>();
                 }
                 let [known, vague] = counts;

@@ -91,6 +91,12 @@ impl InstanceRays {
         true
     }
 
+    /// All rays that fit into packets.
+    #[inline(always)]
+    pub fn gathered(&self) -> &RayPacket {
+        &self.all
+    }
+
     /// The rays that were chosen last.
     #[inline(always)]
     pub fn rays(&self) -> &RayPacket {

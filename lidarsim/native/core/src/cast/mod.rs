@@ -5,6 +5,7 @@ mod closest_hit;
 mod columns;
 mod deferred;
 mod driver;
+mod grazing;
 mod hit_batches;
 mod instance;
 mod leaf_intersector;

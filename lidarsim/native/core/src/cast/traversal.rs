@@ -4,9 +4,12 @@
 use std::marker::PhantomData;
 
 use crate::arith::simd::{Isa, Task};
-use crate::bvh::{Bvh, Frame, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take};
+use crate::bvh::{
+    Bvh, Crossings, Frame, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take,
+};
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
+use crate::cast::grazing::{FindCrossings, grazing};
 use crate::cast::instance::InstanceRays;
 use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::poses::Poses;
@@ -32,6 +35,7 @@ pub struct TraversalScratch {
     inner: PacketTraversal,
     deferred: DeferredCandidates,
     instance_rays: Option<Box<InstanceRays>>,
+    crossings: Option<Box<Crossings>>,
     poses: Poses<LANES>,
     scratch: LeafScratch,
 }
@@ -46,6 +50,7 @@ impl TraversalScratch {
             inner: PacketTraversal::new(),
             deferred: DeferredCandidates::new(),
             instance_rays: None,
+            crossings: None,
             poses: Poses::new(),
             scratch: LeafScratch::new(),
         }
@@ -125,6 +130,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
             inner,
             deferred,
             instance_rays,
+            crossings,
             poses,
             scratch,
         } = scratch;
@@ -142,6 +148,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
                 deferred,
                 pending: 0,
                 instance_rays,
+                crossings,
                 poses,
                 scratch,
             },
@@ -366,6 +373,8 @@ pub struct PacketState<'a, 'b> {
     /// Rays yet to traverse the visited mesh.
     pending: Mask,
     instance_rays: &'b mut Option<Box<InstanceRays>>,
+    /// Where rays cross the plane of the visited mesh.
+    crossings: &'b mut Option<Box<Crossings>>,
     poses: &'b mut Poses<LANES>,
     scratch: &'b mut LeafScratch,
 }
@@ -423,7 +432,8 @@ impl<'a> PacketState<'a, '_> {
     /// Sets up a packet for the hierarchy of objects.
     #[inline(always)]
     fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
-        packet.enter::<I>(self.near_rays(), hierarchy.frame(), self.closest.t_min(), self.closest.limits());
+        let (t_min, limits) = (self.closest.t_min(), self.closest.limits());
+        packet.enter::<I>(self.near_rays(), None, hierarchy.frame(), t_min, limits);
     }
 
     /// Sets up a packet for a mesh, with the rays that `next` chose last.
@@ -431,7 +441,8 @@ impl<'a> PacketState<'a, '_> {
     fn fill_within<I: Isa>(&mut self, packet: &mut Packet, visit: InstanceVisit) {
         self.scratch.bounds = None;
         let frame = visit.hierarchy.frame();
-        packet.enter::<I>(self.rays_in(visit), frame, self.closest.t_min(), self.closest.limits());
+        let (t_min, limits) = (self.closest.t_min(), self.closest.limits());
+        packet.enter::<I>(self.rays_in(visit), self.crossings.as_deref(), frame, t_min, limits);
     }
 
     /// Begins an instance visit, with rays in local coordinates; `None` if the object is not a mesh. Rays
@@ -440,15 +451,26 @@ impl<'a> PacketState<'a, '_> {
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<InstanceVisit<'a>> {
         let object = &self.scene.objects()[id as usize];
         let hierarchy = Hierarchy::of(&object.geometry)?;
+        let (mut local, mut then) = (&*self.rays, None);
         self.pending = mask;
         if !object.is_untransformed() {
             let instance_rays = self.instance_rays.get_or_insert_with(|| Box::new(InstanceRays::new()));
-            let then = object.motion().map(|_| self.poses.gather(self.scene, id, &self.rays.time, mask));
+            then = object.motion().map(|_| &*self.poses.gather(self.scene, id, &self.rays.time, mask));
             self.pending = instance_rays.gather::<I>(object, then, self.rays, mask);
             let mut alone = mask & !self.pending;
             while let Some(lane) = take(&mut alone) {
                 self.closest.enter(self.rays, lane, id, stack);
             }
+            local = instance_rays.gathered();
+        }
+        if let Some(crossings) = self.crossings {
+            crossings.rays = 0;
+        }
+        let frame = hierarchy.frame();
+        if let Some((axis, rays)) = grazing::<I>(local, self.pending, frame) {
+            let crossings = self.crossings.get_or_insert_with(|| Box::new(Crossings::NONE));
+            let (world, plane) = (&*self.rays, frame.planes[axis]);
+            I::call(FindCrossings { object, then, world, rays, axis, plane, crossings });
         }
         Some(InstanceVisit { id, object, hierarchy, entered: mask })
     }

@@ -1,5 +1,6 @@
 //! Refines the closest hits on still triangles, by expansions.
 
+use crate::arith::expansion::V;
 use crate::arith::simd::{self, Floats, Isa, Task};
 use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
 use crate::cast::closest_hit::{ClosestHits, timed_ray};
@@ -202,16 +203,36 @@ impl Task for RefinePlaced<'_, '_> {
                     _ => inverse.points::<I>(rays.origins::<I>(eight)),
                 };
                 origin = Some(from);
-                let plane =
-                    TrianglePlane::<I>::placed(corners_of::<I>(&corners.as_chunks().0[eight]), inverse, from);
+                let triangles = corners_of::<I>(&corners.as_chunks().0[eight]);
+                let plane = TrianglePlane::<I>::placed(triangles, inverse, from);
                 let (unit, fine) = plane.common_unit_normal();
                 let (refined, sure) = Crossing::<I>::new(&plane, rays.directions::<I>(eight)).rounded();
-                let found = (refined.store(), [unit[0].store(), unit[1].store(), unit[2].store()]);
-                certain |= put(t, normal, eight, sure & fine & mask, found);
+                let unit = [unit[0].store(), unit[1].store(), unit[2].store()];
+                certain |= put(t, normal, eight, sure & fine & mask, (refined.store(), unit));
+                let mut open = mask & fine & !sure;
+                let (Some(map), true) = (&inverse.map, open != 0) else { continue };
+                for axis in 0..3 {
+                    let level = open & is_level::<I>(&triangles, axis);
+                    if level != 0 {
+                        let (o, d) = (rays.origins::<I>(eight), rays.directions::<I>(eight));
+                        let height = triangles[0][axis];
+                        let (refined, sure) =
+                            Crossing::<I>::of_placed_level(map, axis, height, o, d).rounded();
+                        certain |= put(t, normal, eight, sure & level, (refined.store(), unit));
+                        open &= !level;
+                    }
+                }
             }
         }
         certain
     }
+}
+
+/// The lanes in which all corners have the same coordinate along an axis.
+#[inline(always)]
+fn is_level<I: Isa>([a, b, c]: &[V<I>; 3], axis: usize) -> u32 {
+    let (a, b, c) = (a[axis], b[axis], c[axis]);
+    a.le(b) & b.le(a) & a.le(c) & c.le(a)
 }
 
 /// Puts t and normals to these lanes of the eight, and returns them as lanes of the packet.

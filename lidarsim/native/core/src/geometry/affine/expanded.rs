@@ -1,6 +1,6 @@
 //! The inverse of affine maps as expansions.
 
-use super::Adjugate;
+use super::{Adjugate, Affine};
 use crate::arith::expansion::{Constant, Expansion, TINY, V};
 use crate::arith::number::{DoubleDouble, Number, UNIT};
 use crate::arith::root::Root;
@@ -17,6 +17,8 @@ pub struct ExpandedInverse {
     linear: [[Constant; 3]; 3],
     offset: Point,
     rest: [Constant; 3],
+    /// The map, if it is only one.
+    pub map: Option<Affine>,
 }
 
 /// Within 2^±200, products with the inverse lose far less to underflow than the bounds of numbers from
@@ -25,7 +27,7 @@ const ORDINARY_MIN: f64 = f64::from_bits((1023 - 200) << 52);
 const ORDINARY_MAX: f64 = f64::from_bits((1023 + 200) << 52);
 
 impl ExpandedInverse {
-    pub(super) fn of(inverse: &Adjugate<DoubleDouble>) -> Option<Self> {
+    pub(super) fn of(inverse: &Adjugate<DoubleDouble>, map: Option<Affine>) -> Option<Self> {
         let determinant = inverse.linear.determinant;
         let mut linear = [[Constant::ZERO; 3]; 3];
         for (quotients, row) in linear.iter_mut().zip(&inverse.linear.rows) {
@@ -40,7 +42,14 @@ impl ExpandedInverse {
         let is_ordinary =
             |x: &Constant| x.size < ORDINARY_MAX && (x.high == 0.0 || x.high.abs() > ORDINARY_MIN);
         let are_ordinary = rows.iter().chain(&linear).flatten().chain([&determinant]).all(is_ordinary);
-        are_ordinary.then_some(ExpandedInverse { rows, determinant, linear, offset: inverse.offset, rest })
+        are_ordinary.then_some(ExpandedInverse {
+            rows,
+            determinant,
+            linear,
+            offset: inverse.offset,
+            rest,
+            map,
+        })
     }
 
     /// The images of points, and their sizes: each coordinate is off by at most 180u² of its size, and its

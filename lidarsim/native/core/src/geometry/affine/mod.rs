@@ -110,7 +110,8 @@ impl Inverse {
     /// As expansions; `None` if numbers are so large or small that products of several may overflow or
     /// underflow.
     pub fn expanded(&self) -> Option<&ExpandedInverse> {
-        self.expanded.get_or_make(|| ExpandedInverse::of(&self.double_double)).as_ref()
+        let map = if self.before.is_none() { Some(self.last) } else { None };
+        self.expanded.get_or_make(|| ExpandedInverse::of(&self.double_double, map)).as_ref()
     }
 }
 

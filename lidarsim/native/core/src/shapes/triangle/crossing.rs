@@ -4,7 +4,7 @@ use crate::arith::error_free::two_product;
 use crate::arith::expansion::{Expansion, LongExpansion, TINY, V};
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{Floats, Isa, lanes};
-use crate::geometry::affine::ExpandedInverse;
+use crate::geometry::affine::{Affine, ExpandedInverse};
 use crate::geometry::vector::{self, Point};
 
 /// The corner of an absent triangle.
@@ -23,6 +23,9 @@ pub const BOUND: f64 = 320.0 * UNIT * UNIT;
 /// As `BOUND`, for long expansions, which `LongExpansion::dot` bounds by 2500u³; and the part that is
 /// relative to the sum itself.
 const LONG_BOUND: f64 = 3072.0 * UNIT * UNIT * UNIT;
+
+/// The same for `LongExpansion::dot_of_two`, which is off by 12,000u³.
+const LONG_BOUND_OF_TWO: f64 = 12_288.0 * UNIT * UNIT * UNIT;
 const LAST_ROUNDING: f64 = 4.0 * UNIT * UNIT;
 
 /// The omitted part of the correction of a quotient, relative to its components; see `Crossing`.
@@ -223,6 +226,47 @@ impl<I: Isa> Crossing<I> {
         let num_error = lanes::dot(size, reach).mul(long).add(num.high.abs().mul(last));
         let den_error = lanes::dot(size, lanes::abs(d)).mul(long).add(den.high.abs().mul(last));
         Self::of((num, num_error), (den, den_error))
+    }
+
+    /// As `long`, for triangles that lie at a height along an axis, all three corners exactly, and are placed
+    /// by a map.
+    ///
+    /// With the columns lᵢ, lⱼ and lₖ of the map, k the axis, and its offset p, the plane has the normal
+    /// n = lᵢ × lⱼ and the point h·lₖ + p. So t = (n·(h·lₖ) + n·(p − o))/(n·d), where h·lₖ and p − o are
+    /// exact as expansions.
+    #[inline(always)]
+    pub fn of_placed_level(map: &Affine, axis: usize, height: I::F64x8, o: V<I>, d: V<I>) -> Self {
+        let (normal, size, num, reach) = Self::placed_level(map, axis, height, o);
+        let den = LongExpansion::dot(normal, Expansion::plain(d));
+        let last = I::F64x8::splat(LAST_ROUNDING);
+        let num_error = reach.mul(I::F64x8::splat(LONG_BOUND_OF_TWO)).add(num.high.abs().mul(last));
+        let den_error = lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(LONG_BOUND));
+        Self::of((num, num_error), (den, den_error.add(den.high.abs().mul(last))))
+    }
+
+    /// n and its sizes, and n·(h·lₖ) + n·(p − o) and its size, as in `of_placed_level`.
+    #[inline(always)]
+    fn placed_level(
+        map: &Affine,
+        axis: usize,
+        height: I::F64x8,
+        o: V<I>,
+    ) -> ([LongExpansion<I>; 3], V<I>, Expansion<I>, I::F64x8) {
+        let columns = map.columns();
+        let along = |column: usize| Expansion::<I>::plain(lanes::splat(columns[column]));
+        let (e1, e2) = (along((axis + 1) % 3), along((axis + 2) % 3));
+        let (_, [x, y, z]) = Expansion::cross(e1, e2);
+        let tiny = I::F64x8::splat(TINY);
+        let (normal, size) = (LongExpansion::cross(e1, e2), [x.add(tiny), y.add(tiny), z.add(tiny)]);
+        let from = Expansion::<I>::vector_diff(lanes::splat(columns[3]), o);
+        let mut up = from;
+        let mut reach = I::F64x8::splat(0.0);
+        for i in 0..3 {
+            let (high, low) = two_product(height, I::F64x8::splat(columns[axis][i]));
+            up[i] = Expansion { high, low };
+            reach = size[i].mul(high.abs().add(from[i].high.abs())).add(reach);
+        }
+        (normal, size, LongExpansion::dot_of_two(normal, up, from), reach)
     }
 
     /// The quotient of two sums with their errors.
@@ -510,6 +554,27 @@ mod tests {
             };
             assert_slack("sum in the plane", worst(6, 1500, draw, in_plane).0, known_in_plane);
         }
+    }
+
+    /// The error of n·(h·lₖ) + n·(p − o), as a share of its bound, for rays that start in the plane up to
+    /// rounding.
+    #[test]
+    fn sums_of_placed_planes_are_as_near_as_the_bound_says() {
+        let share = |x: &[f64; 15]| {
+            let row = |k: usize| [x[k], x[k + 1], x[k + 2]];
+            let map = Affine::new([row(0), row(3), row(6)], row(9));
+            let [l0, l1, l2, p] = map.columns();
+            let height = x[12];
+            let o: Point = [0, 1, 2].map(|i| height * l2[i] + p[i] + x[13] * l0[i] + x[14] * l1[i]);
+            let (_, _, num, reach) = Crossing::<Portable>::placed_level(&map, 2, [height; 8], in_lanes(o));
+            let n: [Dyadic; 3] = vector::cross(&vector::exact(l0), &vector::exact(l1));
+            let up = vector::scaled(&vector::exact(l2), &Dyadic::exact(height));
+            let from = vector::sub(&vector::exact(p), &vector::exact(o));
+            let truth = vector::dot(&n, &vector::add(&up, &from));
+            let bound = LONG_BOUND_OF_TWO * reach[0] + LAST_ROUNDING * num.high[0].abs();
+            of_bound(&exact(num).minus(&truth), bound)
+        };
+        assert_slack("sum", worst(8, 1500, draw, share).0, 0.001);
     }
 
     /// Rays that graze as closely as roundings allow: `long` knows t, correctly rounded.

@@ -6,7 +6,7 @@ use std::cmp::Ordering;
 use super::crossing::{BOUND, from_origin};
 use super::volume;
 use crate::arith::expansion::{Expansion, V};
-use crate::arith::number::{Dyadic, Number, Uncertain};
+use crate::arith::number::{Dyadic, Number, UNIT, Uncertain};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point};
@@ -61,8 +61,12 @@ impl Sides {
 /// `Crossing`. Underflow remains: all given numbers are zero or between 2^±200, so differences are zero or
 /// at least 2⁻²⁵². Then S, if not zero, is at least 2⁻⁷⁰⁴, and u²·S is far above the loss to
 /// underflow; if S is zero, so is the volume.
+///
+/// Coordinates of the origin may be smaller than that, as of rays next to a plane; see `Nudge`.
 #[inline(always)]
-pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
+pub fn sides<I: Isa>(corners: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
+    let [a, b, c] = corners;
+    let (o, nudge) = Nudge::<I>::of(o);
     let ordinary =
         ordinary::<I>(a) & ordinary::<I>(b) & ordinary::<I>(c) & ordinary::<I>(o) & ordinary::<I>(d);
     let (a, b, c) = (
@@ -70,9 +74,84 @@ pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
         Expansion::<I>::vector_diff(b, o),
         Expansion::<I>::vector_diff(c, o),
     );
-    Sides { signs: [side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d)], ordinary }
+    let volumes = [volume_of::<I>(c, b, d), volume_of::<I>(a, c, d), volume_of::<I>(b, a, d)];
+    let signs = match nudge {
+        None => [Side::of::<I>(volumes[0]), Side::of::<I>(volumes[1]), Side::of::<I>(volumes[2])],
+        Some(nudge) => nudge.sides(volumes, corners, d),
+    };
+    Sides { signs, ordinary }
 }
 
+/// Coordinates of origins below 2⁻²⁰⁰, times 2⁶⁰⁰; the others are zero here.
+///
+/// The volume of p and q is affine in the origin: without these coordinates, v·2⁻⁶⁰⁰, it is V, and with
+/// them V + d·(v × (p − q))·2⁻⁶⁰⁰. The triple product, of ordinary corners and an ordinary direction, has
+/// factors of at least 2⁻⁴⁷⁴, 2⁻²⁵² and 2⁻²⁰⁰, so nothing underflows; six roundings are less than 8u
+/// of R, the sum of the absolute values of its terms, and `Nudge::sides` takes 16u. If V is not zero, it has
+/// the sign of the sum as soon as it exceeds its own error and 2R·2⁻⁶⁰⁰, which bounds the change.
+/// If S = 0, V is zero, and the triple product alone has the sign.
+struct Nudge<I: Isa>(V<I>);
+
+impl<I: Isa> Nudge<I> {
+    /// The origins without tiny coordinates, and these, if there are any.
+    #[inline(always)]
+    fn of(o: V<I>) -> (V<I>, Option<Self>) {
+        let (zero, least) = (I::F64x8::splat(0.0), I::F64x8::splat(LEAST_ORDINARY));
+        let (mut kept, mut tiny, mut any) = (o, [zero; 3], 0);
+        for axis in 0..3 {
+            let size = o[axis].abs();
+            let is_tiny = size.lt(least) & zero.lt(size);
+            any |= is_tiny;
+            kept[axis] = I::pick(is_tiny, zero, o[axis]);
+            tiny[axis] = I::pick(is_tiny, o[axis].mul(I::F64x8::splat(1.0 / NUDGE)), zero);
+        }
+        (kept, if any != 0 { Some(Nudge(tiny)) } else { None })
+    }
+
+    /// The signs of volumes and their bounds, as of `volume_of` without the nudge.
+    #[inline(always)]
+    fn sides(&self, volumes: [(I::F64x8, I::F64x8); 3], [a, b, c]: [V<I>; 3], d: V<I>) -> [Side; 3] {
+        let [u, v, w] = volumes;
+        [
+            self.side(u, lanes::sub(c, b), d),
+            self.side(v, lanes::sub(a, c), d),
+            self.side(w, lanes::sub(b, a), d),
+        ]
+    }
+
+    #[inline(always)]
+    fn side(&self, (volume, bound): (I::F64x8, I::F64x8), edge: V<I>, d: V<I>) -> Side {
+        let zero = I::F64x8::splat(0.0);
+        let (change, size) = self.change(edge, d);
+        // What underflows here is less than the least normal number.
+        let most = size.mul(I::F64x8::splat(2.0 * NUDGE)).add(I::F64x8::splat(f64::MIN_POSITIVE));
+        let (is_moved, is_zero) = (zero.lt(size), bound.le(zero));
+        let side = Side::of::<I>((volume, bound.add(I::pick(is_moved, most, zero))));
+        let off = size.mul(I::F64x8::splat(CHANGE));
+        Side {
+            below: side.below | is_zero & change.lt(off.negated()),
+            zero: side.zero,
+            above: side.above | is_zero & off.lt(change),
+        }
+    }
+}
+
+impl<I: Isa> Nudge<I> {
+    /// d·(v × edge), and R.
+    #[inline(always)]
+    fn change(&self, edge: V<I>, d: V<I>) -> (I::F64x8, I::F64x8) {
+        let [x, y, z] = lanes::abs(self.0);
+        let [e, f, g] = lanes::abs(edge);
+        let sizes = [y.mul(g).add(z.mul(f)), z.mul(e).add(x.mul(g)), x.mul(f).add(y.mul(e))];
+        (lanes::dot(d, lanes::cross(self.0, edge)), lanes::dot(lanes::abs(d), sizes))
+    }
+}
+
+/// The error of a change of a volume, relative to R.
+const CHANGE: f64 = 16.0 * UNIT;
+
+/// 2⁻⁶⁰⁰.
+const NUDGE: f64 = f64::from_bits((1023 - 600) << 52);
 /// As `sides`, for triangles that are placed, and the rays in their coordinates, as of
 /// `ExpandedInverse::points` and `vectors`.
 ///
@@ -105,8 +184,7 @@ fn placed_side<I: Isa>(
     d: ([Expansion<I>; 3], V<I>),
 ) -> Side {
     let (volume, bound) = placed_volume::<I>(p, q, d);
-    let volume = volume.rounded();
-    Side { below: volume.lt(bound.negated()), zero: 0, above: bound.lt(volume) }
+    Side { zero: 0, ..Side::of::<I>((volume.rounded(), bound)) }
 }
 
 /// d·(p × q), and the bound of its error.
@@ -134,27 +212,34 @@ struct Side {
 }
 
 impl Side {
+    /// The signs of volumes that are known up to a bound.
+    #[inline(always)]
+    fn of<I: Isa>((volume, bound): (I::F64x8, I::F64x8)) -> Self {
+        let zero = bound.le(I::F64x8::splat(0.0));
+        Side { below: volume.lt(bound.negated()), zero, above: bound.lt(volume) }
+    }
+
     #[inline(always)]
     fn known(&self) -> u32 {
         self.below | self.zero | self.above
     }
 }
 
+/// d·(p × q), and the bound of its error.
 #[inline(always)]
-fn side<I: Isa>(p: [Expansion<I>; 3], q: [Expansion<I>; 3], d: V<I>) -> Side {
+fn volume_of<I: Isa>(p: [Expansion<I>; 3], q: [Expansion<I>; 3], d: V<I>) -> (I::F64x8, I::F64x8) {
     let (normal, size) = Expansion::cross(p, q);
     let volume = Expansion::dot_plain(normal, d).rounded();
-    let bound = lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(BOUND));
-    Side { below: volume.lt(bound.negated()), zero: bound.le(I::F64x8::splat(0.0)), above: bound.lt(volume) }
+    (volume, lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(BOUND)))
 }
+
+/// 2⁻²⁰⁰.
+const LEAST_ORDINARY: f64 = f64::from_bits((1023 - 200) << 52);
 
 /// Lanes in which all coordinates are zero or between 2^±200 in size.
 #[inline(always)]
 fn ordinary<I: Isa>(v: V<I>) -> u32 {
-    let (tiny, huge) = (
-        I::F64x8::splat(f64::from_bits((1023 - 200) << 52)),
-        I::F64x8::splat(f64::from_bits((1023 + 200) << 52)),
-    );
+    let (tiny, huge) = (I::F64x8::splat(LEAST_ORDINARY), I::F64x8::splat(1.0 / LEAST_ORDINARY));
     let mut ordinary = 0xff;
     for axis in 0..3 {
         let size = v[axis].abs();
@@ -299,6 +384,71 @@ mod tests {
         assert!(hit > 5_000 && missed > 3_000 && bounded > 4_000, "{hit}, {missed}, {bounded}");
         // Rays to edges with fractional coordinates, except those that rounding moves far enough aside.
         assert!(unsure > 3_000, "{unsure}");
+    }
+
+    /// The largest share of its bound that the change of a volume is off by.
+    #[test]
+    fn changes_of_volumes_are_as_near_as_the_bound_says() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;
+        let (found, _) = worst(8, 1500, draw, |x: &[f64; 12]| {
+            let [v, p, q, d] = [0, 3, 6, 9].map(|k: usize| [x[k], x[k + 1], x[k + 2]]);
+            let lanes = |p: Point| p.map(|x| [x; 8]);
+            let edge = lanes::sub::<[f64; 8], 8>(lanes(p), lanes(q));
+            let (change, size) = Nudge::<Portable>(lanes(v)).change(edge, lanes(d));
+            let exact = |p: Point| -> [Dyadic; 3] { vector::exact(p) };
+            let truth = super::volume(&exact(d), &exact(v), &vector::sub(&exact(p), &exact(q)));
+            let off = Dyadic::exact(change[0]).minus(&truth).split().0.abs();
+            if size[0] > 0.0 { off / (CHANGE * size[0]) } else { 0.0 }
+        });
+        assert_slack("change", found, 0.267);
+    }
+
+    /// Whole numbers times a power of two, and origins with coordinates next to them: as small as they come
+    /// beside volumes that are as small, and far below them.
+    #[test]
+    fn tiny_coordinates_of_origins_are_heeded() {
+        let mut next = numbers();
+        let (mut hit, mut missed, mut open) = (0, 0, 0);
+        for (size, tiny) in [(-199, -203), (-199, -330), (0, -203), (0, -1000), (0, -1072), (100, -700)] {
+            for _ in 0..200 {
+                let mut whole = |below: f64, power: i32| {
+                    (below * (2.0 * next() - 1.0)).round()
+                        * 2.0_f64.powi(power / 2)
+                        * 2.0_f64.powi(power - power / 2)
+                };
+                let mut point = |flat: bool| -> Point {
+                    [whole(3.0, size), whole(3.0, size), if flat { 0.0 } else { whole(2.0, size) }]
+                };
+                let triangles = [0; 8].map(|_: u8| [point(true), point(true), point(false)]);
+                let origins = [0; 8].map(|_: u8| point(true));
+                let directions = [0; 8].map(|_: u8| point(true));
+                let rays = [0, 1, 2, 3, 4, 5, 6, 7].map(|lane: usize| {
+                    let [x, y, _] = origins[lane];
+                    let axis = if lane < 4 { 2 } else { lane % 3 };
+                    let mut origin = [x, y, 0.0];
+                    origin[axis] = whole(3.0, tiny);
+                    (origin, directions[lane])
+                });
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let ((hits, misses), (decided, ordinary), ..) =
+                        dispatch(level, Probe { triangles: &triangles, rays: &rays });
+                    assert_eq!(ordinary, 0xff);
+                    for (lane, ([a, b, c], (o, d))) in triangles.iter().zip(&rays).enumerate() {
+                        let root = Triangle(*a, *b, *c).roots(&Ray::<Dyadic>::new(*o, *d));
+                        let is_hit = root.is_ok_and(|[root, _]| root.is_some());
+                        let is = |mask: u32| mask >> lane & 1 != 0;
+                        assert!(
+                            !is(if is_hit { misses } else { hits }),
+                            "{level:?}: {a:?} {b:?} {c:?} {o:?} {d:?}"
+                        );
+                        assert_eq!(is(decided), is_hit, "{level:?}: {a:?} {b:?} {c:?} {o:?} {d:?}");
+                        (hit, missed) = (hit + usize::from(is(hits)), missed + usize::from(is(misses)));
+                        open += usize::from(!is(hits | misses));
+                    }
+                }
+            }
+        }
+        assert!(hit > 1000 && missed > 5000 && open < missed / 10, "{hit}, {missed}, {open}");
     }
 
     /// For consecutive Fibonacci numbers, xₙ·xₙ₊₂ − xₙ₊₁² = ±1: far below the resolution
