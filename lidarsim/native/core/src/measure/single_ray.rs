@@ -116,7 +116,13 @@ impl<C: Caster> Scan<'_, C> {
         let Scratch { hits, indices, draws, rows: row_scratch, .. } = scratch;
         let (mut object_id, primitive) = match axes {
             None => (hits.object.as_chunks().0[part], hits.primitive.as_chunks().0[part]),
-            Some(axes) => (axes.map(|axis| hits.object[axis]), axes.map(|axis| hits.primitive[axis])),
+            Some(axes) => {
+                let (mut object, mut primitive) = ([0; 8], [0; 8]);
+                for (k, axis) in axes.into_iter().enumerate() {
+                    (object[k], primitive[k]) = (hits.object[axis], hits.primitive[axis]);
+                }
+                (object, primitive)
+            }
         };
         let mut echoes = Echoes::new(part, 0, range, intensity, power, missed);
         let batch = self.frame.pulses(pulses, indices);
@@ -178,13 +184,14 @@ impl<C: Caster> Scan<'_, C> {
         let mut normal = [[0.0; 3]; 8];
         match axes {
             None => {
-                let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
-                let parts = parts.map(|part| part.map(|x| x as f32));
-                normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
+                let parts: &[[f64; 8]; 3] = &hits.normal.as_chunks().0.as_chunks().0[part];
+                for (eight, given) in normal.as_flattened_mut().as_chunks_mut().0.iter_mut().zip(parts) {
+                    *eight = rounded(given);
+                }
             }
             Some(axes) => {
                 for (normal, axis) in normal.iter_mut().zip(axes) {
-                    *normal = hits.normal.as_chunks::<3>().0[axis].map(|x| x as f32);
+                    *normal = rounded(&hits.normal.as_chunks().0[axis]);
                 }
             }
         }
@@ -200,29 +207,49 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
+        let (mut source, mut path) = (Entries::UNUSED.source, Entries::UNUSED.path);
+        let mut count = [0; 8];
+        for k in 0..8 {
+            if falsely & 1 << k != 0 {
+                source[k] = Source::FalseReturn as u8;
+            } else if aerial & 1 << k != 0 {
+                source[k] = Source::Atmosphere as u8;
+            } else if object_id[k] >= 0 {
+                source[k] = Source::Surface as u8;
+            }
+            if object_id[k] >= 0 {
+                path[k] = 0;
+            }
+            count[k] = u8::from(status[k] == Status::Hit as u8);
+        }
         rows.write(
             part,
             Entries {
                 range: range.store(),
                 true_range: I::pick(untrue, nan, truth).store(),
                 range_error: range_error.store(),
-                intensity: intensity.store().map(|x| x as f32),
+                intensity: rounded(&intensity.store()),
                 normal,
                 object_id,
                 instance,
                 label,
-                source: std::array::from_fn(|k| match (falsely & 1 << k, aerial & 1 << k, object_id[k]) {
-                    (0, 0, 0..) => Source::Surface as u8,
-                    (0, 0, _) => Entries::<1>::UNUSED.source[0],
-                    (0, ..) => Source::Atmosphere as u8,
-                    _ => Source::FalseReturn as u8,
-                }),
-                path: object_id.map(|object| if object < 0 { Entries::<1>::UNUSED.path[0] } else { 0 }),
+                source,
+                path,
             },
         );
         write(rows.status, part, status);
-        write(rows.return_count, part, status.map(|status| u8::from(status == Status::Hit as u8)));
+        write(rows.return_count, part, count);
         row_scratch.squared_sine.as_chunks_mut().0[part] = I::pick(missed, nan, squared_sine).store();
         row_scratch.cosine.as_chunks_mut().0[part] = I::pick(missed, nan, cosine).store();
     }
+}
+
+/// To float32. A closure would not be compiled for the instruction set.
+#[inline(always)]
+fn rounded<const N: usize>(numbers: &[f64; N]) -> [f32; N] {
+    let mut rounded = [0.0; N];
+    for k in 0..N {
+        rounded[k] = numbers[k] as f32;
+    }
+    rounded
 }
