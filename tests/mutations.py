@@ -134,7 +134,7 @@ MUTANTS = [
     Mutant("crossing: placed, N·d 640u²", "let two = I::F64x8::splat(2.0);", "let two = I::F64x8::splat(1.0);"),
     Mutant("crossing: placed, origins", "let mut size = o_size;", "let mut size = [I::F64x8::splat(0.0); 3];"),
     Mutant("crossing: long sums 3072u³", "LONG_BOUND: f64 = 3072.0", "LONG_BOUND: f64 = 1536.0"),
-    Mutant("crossing: long sums of two 12,288u³", "LONG_BOUND_OF_TWO: f64 = 12_288.0", "LONG_BOUND_OF_TWO: f64 = 6_144.0"),
+    Mutant("crossing: long sums of two 12,288u³", "OF_TWO: f64 = 12_288.0", "OF_TWO: f64 = 6_144.0"),
     Mutant("crossing: long sums, last rounding", "LAST_ROUNDING: f64 = 4.0", "LAST_ROUNDING: f64 = 2.0"),
     Mutant(
         "crossing: nearest vertex",
@@ -166,7 +166,9 @@ MUTANTS = [
     ),
     Mutant("crossing: normals 2⁻⁶⁰", "BOUND * 2_f64.powi(60)", "BOUND * 2_f64.powi(59)"),
     Mutant(
-        "sides: from 2⁻²⁰⁰", "LEAST_ORDINARY: f64 = f64::from_bits((1023 - 200)", "LEAST_ORDINARY: f64 = f64::from_bits((1023 - 300)"
+        "sides: from 2⁻²⁰⁰",
+        "LEAST_ORDINARY: f64 = f64::from_bits((1023 - 200)",
+        "LEAST_ORDINARY: f64 = f64::from_bits((1023 - 300)",
     ),
     Mutant("sides: to 2²⁰⁰", "splat(1.0 / LEAST_ORDINARY)", "splat(1.0 / LEAST_ORDINARY / LEAST_ORDINARY)"),
     Mutant(
