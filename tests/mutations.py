@@ -128,13 +128,13 @@ MUTANTS = [
     Mutant("hits of eight: nearer", "& t.high.lt(low);", "& t.low.lt(low);"),
     Mutant("hits of eight: any will do", "in_range & !farther & t.high", "in_range & t.high"),
     Mutant("sides: changes by tiny coordinates 16u", "CHANGE: f64 = 16.0", "CHANGE: f64 = 8.0"),
-    Mutant("sides: volumes beside their change", "size.mul(I::F64x8::splat(2.0 * NUDGE))", "size.mul(I::F64x8::splat(0.0 * NUDGE))"),
+    Mutant("sides: volumes beside their change", "splat(2.0 * NUDGE)", "splat(0.0 * NUDGE)"),
     Mutant("crossing: bounds of t 8u", "high.abs().mul(I::F64x8::splat(8.0", "high.abs().mul(I::F64x8::splat(4.0"),
     Mutant("crossing: placed, w·n·(a − o) 640u²", "splat(2.0 * BOUND * inverse", "splat(1.0 * BOUND * inverse"),
     Mutant("crossing: placed, N·d 640u²", "let two = I::F64x8::splat(2.0);", "let two = I::F64x8::splat(1.0);"),
     Mutant("crossing: placed, origins", "let mut size = o_size;", "let mut size = [I::F64x8::splat(0.0); 3];"),
     Mutant("crossing: long sums 3072u³", "LONG_BOUND: f64 = 3072.0", "LONG_BOUND: f64 = 1536.0"),
-    Mutant("crossing: long sums of two 12,288u³", "LONG_BOUND_OF_TWO: f64 = 12_288.0", "LONG_BOUND_OF_TWO: f64 = 6_144.0"),
+    Mutant("crossing: long sums of two 12,288u³", "OF_TWO: f64 = 12_288.0", "OF_TWO: f64 = 6_144.0"),
     Mutant("crossing: long sums, last rounding", "LAST_ROUNDING: f64 = 4.0", "LAST_ROUNDING: f64 = 2.0"),
     Mutant("crossing: nearest vertex", "high.add(off).lt(near)", "low.add(off).lt(near)"),
     Mutant("crossing: farthest vertex", "far.lt(low.sub(off))", "far.lt(high.sub(off))"),
@@ -156,9 +156,11 @@ MUTANTS = [
     ),
     Mutant("crossing: normals 2⁻⁶⁰", "BOUND * 2_f64.powi(60)", "BOUND * 2_f64.powi(59)"),
     Mutant(
-        "sides: from 2⁻²⁰⁰", "splat(f64::from_bits((1023 - 200) << 52))", "splat(f64::from_bits((1023 - 300) << 52))"
+        "sides: from 2⁻²⁰⁰",
+        "LEAST_ORDINARY: f64 = f64::from_bits((1023 - 200)",
+        "LEAST_ORDINARY: f64 = f64::from_bits((1023 - 300)",
     ),
-    Mutant("sides: to 2²⁰⁰", "splat(f64::from_bits((1023 + 200) << 52))", "splat(f64::from_bits((1023 + 400) << 52))"),
+    Mutant("sides: to 2²⁰⁰", "splat(1.0 / LEAST_ORDINARY)", "splat(1.0 / LEAST_ORDINARY / LEAST_ORDINARY)"),
     Mutant(
         "double-double of exact numbers u²", "low, UNIT * UNIT * high.abs()", "low, 0.25 * UNIT * UNIT * high.abs()"
     ),
@@ -195,8 +197,8 @@ MUTANTS = [
     Mutant("packet: origins 4u", "o.abs().mul(I::F32x16::splat(4.0", "o.abs().mul(I::F32x16::splat(2.0"),
     Mutant("packet: directions 4u", "add(d.mul(I::F32x16::splat(4.0", "add(d.mul(I::F32x16::splat(2.0"),
     Mutant("packet: limits 4u", "limit.mul(I::F32x16::splat(1.0 + 4.0", "limit.mul(I::F32x16::splat(1.0 + 2.0"),
-    Mutant("packet: limit of one 4u", "as f32 * (1.0 + 4.0 * U)", "as f32 * (1.0 + 2.0 * U)"),
-    Mutant("packet: start 4u", "as f32 * (1.0 - 4.0 * U)", "as f32 * (1.0 - 2.0 * U)"),
+    Mutant("packet: limit of one 4u", "(t * self.scale) as f32 * (1.0 + 4.0", "(t * self.scale) as f32 * (1.0 + 2.0"),
+    Mutant("packet: start 4u", "(t_min * self.scale) as f32 * (1.0 - 4.0", "(t_min * self.scale) as f32 * (1.0 - 2.0"),
     Mutant(
         "packet: floor of directions",
         "direction_error.add(I::F32x16::splat(f32::MIN_POSITIVE))",
@@ -218,8 +220,8 @@ MUTANTS = [
     Mutant("grid of a leaf", "(errors.into_iter().fold(0.0, larger) as f32).next_up()", "0.0"),
     Mutant(
         "boxes of a refitted mesh",
-        "fitted(&self.nodes, &bounds, center), leaves",
-        "fitted(&self.nodes, &bounds, self.center()), leaves",
+        "= fitted(&self.nodes, &bounds, center);",
+        "= fitted(&self.nodes, &bounds, self.center());",
     ),
     Mutant("flat children", "planes[i][axis] = f64::NAN;", "()"),
     Mutant("children of the plane", "of_child[axis] == of_hierarchy[axis]", "!of_child[axis].is_nan()"),
@@ -565,7 +567,11 @@ MUTANTS = [
         "splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE)).store()",
         "splat(1.0 + 4.0 * U)).store()",
     ),
-    Mutant("packet: floor of the limit of one", "(1.0 + 4.0 * U) + f32::MIN_POSITIVE", "(1.0 + 4.0 * U)"),
+    Mutant(
+        "packet: floor of the limit of one",
+        "(t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE",
+        "(t * self.scale) as f32 * (1.0 + 4.0 * U)",
+    ),
     Mutant("packet: finite near slopes", "Floats::min(near, I::F32x16::splat(f32::MAX)).mul", "near.mul"),
     Mutant(
         "packet: way back of uncertain signs",

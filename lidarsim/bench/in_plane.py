@@ -59,7 +59,6 @@ def worlds() -> dict[str, tuple[ls.Scene, Floats]]:
     hills = ls.TriangleMesh.from_heightfield(heights, 1.0, origin=(-half, -half))
     tilt = np.eye(4)
     tilt[:3, :3] = TILTED
-    turn = ls.Trajectory.from_twist(np.eye(4), linear=(1.0, 0.5, 0.0), angular=(0.0, 0.0, 0.2))
     parts: dict[str, tuple[ls.Shape, dict[str, Any], Floats]] = {
         "plane": (ls.Plane((0, 0, 1), 0.0), {}, LEVEL),
         "box": (ls.Box((2.0 * half, 2.0 * half, 1.0), center=(0.0, 0.0, -0.5)), {}, LEVEL),
@@ -77,7 +76,7 @@ def worlds() -> dict[str, tuple[ls.Scene, Floats]]:
         "hills with tilted vertices": (ls.TriangleMesh(hills.vertices @ TILTED.T, hills.faces), {}, TILTED),
         "flat mesh under a tilt": (mesh, {"transform": tilt}, TILTED),
         "hills under a tilt": (hills, {"transform": tilt}, TILTED),
-        "flat mesh that turns under a tilt": (mesh, {"transform": tilt, "motion": turn}, TILTED),
+        "flat mesh that moves under a tilt": (mesh, {"transform": tilt, "motion": drive}, TILTED),
     }
     found = {}
     for name, (shape, options, rotation) in parts.items():

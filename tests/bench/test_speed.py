@@ -240,7 +240,7 @@ def test_rays_in_planes_lie_in_them() -> None:
     hits = {name: call() for name, call in in_plane.calls().items()}
     found = {name: int(hit.hit.sum()) for name, hit in hits.items() if "; above" not in name}
     tilted = {name for name in found if "tilt" in name}
-    assert len(tilted) == 8
+    assert len(tilted) == 10
     assert all(in_plane.RAYS / 3 < found[name] < in_plane.RAYS for name in tilted)
     assert {name for name, count in found.items() if count} - tilted == {
         "box; in the plane",

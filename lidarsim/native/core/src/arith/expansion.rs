@@ -240,10 +240,10 @@ impl<I: Isa> LongExpansion<I> {
         Self::sum([x, y, z], [a, b, c, d, e, f, g, h, i], [j, k, l, m, n, o, p, q, r]).shortened()
     }
 
-    /// n·r + n·s, as `dot`: off by at most 12,000u³·S, S = ΣA_i(|r_i| + |s_i|), and 2u² of itself. Medium
-    /// products and five roundings of the large ones sum to 11u·S; 22 roundings of that and small products of
-    /// 36u²·S to 278u²·S, in 39 additions: 10,842u³·S. Small products round by 62u³·S, n is off by 300u³·S,
-    /// and the last sum rounds by u of 279u²·S.
+    /// n·r + n·s, as `dot`: off by at most 12,000u³·S, S = ΣA_i(|r_i| + |s_i|), and 2u² of itself.
+    /// Medium products and five roundings of the large ones sum to 11u·S; 22 roundings of that and small
+    /// products of 36u²·S to 278u²·S, in 39 additions: 10,842u³·S. Small products round by 62u³·S, n
+    /// is off by 300u³·S, and the last sum rounds by u of 279u²·S.
     #[inline(always)]
     pub fn dot_of_two(n: [Self; 3], r: [Expansion<I>; 3], s: [Expansion<I>; 3]) -> Expansion<I> {
         let zero = I::F64x8::splat(0.0);

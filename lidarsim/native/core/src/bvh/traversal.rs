@@ -548,8 +548,8 @@ mod tests {
         assert!(20 * offered < possible, "{offered} of {possible}");
     }
 
-    /// Tiles of a plane among blocks. Rays are known to some metres only, but it is known where they cross the
-    /// plane.
+    /// Tiles of a plane among blocks. Rays are known to some metres only, but it is known where they cross
+    /// the plane.
     #[test]
     fn tiles_of_a_plane_are_offered_where_rays_cross_it() {
         let mut next = numbers();

@@ -1,6 +1,6 @@
-//! Rays that graze the plane of a hierarchy: they run so close to it that float32 boxes do not tell where they
-//! cross it, and the rounding of local coordinates may not even tell on which side they start. Where they do
-//! follows from one quotient per ray, of double-doubles or, where these cannot tell, exactly.
+//! Rays that graze the plane of a hierarchy: they run so close to it that float32 boxes do not tell where
+//! they cross it, and the rounding of local coordinates may not even tell on which side they start. Where
+//! they do follows from one quotient per ray, of double-doubles or, where these cannot tell, exactly.
 
 use std::cell::Cell;
 

@@ -231,9 +231,9 @@ impl<I: Isa> Crossing<I> {
     /// As `long`, for triangles that lie at a height along an axis, all three corners exactly, and are placed
     /// by a map.
     ///
-    /// With the columns lᵢ, lⱼ and lₖ of the map, k the axis, and its offset p, the plane has the normal
-    /// n = lᵢ × lⱼ and the point h·lₖ + p. So t = (n·(h·lₖ) + n·(p − o))/(n·d), where h·lₖ and p − o are
-    /// exact as expansions.
+    /// With the columns lᵢ, lⱼ and lₖ of the map, k the axis, and its offset p, the plane has the
+    /// normal n = lᵢ × lⱼ and the point h·lₖ + p. So t = (n·(h·lₖ) + n·(p − o))/(n·d), where
+    /// h·lₖ and p − o are exact as expansions.
     #[inline(always)]
     pub fn of_placed_level(map: &Affine, axis: usize, height: I::F64x8, o: V<I>, d: V<I>) -> Self {
         let (normal, size, num, reach) = Self::placed_level(map, axis, height, o);
@@ -556,8 +556,8 @@ mod tests {
         }
     }
 
-    /// The error of n·(h·lₖ) + n·(p − o), as a share of its bound, for rays that start in the plane up to
-    /// rounding.
+    /// The error of n·(h·lₖ) + n·(p − o), as a share of its bound, for rays that start in the plane up
+    /// to rounding.
     #[test]
     fn sums_of_placed_planes_are_as_near_as_the_bound_says() {
         let share = |x: &[f64; 15]| {

@@ -84,12 +84,13 @@ pub fn sides<I: Isa>(corners: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
 
 /// Coordinates of origins below 2⁻²⁰⁰, times 2⁶⁰⁰; the others are zero here.
 ///
-/// The volume of p and q is affine in the origin: without these coordinates, v·2⁻⁶⁰⁰, it is V, and with
-/// them V + d·(v × (p − q))·2⁻⁶⁰⁰. The triple product, of ordinary corners and an ordinary direction, has
-/// factors of at least 2⁻⁴⁷⁴, 2⁻²⁵² and 2⁻²⁰⁰, so nothing underflows; six roundings are less than 8u
-/// of R, the sum of the absolute values of its terms, and `Nudge::sides` takes 16u. If V is not zero, it has
-/// the sign of the sum as soon as it exceeds its own error and 2R·2⁻⁶⁰⁰, which bounds the change.
-/// If S = 0, V is zero, and the triple product alone has the sign.
+/// The volume of p and q is affine in the origin: without these coordinates, v·2⁻⁶⁰⁰, it is V, and
+/// with them V + d·(v × (p − q))·2⁻⁶⁰⁰. The triple product, of ordinary corners and an ordinary
+/// direction, has factors of at least 2⁻⁴⁷⁴, 2⁻²⁵² and 2⁻²⁰⁰, so nothing underflows; six
+/// roundings are less than 8u of R, the sum of the absolute values of its terms, and `Nudge::sides` takes
+/// 16u. If V is not zero, it has the sign of the sum as soon as it exceeds its own error and
+/// 2R·2⁻⁶⁰⁰, which bounds the change. If S = 0, V is zero, and the triple product alone has the
+/// sign.
 struct Nudge<I: Isa>(V<I>);
 
 impl<I: Isa> Nudge<I> {
