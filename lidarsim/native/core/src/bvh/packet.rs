@@ -7,7 +7,7 @@
 //! Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
 
 use super::node::{Node, WIDTH};
-use super::ray_packet::{LANES, Mask, RayPacket, SUBPACKETS, WIDE, part_of_mask, take};
+use super::ray_packet::{LANES, Mask, RayPacket, SUBPACKETS, WIDE, take};
 use super::{Crossings, Frame};
 use crate::arith::simd::{Floats, Isa};
 
@@ -133,55 +133,48 @@ impl Packet {
         }
     }
 
+    /// Whether rays may miss children of a node because these are flat.
+    #[inline(always)]
+    pub(super) fn may_miss_flat(&self, node: &Node) -> bool {
+        self.may_miss && node.is_flat()
+    }
+
     /// The rays of `mask` that miss child i of a node because it is flat and they are parallel to its plane
     /// or cross it elsewhere.
     #[inline(always)]
-    pub(super) fn missing<I: Isa>(&self, mask: Mask, node: &Node, i: usize) -> Mask {
-        if !self.may_miss {
-            return 0;
-        }
+    pub(super) fn missing(&self, mask: Mask, node: &Node, i: usize) -> Mask {
         let along = |axis: usize| if node.flat[axis] >> i & 1 != 0 { self.parallel[axis] } else { 0 };
         let missing = along(0) | along(1) | along(2);
         let crossing = mask & self.crossing;
         if crossing != 0 && node.level[self.axis] >> i & 1 != 0 {
-            missing | crossing & !self.cross_within::<I>(crossing, node, i)
+            missing | crossing & !self.cross_within(crossing, node, i)
         } else {
             missing
         }
     }
 
     /// The rays that may cross the plane of the hierarchy within child i of a node, by the slab test with the
-    /// t of that plane.
-    #[inline(always)]
-    fn cross_within<I: Isa>(&self, crossing: Mask, node: &Node, i: usize) -> Mask {
+    /// t of that plane. Few rays do, so it is kept out of the loop over children.
+    #[cold]
+    #[inline(never)]
+    fn cross_within(&self, crossing: Mask, node: &Node, i: usize) -> Mask {
         let Some([first_t, last_t]) = self.crossing_t.as_deref() else { return crossing };
-        let mut within = 0;
-        for (g, subpacket) in self.subpackets.iter().enumerate() {
-            if part_of_mask::<WIDE>(crossing, g) == 0 {
-                continue;
-            }
-            let start = I::F32x16::splat(self.octant.start);
-            let mut near = start.max(I::F32x16::load(&first_t.as_chunks().0[g]));
-            let mut far = I::F32x16::load(&subpacket.limit).min(I::F32x16::load(&last_t.as_chunks().0[g]));
-            for axis in 0..3 {
-                if axis == self.axis {
-                    continue;
-                }
+        let (mut within, mut left) = (0, crossing);
+        while let Some(lane) = take(&mut left) {
+            let (subpacket, at) = (&self.subpackets[lane / WIDE], lane % WIDE);
+            let mut near = self.octant.start.max(first_t[lane]);
+            let mut far = subpacket.limit[at].min(last_t[lane]);
+            for axis in (0..3).filter(|&axis| axis != self.axis) {
                 let (first, last) = if self.octant.backward[axis] {
                     (node.high[axis][i], node.low[axis][i])
                 } else {
                     (node.low[axis][i], node.high[axis][i])
                 };
-                let t = I::F32x16::splat(first)
-                    .sub(I::F32x16::load(&subpacket.near_origin[axis]))
-                    .mul(I::F32x16::load(&subpacket.near_slope[axis]));
-                near = t.max(near);
-                let t = I::F32x16::splat(last)
-                    .sub(I::F32x16::load(&subpacket.far_origin[axis]))
-                    .mul(I::F32x16::load(&subpacket.far_slope[axis]));
-                far = t.min(far);
+                // A NaN, as of zero times infinity, leaves the bound as it is.
+                near = near.max((first - subpacket.near_origin[axis][at]) * subpacket.near_slope[axis][at]);
+                far = far.min((last - subpacket.far_origin[axis][at]) * subpacket.far_slope[axis][at]);
             }
-            within |= Mask::from(near.le(far)) << (WIDE * g);
+            within |= Mask::from(near <= far) << lane;
         }
         within
     }

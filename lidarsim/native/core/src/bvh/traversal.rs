@@ -75,21 +75,26 @@ impl<L> Bvh<L> {
         let before = stack.len;
         let PacketTraversal { packet, frustum, mask, .. } = traversal;
         let node = &self.nodes[traversal.child.index()];
+        let may_miss = packet.may_miss_flat(node);
         // Farthest first and branchless: no branch depends on the outcome of a single test.
         if mask.count_ones() > FEW {
             let box_hits = frustum.intersect::<I>(&packet.octant, node);
             for (&near, &i) in box_hits.near.iter().zip(&box_hits.child).take(box_hits.count) {
-                let mask = packet.intersect::<I>(*mask, &box_hits, i as usize);
-                let (child, mask) =
-                    (node.child[i as usize], mask & !packet.missing::<I>(mask, node, i as usize));
+                let (child, mut mask) =
+                    (node.child[i as usize], packet.intersect::<I>(*mask, &box_hits, i as usize));
+                if may_miss {
+                    mask &= !packet.missing(mask, node, i as usize);
+                }
                 self.prefetch::<I>(if mask != 0 { child } else { traversal.child });
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }
         } else {
             let FewBoxHits { count, child, near, masks } = packet.intersect_few::<I>(*mask, frustum, node);
             for (&near, &i) in near.iter().zip(&child).take(count) {
-                let (child, mask) = (node.child[i as usize], masks[i as usize]);
-                let mask = mask & !packet.missing::<I>(mask, node, i as usize);
+                let (child, mut mask) = (node.child[i as usize], masks[i as usize]);
+                if may_miss {
+                    mask &= !packet.missing(mask, node, i as usize);
+                }
                 self.prefetch::<I>(child);
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }

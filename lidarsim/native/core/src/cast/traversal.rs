@@ -455,7 +455,7 @@ impl<'a> PacketState<'a, '_> {
         self.pending = mask;
         if !object.is_untransformed() {
             let instance_rays = self.instance_rays.get_or_insert_with(|| Box::new(InstanceRays::new()));
-            then = object.motion().map(|_| &*self.poses.gather(self.scene, id, &self.rays.time, mask));
+            then = object.motion().map(|_| self.poses.gather(self.scene, id, &self.rays.time, mask));
             self.pending = instance_rays.gather::<I>(object, then, self.rays, mask);
             let mut alone = mask & !self.pending;
             while let Some(lane) = take(&mut alone) {

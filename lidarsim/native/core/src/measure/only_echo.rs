@@ -9,23 +9,11 @@ use super::columns::{Rows, unused};
 use super::direction::beside;
 use super::echo::{Echo, Light};
 use super::scan::Scan;
-use super::scratch::{LightArrays, Scratch};
+use super::scratch::{LightArrays, OnlyEchoes, Scratch};
 use super::single_ray::EightEchoes;
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 use crate::memory::resize;
-
-/// The echoes of eight pulses.
-#[derive(Clone, Copy)]
-pub(super) struct OnlyEchoes {
-    /// A bit for each pulse whose echo is here, and for each that hits nothing.
-    known: u32,
-    missed: u32,
-    /// The mean over the sub-rays, by power.
-    range: [f64; 8],
-    intensity: [f64; 8],
-    power: [f64; 8],
-}
 
 const UNKNOWN: OnlyEchoes =
     OnlyEchoes { known: 0, missed: 0, range: [0.0; 8], intensity: [0.0; 8], power: [0.0; 8] };

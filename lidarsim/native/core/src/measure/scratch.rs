@@ -1,7 +1,6 @@
 //! Memory that one batch of pulses leaves to the next.
 
 use super::effects::Draws;
-use super::only_echo::OnlyEchoes;
 use super::ways::Ways;
 use crate::cast::HitArrays;
 use crate::geometry::pose::Motion;
@@ -59,6 +58,18 @@ pub(super) struct LightArrays {
     /// What the atmosphere leaves of the intensity, and the power of that.
     pub(super) received: Vec<f64>,
     pub(super) power: Vec<f64>,
+}
+
+/// With a beam, of eight pulses: the echoes of those that have one at most.
+#[derive(Clone, Copy)]
+pub(super) struct OnlyEchoes {
+    /// A bit for each pulse whose echo is here, and for each that hits nothing.
+    pub(super) known: u32,
+    pub(super) missed: u32,
+    /// The mean over the sub-rays, by power.
+    pub(super) range: [f64; 8],
+    pub(super) intensity: [f64; 8],
+    pub(super) power: [f64; 8],
 }
 
 /// Per row: factors of columns that are computed for all rows at once.
