@@ -1090,12 +1090,12 @@ def test_one_return_is_the_first_of_two(moves: bool, rays: int) -> None:
     path = ls.Trajectory.from_twist(np.eye(4), (3.0, 1.0, 0.0), (0.5, -1.0, 4.0)) if moves else np.eye(4)
     effects: dict[str, Any] = {
         "azimuth_sigma": 1e-3, "range_sigma": 0.02, "range_bias": 0.1, "range_resolution": 1e-3, "dropout": 0.1,
-        "extinction": 0.01, "detection": ls.Detection(0.02, 6.0), "power_sigma": 0.3, "beam": ls.Beam(0.1, pulse_length=1e-9, rays=rays),
+        "extinction": 0.01, "detection": ls.Detection(0.02, 6.0), "power_sigma": 0.3,
+        "beam": ls.Beam(0.1, pulse_length=1e-9, rays=rays),
     }  # fmt: skip
-    one, two = (
-        ls.Lidar(pattern, measurement=ls.Measurement(returns=returns, **effects), min_range=2.5, max_range=7.0).scan(scene, path, seed=5)
-        for returns in ("strongest", "dual")
-    )
+    single, dual = (ls.Measurement(returns=returns, **effects) for returns in ("strongest", "dual"))
+    lidars = (ls.Lidar(pattern, measurement=kind, min_range=2.5, max_range=7.0) for kind in (single, dual))
+    one, two = (lidar.scan(scene, path, seed=5) for lidar in lidars)
     assert set(one.status) == set(ls.Status), "all kinds of pulses"
     assert (two.return_count == 2).sum() > 50
     for name in (*RETURNED, *(["radial_velocity"] if moves else [])):

@@ -28,6 +28,9 @@ PRESETS = (
 )
 """Sensors whose frames differ from one another; together they have every pattern of that kind."""
 
+FRAMES = 4
+"""Frames whose rays are made beforehand, to be cast in turn."""
+
 
 def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) -> dict[str, Callable[[], Any]]:
     """Return the calls to time, after calling each once.
@@ -44,8 +47,8 @@ def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) ->
     Returns
     -------
     dict of str to callable
-        By the name of the preset and the step: ``pulses``, ``cast`` or ``scan``. Each call of ``pulses`` and of
-        ``scan`` takes the next frame; ``cast`` always casts the rays of the first.
+        By the name of the preset and the step: ``pulses``, ``cast`` or ``scan``. Each call takes the next frame,
+        since a processor learns the branches of rays that are cast again; ``cast`` has the rays of `FRAMES` frames.
     """
     pose = np.eye(4)
     pose[:3, 3] = place
@@ -58,12 +61,12 @@ def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) ->
 
 
 def _calls(lidar: ls.Lidar, scene: ls.Scene, pose: Floats) -> dict[str, Callable[[], Any]]:
-    pulses = lidar.pattern.pulses(0)
-    origins, directions = pulses.origins + pose[:3, 3], pulses.directions
+    frames = [lidar.pattern.pulses(k) for k in range(FRAMES)]
+    rays = itertools.cycle([(pulses.origins + pose[:3, 3], pulses.directions) for pulses in frames])
     alone, whole = itertools.count(1), itertools.count(1)
     return {
         "pulses": lambda: lidar.pattern.pulses(next(alone)),
-        "cast": lambda: scene.cast(origins, directions),
+        "cast": lambda: scene.cast(*next(rays)),
         "scan": lambda: lidar.scan(scene, pose, frame=next(whole)),
     }
 
