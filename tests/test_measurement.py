@@ -1077,34 +1077,6 @@ def test_dual_is_the_strongest_and_the_last_or_the_next(
     assert measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=2).label.tolist() == [[1, 2]]
 
 
-@pytest.mark.parametrize("rays", [7, 19])
-@pytest.mark.parametrize("moves", [False, True])
-def test_one_return_is_the_first_of_two(moves: bool, rays: int) -> None:
-    """If one return is asked for, pulses of one echo are measured eight at a time; if two, one by one."""
-    scene = ls.Scene()
-    scene.add(ls.Plane((0, 0, 1), -2.0), material=ls.Material(reflectivity=0.4))
-    generator = np.random.default_rng(rays)
-    for k, center in enumerate(generator.uniform(0.8, 5.0, (80, 3)) * generator.choice([-1.0, 1.0], (80, 3))):
-        scene.add(ls.Sphere(center, 0.4), label=k, material=ls.Material(reflectivity=generator.uniform(0.0, 0.9)))
-    pattern = ls.patterns.Spinning(np.linspace(-1.4, 1.4, 9), columns=701)
-    path = ls.Trajectory.from_twist(np.eye(4), (3.0, 1.0, 0.0), (0.5, -1.0, 4.0)) if moves else np.eye(4)
-    effects: dict[str, Any] = {
-        "azimuth_sigma": 1e-3, "range_sigma": 0.02, "range_bias": 0.1, "range_resolution": 1e-3, "dropout": 0.1,
-        "extinction": 0.01, "detection": ls.Detection(0.02, 6.0), "power_sigma": 0.3,
-        "beam": ls.Beam(0.1, pulse_length=1e-9, rays=rays),
-    }  # fmt: skip
-    single, dual = (ls.Measurement(returns=returns, **effects) for returns in ("strongest", "dual"))
-    lidars = (ls.Lidar(pattern, measurement=kind, min_range=2.5, max_range=7.0) for kind in (single, dual))
-    one, two = (lidar.scan(scene, path, seed=5) for lidar in lidars)
-    assert set(one.status) == set(ls.Status), "all kinds of pulses"
-    assert (two.return_count == 2).sum() > 50
-    for name in (*RETURNED, *(["radial_velocity"] if moves else [])):
-        values, first = getattr(one, name)[:, 0], getattr(two, name)[:, 0]
-        assert values.tobytes() == first.tobytes(), name
-    assert one.status.tobytes() == two.status.tobytes()
-    assert (one.return_count == np.minimum(two.return_count, 1)).all()
-
-
 def test_lost_echoes_leave_the_others() -> None:
     pattern, scene, beam = beams([1.0, 1e-5, 0.0]), edge(3.0), ls.Beam(4e-3, pulse_length=SLOW_PULSE)
     gated = measured(pattern, scene, beam=beam, returns="first", min_range=21.0)

@@ -27,6 +27,6 @@ pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use driver::Cast;
 pub use meet_things::MeetThings;
 pub use next_hit::{Departure, Met, next_hit};
-pub use ray_sort::{NEAR, bundles};
+pub use ray_sort::NEAR;
 pub use schedule::pieces;
 pub use things::NO_THING;

@@ -61,13 +61,11 @@ pub struct RaySort {
     order: Vec<u32>,
 }
 
-/// The last sorted group of one origin; its order may suit later groups.
+/// The last sorted group of `NEAR` rays of one origin; its order may suit later groups.
 #[derive(Default)]
 struct LastSorted {
     /// Where the sorted group begins; `None` if there is none.
     start: Option<usize>,
-    /// How many rays it has.
-    count: usize,
     /// The signs of the coordinates, one bit each.
     signs: Vec<u8>,
     /// The size of its packets.
@@ -128,7 +126,7 @@ impl RaySort {
         }
         (self.start, self.count) = (group.end, group.len());
         if self.bundle > 1 {
-            self.sort_bundles::<I>(origins, directions, group);
+            self.sort_bundles::<I>(&origins[group.clone()], &directions[group.clone()], group.start);
             return true;
         }
         self.has_one_origin = are_equal(&origins[group.clone()]);
@@ -161,22 +159,17 @@ impl RaySort {
 
     /// Sorts rays by the places of their bundles.
     #[inline(always)]
-    fn sort_bundles<I: Isa>(&mut self, origins: &[Point], all_directions: &[Point], group: Range<usize>) {
+    fn sort_bundles<I: Isa>(&mut self, origins: &[Point], directions: &[Point], first: usize) {
+        self.last.start = None;
         let bundle = self.bundle;
         let (mut axes, mut starts) = (std::mem::take(&mut self.axes), std::mem::take(&mut self.starts));
-        starts.clear();
-        starts.extend(origins[group.clone()].iter().step_by(bundle));
-        self.has_one_origin = are_equal(&starts);
-        let together = !self.has_times && self.has_one_origin;
-        if together && self.takes_over::<I>(all_directions, group.clone()) {
-            (self.axes, self.starts) = (axes, starts);
-            return;
-        }
-        self.last.start = None;
-        let directions = &all_directions[group.clone()];
         axes.clear();
         axes.extend(directions.iter().step_by(bundle));
+        starts.clear();
+        starts.extend(origins.iter().step_by(bundle));
+        self.has_one_origin = are_equal(&starts);
         let (low, high) = self.find_places::<I>(&axes);
+        let together = !self.has_times && self.has_one_origin;
         self.direction_keys(low, high, if together { WIDTH } else { 1.0 });
         let within = self.add_cells::<I>(&starts);
         (self.axes, self.starts) = (axes, starts);
@@ -200,19 +193,16 @@ impl RaySort {
             }
         }
         self.sort_items();
-        self.put_in_order(group.start, directions.len(), bundle);
-        if together {
-            self.keep::<I>(all_directions, group);
-        }
+        self.put_in_order(first, directions.len(), bundle);
     }
 
     /// Records what identifies groups similar to the one just sorted.
     #[inline(always)]
     fn keep<I: Isa>(&mut self, directions: &[Point], group: Range<usize>) {
-        if group.len() < self.group {
+        if group.len() < NEAR {
             return;
         }
-        (self.last.start, self.last.count) = (Some(group.start), group.len());
+        self.last.start = Some(group.start);
         self.last.spread = self.spread::<I>(directions);
         self.last.signs.clear();
         for eight in directions[group].as_flattened().as_chunks().0 {
@@ -225,7 +215,7 @@ impl RaySort {
     /// an unsuitable order is slow, not wrong.
     #[inline(always)]
     fn takes_over<I: Isa>(&mut self, directions: &[Point], group: Range<usize>) -> bool {
-        let Some(before) = self.last.start.filter(|_| group.len() == self.last.count) else { return false };
+        let Some(before) = self.last.start.filter(|_| group.len() == NEAR) else { return false };
         let mut others = 0;
         for (eight, signs) in
             directions[group.clone()].as_flattened().as_chunks().0.iter().zip(&self.last.signs)
@@ -236,7 +226,7 @@ impl RaySort {
             return false;
         }
         let step = (group.start as u32).wrapping_sub(before as u32);
-        for place in &mut self.order[..group.len()] {
+        for place in &mut self.order[..NEAR] {
             *place = place.wrapping_add(step);
         }
         self.last.start = Some(group.start);
@@ -249,7 +239,7 @@ impl RaySort {
     fn spread<I: Isa>(&self, directions: &[Point]) -> f64 {
         let mut sum = I::F64x8::splat(0.0);
         // One packet per lane.
-        for packets in self.sorted().as_chunks::<{ 8 * LANES }>().0 {
+        for packets in self.order[..NEAR].as_chunks::<{ 8 * LANES }>().0 {
             let (mut low, mut high) =
                 ([I::F64x8::splat(f64::INFINITY); 3], [I::F64x8::splat(f64::NEG_INFINITY); 3]);
             for i in (0..LANES).step_by(9) {
@@ -548,21 +538,12 @@ fn are_scattered(directions: &[Point]) -> bool {
 pub fn group_size(directions: &[Point], bundle: usize) -> usize {
     // A bundle is sorted as one, so that many rays cost little.
     if bundle > 1 {
-        bundles(MOST, bundle) * bundle
+        MOST.max(bundle) / bundle * bundle
     } else if are_scattered(directions) || !are_rotated(directions) {
         MOST
     } else {
         NEAR
     }
-}
-
-/// The number of bundles with about so many rays: of a spinning sensor whole columns, so that the next ones
-/// are like them.
-pub fn bundles(rays: usize, bundle: usize) -> usize {
-    /// The channels of most sensors divide it.
-    const COLUMN: usize = 128;
-    let most = (rays / bundle).max(1);
-    if bundle == 1 || most < COLUMN { most } else { most / COLUMN * COLUMN }
 }
 
 /// Whether the second `NEAR` rays are about the first ones, rotated, as with a spinning sensor: the angles
@@ -725,7 +706,7 @@ mod tests {
     }
 
     /// Seven rays about each of these directions.
-    fn bundles_about(axes: &[Point]) -> Vec<Point> {
+    fn bundles(axes: &[Point]) -> Vec<Point> {
         let around = |axis: &Point| {
             let [x, y, z] = *axis;
             (0..7).map(move |k| if k == 0 { [x, y, z] } else { [x, y + 1e-3 * f64::from(k - 3), z - 1e-3] })
@@ -737,14 +718,14 @@ mod tests {
     /// look down, or left and right.
     #[test]
     fn bundles_stay_together_but_for_rays_of_other_octants() {
-        for (n, near) in [(1, true), (3, false), (1152, true), (1153, true), (5000, true), (5000, false)] {
+        for (n, near) in [(1, true), (3, false), (1170, true), (1171, true), (5000, true), (5000, false)] {
             let axes = if near { sweep(n) } else { scattered(n) };
-            let directions = bundles_about(&axes);
+            let directions = bundles(&axes);
             for far in [0.0, 100.0] {
                 let starts: Vec<Point> = places(n, far).iter().flat_map(|start| [*start; 7]).collect();
                 let rays = Rays { bundle: 7, ..Rays::new(&starts, &directions, &[]) };
                 let groups = dispatch(Level::best(), All(rays, 100.0));
-                assert_eq!(groups.len(), n.div_ceil(1152));
+                assert_eq!(groups.len(), n.div_ceil(MOST / 7));
                 for group in &groups {
                     octants_in_turn(group, &directions);
                 }
@@ -777,34 +758,13 @@ mod tests {
             let (azimuth, elevation) = (0.006 * (i / 128) as f64 + 0.2, 0.006 * (i % 128) as f64 + 0.1);
             [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
         };
-        let directions = bundles_about(&(0..128 * 32).map(direction).collect::<Vec<_>>());
+        let directions = bundles(&(0..128 * 32).map(direction).collect::<Vec<_>>());
         let starts = vec![[0.0; 3]; directions.len()];
         let rays = Rays { bundle: 7, ..Rays::new(&starts, &directions, &[]) };
         let order = dispatch(Level::best(), All(rays, 100.0)).concat();
         let given: Vec<u32> = (0..directions.len() as u32).collect();
         let [size, before] = [order, given].map(|order| mean_size(&order, &directions));
         assert!(size < before, "{size}, {before}");
-    }
-
-    /// A sensor of 128 channels, and one that looks anywhere.
-    #[test]
-    fn an_order_of_bundles_is_taken_over() {
-        let direction = |i: usize| {
-            let (azimuth, elevation) = (0.006 * (i / 128) as f64 + 0.1, 0.006 * (i % 128) as f64 + 0.1);
-            [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
-        };
-        let turning: Vec<Point> = (0..128 * 216).map(direction).collect();
-        for (axes, known) in [(turning, 23), (scattered(128 * 216), 0)] {
-            let directions = bundles_about(&axes);
-            let starts = vec![[0.0; 3]; directions.len()];
-            let groups = dispatch(
-                Level::best(),
-                All(Rays { bundle: 7, ..Rays::new(&starts, &directions, &[]) }, 100.0),
-            );
-            let relative = |k: usize| groups[k].iter().map(|i| i - (8064 * k) as u32).collect::<Vec<_>>();
-            let taken_over = (1..groups.len()).filter(|&k| relative(k) == relative(k - 1)).count();
-            assert_eq!((groups.len(), taken_over), (24, known));
-        }
     }
 
     /// A packet of square tiles covers eight columns of this sensor.

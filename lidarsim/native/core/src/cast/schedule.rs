@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::ray_sort::{MOST, NEAR, bundles, group_size};
+use super::ray_sort::{MOST, NEAR, group_size};
 use crate::geometry::vector::Point;
 use crate::{memory, parallel};
 
@@ -20,7 +20,7 @@ pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
         let left = (directions.len() - start) * rays;
         let falling = left.div_ceil(2 * threads).next_multiple_of(NEAR).min(8 * NEAR);
         let size = if are_large { even } else { falling };
-        let end = directions.len().min(start + bundles(size, rays));
+        let end = directions.len().min(start + (size / rays).max(1));
         memory::push(&mut pieces, start..end);
         start = end;
     }

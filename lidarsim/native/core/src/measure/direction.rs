@@ -33,47 +33,20 @@ pub fn length_beside([left, up]: [f64; 2]) -> f64 {
     (1.0 + left * left + up * up).sqrt()
 }
 
-/// The axis of a beam or, in lanes, of several.
-pub struct Axis<F = f64> {
-    direction: [F; 3],
-    level: F,
-    heading: [F; 2],
+/// The axis of a beam.
+pub struct Axis {
+    direction: Point,
+    level: f64,
+    heading: [f64; 2],
 }
 
-impl<F: Copy> Axis<F> {
+impl Axis {
     #[inline(always)]
-    pub fn of<const N: usize>(direction: [F; 3]) -> Self
-    where
-        F: Floats<f64, N>,
-    {
+    pub fn of(direction: Point) -> Self {
         let (level, heading) = heading(direction);
         Axis { direction, level, heading }
     }
 
-    #[inline(always)]
-    pub fn store(self) -> Axis<[f64; 8]>
-    where
-        F: Floats<f64, 8>,
-    {
-        let [x, y] = self.heading;
-        Axis {
-            direction: lanes::store(self.direction),
-            level: self.level.store(),
-            heading: [x.store(), y.store()],
-        }
-    }
-}
-
-impl Axis<[f64; 8]> {
-    /// The axis in one of the lanes.
-    #[inline(always)]
-    pub fn lane(&self, k: usize) -> Axis {
-        let Axis { direction: [dx, dy, dz], level, heading: [x, y] } = self;
-        Axis { direction: [dx[k], dy[k], dz[k]], level: level[k], heading: [x[k], y[k]] }
-    }
-}
-
-impl Axis {
     /// As [`beside`], of N offsets: to the left, upward, and the length that belongs to them.
     #[inline(always)]
     pub fn beside<F: Floats<f64, N>, const N: usize>(&self, [left, up, length]: [F; 3]) -> [F; 3] {
@@ -90,10 +63,9 @@ impl Axis {
 
 /// Length and direction of the horizontal part; at a pole the direction is x.
 #[inline(always)]
-fn heading<F: Floats<f64, N>, const N: usize>([x, y, _]: [F; 3]) -> (F, [F; 2]) {
-    let (level, zero) = (x.mul(x).add(y.mul(y)).sqrt(), F::splat(0.0));
-    let x = level.le_pick(zero, F::splat(1.0), x.div(level));
-    (level, [x, level.le_pick(zero, zero, y.div(level))])
+fn heading([x, y, _]: Point) -> (f64, [f64; 2]) {
+    let level = (x * x + y * y).sqrt();
+    if level > 0.0 { (level, [x / level, y / level]) } else { (0.0, [1.0, 0.0]) }
 }
 
 /// To within 1e-6: a unit vector kept in float32 is one to within 2⁻²².

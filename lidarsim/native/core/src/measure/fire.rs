@@ -3,7 +3,6 @@
 
 use std::ops::Range;
 
-use super::beam::Beam;
 use super::caster::Caster;
 use super::direction::{Axis, is_finite, is_unit};
 use super::effects::Pulses;
@@ -125,11 +124,8 @@ impl<C: Caster> Scan<'_, C> {
         let directions = &directions[first..first + pulses.len()];
         let first = first * self.measurement.rays();
         let (ray_origins, ray_directions) = (&mut rays.origins[first..], &mut rays.directions[first..]);
-        if let Some(beam) = &self.measurement.beam {
-            let rays = [ray_origins, ray_directions];
-            return self.aim_beams::<I>(beam, pulses, directions, poses, rays);
-        }
-        if let (Some(nominal), Some(directions)) = (nominal.first_chunk(), directions.first_chunk())
+        if self.measurement.beam.is_none()
+            && let (Some(nominal), Some(directions)) = (nominal.first_chunk(), directions.first_chunk())
             && let Some(ray_origins) = ray_origins.as_flattened_mut().first_chunk_mut()
             && let Some(ray_directions) = ray_directions.as_flattened_mut().first_chunk_mut()
         {
@@ -145,39 +141,16 @@ impl<C: Caster> Scan<'_, C> {
         for (k, (pulse, direction)) in pulses.zip(directions).enumerate() {
             let (origin, pose) = (origins.of(pulse), poses.lane(k));
             legal &= is_finite(origin) & is_unit(nominal[k]);
-            (ray_origins[k], ray_directions[k]) = (pose.place(origin), pose.turn(*direction));
-        }
-        legal
-    }
-
-    /// As `aim`, with a beam. `rays`: origins and directions, from those of the first pulse on.
-    #[inline(always)]
-    fn aim_beams<I: Isa>(
-        &self,
-        beam: &Beam,
-        pulses: Range<usize>,
-        directions: &[Point],
-        poses: &Pose<[f64; 8]>,
-        [ray_origins, ray_directions]: [&mut [Point]; 2],
-    ) -> bool {
-        // Past the last pulse it is repeated.
-        let (mut origins, mut nominal, mut turned) = ([[0.0; 3]; 8], [[0.0; 3]; 8], [[0.0; 3]; 8]);
-        for k in 0..8 {
-            let at = k.min(pulses.len() - 1);
-            origins[k] = self.frame.origins.of(pulses.start + at);
-            (nominal[k], turned[k]) = (self.frame.directions[pulses.start + at], directions[at]);
-        }
-        let (origins, nominal) = (simd::load_points::<I>(&origins), simd::load_points::<I>(&nominal));
-        let axes = Axis::of(simd::load_points::<I>(&turned)).store();
-        let mut placed = [[0.0; 3]; 8];
-        simd::store_points::<I>(poses.load::<I::F64x8>().place(origins), flat(&mut placed));
-        for k in 0..pulses.len() {
+            let Some(beam) = &self.measurement.beam else {
+                (ray_origins[k], ray_directions[k]) = (pose.place(origin), pose.turn(*direction));
+                continue;
+            };
             let first = k * beam.len();
-            ray_origins[first..first + beam.len()].fill(placed[k]);
-            let (axis, pose) = (axes.lane(k), Pose::<I::F64x8>::splat(&poses.lane(k)));
-            for (part, [left, up, length]) in beam.eights().iter().enumerate() {
+            ray_origins[first..first + beam.len()].fill(pose.place(origin));
+            let (axis, pose) = (Axis::of(*direction), Pose::<I::F64x8>::splat(&pose));
+            for (start, [left, up, length]) in (first..).step_by(8).zip(beam.eights()) {
                 let offset = [I::F64x8::load(left), I::F64x8::load(up), I::F64x8::load(length)];
-                let (beside, start) = (pose.turn(axis.beside(offset)), first + 8 * part);
+                let beside = pose.turn(axis.beside(offset));
                 // The next pulse overwrites what is too much, and after the last there is no room for it.
                 if let Some(places) = ray_directions[start..].first_chunk_mut() {
                     simd::store_points::<I>(beside, flat(places));
@@ -188,7 +161,7 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        is_finite(origins) & is_unit(nominal)
+        legal
     }
 }
 

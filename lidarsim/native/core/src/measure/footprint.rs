@@ -26,18 +26,9 @@ impl<C: Caster> Scan<'_, C> {
     ) {
         let most = self.measurement.most_returns();
         self.keep_light::<I>(scratch);
-        let whole = (pulses.len() * most).next_multiple_of(8);
-        resize(&mut scratch.rows.squared_sine, whole, 0.0);
-        resize(&mut scratch.rows.cosine, whole, 0.0);
-        let Some(beam) = &self.measurement.beam else {
-            return self.measure_pulses::<I>(pulses, |_, _| true, scratch, rows);
-        };
-        scratch.find_only_echoes::<I>(beam, pulses.len());
-        if most > 1 || self.measurement.effects.tells_sources() {
-            return self.measure_pulses::<I>(pulses, |_, _| true, scratch, rows);
-        }
-        self.measure_only_echoes::<I>(beam, pulses.clone(), scratch, rows);
-        self.measure_pulses::<I>(pulses, |scratch, pulse| !scratch.has_only_echo(pulse), scratch, rows);
+        resize(&mut scratch.rows.squared_sine, pulses.len() * most, 0.0);
+        resize(&mut scratch.rows.cosine, pulses.len() * most, 0.0);
+        self.measure_pulses::<I>(pulses, |_, _| true, scratch, rows);
     }
 
     /// Measures those pulses, of one ray each, whose light went on from the first surface.

@@ -7,7 +7,7 @@ use super::caster::Caster;
 use super::columns::Rows;
 use super::frame::{BadPulse, Frame};
 use super::scan::{Batch, Scan};
-use crate::cast::{NEAR, bundles};
+use crate::cast::NEAR;
 use crate::geometry::vector::Point;
 use crate::memory::split_off;
 use crate::{memory, parallel};
@@ -31,7 +31,7 @@ pub fn measure_all<C: Caster>(
     let mut pieces = memory::with_capacity(scans.len());
     for (number, scan) in scans.iter().enumerate() {
         let (count, most) = (scan.frame.directions.len(), scan.measurement.most_returns());
-        let size = bundles(MOST, scan.measurement.rays());
+        let size = (MOST / scan.measurement.rays()).max(1);
         let (mut own_rows, wanted) = (rows.split_off(pulses), (pulses * most).min(points.len()));
         let mut own_points = split_off(&mut points, wanted);
         for start in (0..count).step_by(size) {

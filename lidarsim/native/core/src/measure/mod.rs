@@ -1,12 +1,12 @@
 //! From pulses to returns.
 //!
 //! A batch of pulses is aimed, with its jitter, and cast (`fire.rs`). Light goes on through panes and from
-//! mirrors (`beyond.rs`). Hits become light (`light.rs`), light becomes echoes, one a ray (`single_ray.rs`)
-//! or those of a waveform over the footprint of a beam (`footprint.rs`, `only_echo.rs`), and the effects of
-//! the receiver turn echoes into readings (`effects/`), the range gate last. `recording.rs` samples the
-//! waveforms themselves, where they are asked for. The rows of a scan are written to its columns
-//! (`columns.rs`), from which `returns.rs` and `points.rs` make a point cloud. `coverage.rs` tells how much
-//! of each thing pulses reach.
+//! mirrors (`beyond.rs`). Hits become light (`light.rs`),
+//! light becomes echoes, one a ray (`single_ray.rs`) or those of a waveform over the footprint of a beam
+//! (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the range gate
+//! last. `recording.rs` samples the waveforms themselves, where they are asked for. The rows of a scan are
+//! written to its columns (`columns.rs`), from which `returns.rs` and `points.rs` make a point cloud.
+//! `coverage.rs` tells how much of each thing pulses reach.
 
 mod appearance;
 mod backscatter;
@@ -24,7 +24,6 @@ mod frame;
 mod light;
 mod many;
 mod measurement;
-mod only_echo;
 mod origins;
 mod parameters;
 mod points;

@@ -19,8 +19,6 @@ pub(super) struct Scratch {
     /// Whether all surfaces that were hit are Lambert's.
     pub(super) is_lambert: bool,
     pub(super) light: LightArrays,
-    /// With a beam, by eight pulses.
-    pub(super) only_echoes: Vec<OnlyEchoes>,
     pub(super) rows: RowScratch,
     pub(super) velocities: Velocities,
     /// Per pulse: its number in the whole frame.
@@ -58,18 +56,6 @@ pub(super) struct LightArrays {
     /// What the atmosphere leaves of the intensity, and the power of that.
     pub(super) received: Vec<f64>,
     pub(super) power: Vec<f64>,
-}
-
-/// With a beam, of eight pulses: the echoes of those that have one at most.
-#[derive(Clone, Copy)]
-pub(super) struct OnlyEchoes {
-    /// A bit for each pulse whose echo is here, and for each that hits nothing.
-    pub(super) known: u32,
-    pub(super) missed: u32,
-    /// The mean over the sub-rays, by power.
-    pub(super) range: [f64; 8],
-    pub(super) intensity: [f64; 8],
-    pub(super) power: [f64; 8],
 }
 
 /// Per row: factors of columns that are computed for all rows at once.

@@ -16,20 +16,6 @@ use super::weather::{AIR, Reported};
 use crate::arith::simd::{Floats, Isa};
 use crate::memory::resize;
 
-/// The echoes of surfaces of eight pulses, one each at most.
-pub(super) struct EightEchoes<F> {
-    /// A bit for each pulse without an echo.
-    pub(super) missed: u32,
-    /// The range of the true hit, and that of the echo.
-    pub(super) truth: F,
-    pub(super) range: F,
-    pub(super) intensity: F,
-    pub(super) power: F,
-    /// Of the incidence at the true hit.
-    pub(super) cosine: F,
-    pub(super) squared_sine: F,
-}
-
 impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
     pub(super) fn measure_single_rays<I: Isa>(
@@ -55,8 +41,7 @@ impl<C: Caster> Scan<'_, C> {
         resize(&mut scratch.rows.squared_sine, whole, 0.0);
         resize(&mut scratch.rows.cosine, whole, 0.0);
         for part in 0..whole / 8 {
-            let echoes = self.echoes_of_eight_rays::<I>(part, scratch);
-            self.measure_eight::<I>(pulses.clone(), part, echoes, None, scratch, rows);
+            self.measure_eight::<I>(pulses.clone(), part, scratch, rows);
         }
         if !rows.true_direction.is_empty() {
             let batch = self.frame.pulses(pulses, &scratch.indices);
@@ -75,61 +60,36 @@ impl<C: Caster> Scan<'_, C> {
         }
     }
 
-    /// The echoes of eight pulses of one ray each: their light.
     #[inline(always)]
-    fn echoes_of_eight_rays<I: Isa>(&self, part: usize, scratch: &Scratch) -> EightEchoes<I::F64x8> {
-        let EightLights { range, cosine, squared_sine, mut intensity } =
-            self.eight_lights::<I>(part, scratch);
-        let mut missed = 0;
-        for (k, object) in scratch.hits.object.as_chunks::<8>().0[part].iter().enumerate() {
-            missed |= (*object as u32 >> 31) << k;
-        }
-        if self.measurement.effects.attenuates() {
-            let mut transmission = [1.0; 8];
-            self.measurement.effects.attenuate(&range.store(), &mut transmission);
-            intensity = intensity.mul(I::F64x8::load(&transmission));
-        }
-        EightEchoes {
-            missed,
-            truth: range,
-            range,
-            intensity,
-            power: intensity.div(range.mul(range)),
-            cosine,
-            squared_sine,
-        }
-    }
-
-    /// Measures eight pulses of one echo each at most, those from 8·part on. `axes`: with a beam, the rays of
-    /// the true hits; then no echo may give way to others than those of surfaces.
-    #[inline(always)]
-    pub(super) fn measure_eight<I: Isa>(
+    fn measure_eight<I: Isa>(
         &self,
         pulses: Range<usize>,
         part: usize,
-        given: EightEchoes<I::F64x8>,
-        axes: Option<[usize; 8]>,
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        let EightEchoes { mut missed, truth, range, intensity, power, cosine, squared_sine, .. } = given;
+        let EightLights { range: truth, cosine, squared_sine, intensity } =
+            self.eight_lights::<I>(part, scratch);
         let Scratch { hits, indices, draws, rows: row_scratch, .. } = scratch;
-        let (mut object_id, primitive) = match axes {
-            None => (hits.object.as_chunks().0[part], hits.primitive.as_chunks().0[part]),
-            Some(axes) => {
-                let (mut object, mut primitive) = ([0; 8], [0; 8]);
-                for (k, axis) in axes.into_iter().enumerate() {
-                    (object[k], primitive[k]) = (hits.object[axis], hits.primitive[axis]);
-                }
-                (object, primitive)
-            }
-        };
-        let mut echoes = Echoes::new(part, 0, range, intensity, power, missed);
+        let mut object_id = hits.object.as_chunks::<8>().0[part];
+        let primitive = hits.primitive.as_chunks::<8>().0[part];
+        let mut missed = 0;
+        for (k, object) in object_id.iter().enumerate() {
+            missed |= (*object as u32 >> 31) << k;
+        }
+        let mut intensity = intensity;
+        if self.measurement.effects.attenuates() {
+            let mut transmission = [1.0; 8];
+            self.measurement.effects.attenuate(&truth.store(), &mut transmission);
+            intensity = intensity.mul(I::F64x8::load(&transmission));
+        }
+        let power = intensity.div(truth.mul(truth));
+        let mut echoes = Echoes::new(part, 0, truth, intensity, power, missed);
         let batch = self.frame.pulses(pulses, indices);
         self.measurement.effects.apply(&batch, draws, &mut echoes);
 
         let nan = I::F64x8::splat(f64::NAN);
-        let mut reported = Reported { truth, ..echoes.report() };
+        let mut reported = echoes.report();
         if self.measurement.effects.has_weather() {
             let surface = I::pick(missed, I::F64x8::splat(f64::INFINITY), truth);
             self.add_weather::<I>(part, &batch, draws, surface, &mut reported);
@@ -181,20 +141,10 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
+        let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
         let mut normal = [[0.0; 3]; 8];
-        match axes {
-            None => {
-                let parts: &[[f64; 8]; 3] = &hits.normal.as_chunks().0.as_chunks().0[part];
-                for (eight, given) in normal.as_flattened_mut().as_chunks_mut().0.iter_mut().zip(parts) {
-                    *eight = rounded(given);
-                }
-            }
-            Some(axes) => {
-                for (normal, axis) in normal.iter_mut().zip(axes) {
-                    *normal = rounded(&hits.normal.as_chunks().0[axis]);
-                }
-            }
-        }
+        let parts = parts.map(|part| part.map(|x| x as f32));
+        normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
         let mut status = [Status::Hit as u8; 8];
         if echoes.kept != 0xff || (falsely | aerial) != 0 {
             status = echoes.statuses();
@@ -207,49 +157,29 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        let (mut source, mut path) = (Entries::UNUSED.source, Entries::UNUSED.path);
-        let mut count = [0; 8];
-        for k in 0..8 {
-            if falsely & 1 << k != 0 {
-                source[k] = Source::FalseReturn as u8;
-            } else if aerial & 1 << k != 0 {
-                source[k] = Source::Atmosphere as u8;
-            } else if object_id[k] >= 0 {
-                source[k] = Source::Surface as u8;
-            }
-            if object_id[k] >= 0 {
-                path[k] = 0;
-            }
-            count[k] = u8::from(status[k] == Status::Hit as u8);
-        }
         rows.write(
             part,
             Entries {
                 range: range.store(),
                 true_range: I::pick(untrue, nan, truth).store(),
                 range_error: range_error.store(),
-                intensity: rounded(&intensity.store()),
+                intensity: intensity.store().map(|x| x as f32),
                 normal,
                 object_id,
                 instance,
                 label,
-                source,
-                path,
+                source: std::array::from_fn(|k| match (falsely & 1 << k, aerial & 1 << k, object_id[k]) {
+                    (0, 0, 0..) => Source::Surface as u8,
+                    (0, 0, _) => Entries::<1>::UNUSED.source[0],
+                    (0, ..) => Source::Atmosphere as u8,
+                    _ => Source::FalseReturn as u8,
+                }),
+                path: object_id.map(|object| if object < 0 { Entries::<1>::UNUSED.path[0] } else { 0 }),
             },
         );
         write(rows.status, part, status);
-        write(rows.return_count, part, count);
+        write(rows.return_count, part, status.map(|status| u8::from(status == Status::Hit as u8)));
         row_scratch.squared_sine.as_chunks_mut().0[part] = I::pick(missed, nan, squared_sine).store();
         row_scratch.cosine.as_chunks_mut().0[part] = I::pick(missed, nan, cosine).store();
     }
-}
-
-/// To float32. A closure would not be compiled for the instruction set.
-#[inline(always)]
-fn rounded<const N: usize>(numbers: &[f64; N]) -> [f32; N] {
-    let mut rounded = [0.0; N];
-    for k in 0..N {
-        rounded[k] = numbers[k] as f32;
-    }
-    rounded
 }

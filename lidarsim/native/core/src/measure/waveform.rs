@@ -59,8 +59,8 @@ impl Waveform {
     ) {
         let Waveform { lights, .. } = self;
         echoes.clear();
-        if scratch.has_only_echo(pulse) {
-            echoes.extend(scratch.only_echo(beam, pulse));
+        if let Some(echo) = scratch.only_echo(beam, pulse) {
+            echoes.push(echo);
             return;
         }
         lights.clear();
@@ -195,8 +195,36 @@ impl Scratch {
         range * range * (leftward * leftward + upward * upward)
     }
 
+    /// The echo of a pulse whose sub-rays all end at one object, within an extent of 2σ: as `merge` has it.
+    #[inline(always)]
+    fn only_echo(&self, beam: &Beam, pulse: usize) -> Option<Echo> {
+        let first = pulse * beam.len();
+        let rays = first..first + beam.len();
+        let (objects, ranges) = (&self.hits.object[rays.clone()], &self.light.range[rays.clone()]);
+        if !self.ways.is_empty() || objects[0] < 0 || objects.iter().any(|object| *object != objects[0]) {
+            return None;
+        }
+        let (least, most) =
+            ranges.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), range| (a.min(*range), b.max(*range)));
+        if !(most - least <= 2.0 * beam.pulse_sigma) {
+            return None;
+        }
+        let (received, powers) = (&self.light.received[rays.clone()], &self.light.power[rays]);
+        let shares = beam.shares();
+        let power = shares.iter().zip(powers).map(|(share, power)| share * power).sum();
+        let moment = shares
+            .iter()
+            .zip(powers)
+            .zip(ranges)
+            .map(|((share, power), range)| share * power * (range - ranges[0]))
+            .sum();
+        let intensity = shares.iter().zip(received).map(|(share, intensity)| share * intensity).sum();
+        let main = Light { ray: first, range: ranges[0], intensity, power, clear_power: f64::NAN };
+        Some(Echo { range: main.range + mean(moment, power), ..Echo::of(main) })
+    }
+
     /// The echo of one light or more.
-    pub(super) fn merge(&self, lights: &[Light]) -> Echo {
+    fn merge(&self, lights: &[Light]) -> Echo {
         let object = |light: &Light| self.hits.object[light.ray];
         let share = |of: i32| lights.iter().filter(|l| object(l) == of).map(|l| l.power).sum::<f64>();
         let main = *lights.iter().fold(&lights[0], |best, light| {
@@ -226,6 +254,7 @@ fn mean(moment: f64, power: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::numbers;
 
     /// Ranges of the peaks that are told apart, of one light each.
     fn told_apart(separation: f64, lights: &[(f64, f64)]) -> Vec<f64> {
@@ -236,6 +265,55 @@ mod tests {
         }
         waveform.tell_apart(separation);
         waveform.told_apart.iter().map(|peak| peak.range).collect()
+    }
+
+    /// A pulse of seven sub-rays, after one that hits nothing.
+    fn seven(beam: &Beam, ranges: [f64; 7], powers: [f64; 7]) -> Scratch {
+        let mut scratch = Scratch::default();
+        scratch.hits.resize(14);
+        scratch.hits.object[7..].fill(3);
+        let both = |values: [f64; 7]| [[f64::NAN; 7], values].concat();
+        scratch.light.range = both(ranges);
+        scratch.light.power = both(powers);
+        scratch.light.received = both(std::array::from_fn(|k| powers[k] * ranges[k] * ranges[k]));
+        scratch.light.intensity = scratch.light.received.clone();
+        assert_eq!(beam.len(), 7);
+        scratch
+    }
+
+    #[test]
+    fn the_only_echo_is_what_its_lights_merge_to() {
+        let mut number = numbers();
+        let beam = Beam::new([3e-3; 2], 7, 0.75);
+        let parts = |echo: Echo| {
+            (
+                echo.ray,
+                [echo.true_range, echo.range, echo.intensity, echo.power].map(f64::to_bits),
+                echo.measured,
+            )
+        };
+        for k in 0..400 {
+            let mut draw = || [0; 7].map(|_: u8| number());
+            let ranges = draw().map(|x| 20.0 + 2.0 * beam.pulse_sigma * x);
+            // Black surfaces, and distance zero, have no mean.
+            let powers = if k % 4 == 0 { [[0.0; 7], [f64::INFINITY; 7]][k / 4 % 2] } else { draw() };
+            let mut scratch = seven(&beam, ranges, powers);
+            let lights: Vec<Light> = beam
+                .sub_rays(1)
+                .filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dimmed(share)))
+                .collect();
+            assert_eq!(lights.len(), 7);
+            let echo = scratch.only_echo(&beam, 1).expect("one surface");
+            assert_eq!(parts(echo), parts(scratch.merge(&lights)), "{ranges:?} {powers:?}");
+            assert!(scratch.only_echo(&beam, 0).is_none(), "nothing is hit");
+            for object in [-1, 4] {
+                scratch.hits.object[7 + k % 7] = object;
+                assert!(scratch.only_echo(&beam, 1).is_none());
+                scratch.hits.object[7 + k % 7] = 3;
+            }
+            scratch.light.range[7 + k % 7] += 4.1 * beam.pulse_sigma;
+            assert!(scratch.only_echo(&beam, 1).is_none(), "it may have two peaks");
+        }
     }
 
     #[test]
