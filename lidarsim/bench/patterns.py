@@ -48,7 +48,7 @@ def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) ->
     -------
     dict of str to callable
         By the name of the preset and the step: ``pulses``, ``cast`` or ``scan``. Each call takes the next frame,
-        since a processor learns the branches of rays that are cast again; ``cast`` has the rays of `FRAMES` frames.
+        since a processor learns the branches of rays that are cast again; ``cast`` repeats after `FRAMES` frames.
     """
     pose = np.eye(4)
     pose[:3, 3] = place

@@ -52,7 +52,7 @@ def test_casters_find_what_is_there(
             assert error.max_ulp <= 0.5
         else:
             assert error.lost + error.invented + (error.other or 0) <= 4
-            # Half of the ranges are off by at most 32 roundings of a coordinate; all are below 64 m.
+            # Half of the ranges are off by at most 32 roundings of a coordinate; all coordinates are below 64 m.
             rounding = np.finfo(np.float64 if name in DOUBLE else np.float32).eps / 2.0
             assert error.median_mm < 1e3 * 32.0 * 64.0 * rounding
         cast += 1

@@ -107,6 +107,17 @@ QUARTER = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])  
 SHIFT = np.array([[1, 0, 0, 0.1], [0, 1, 0, 5e5], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])
 
 
+def judged_alone(spec, o, d):
+    """Assert that the exact oracle and casts of one ray agree with a cast; return the verdict and the hits."""
+    mesh = spec.build()
+    hits = mesh.cast(o, d)
+    verdict = judge_cast(spec, o, d, hits.t, primitives=hits.primitive_id)
+    assert verdict.wrong == 0, verdict.first
+    alone = np.concatenate([mesh.cast(o[i : i + 1], d[i : i + 1]).t for i in range(len(o))])
+    np.testing.assert_array_equal(alone, hits.t)
+    return verdict, hits
+
+
 @pytest.mark.parametrize("matrix", [np.eye(4), QUARTER, SHIFT], ids=["as-given", "turned", "shifted"])
 def test_rays_in_the_planes_of_a_mesh_meet_what_stands_on_them(matrix, instruction_sets, monkeypatch):
     # 12 × 12 squares and their walls fill several levels of a hierarchy, most of whose boxes are flat
@@ -120,13 +131,8 @@ def test_rays_in_the_planes_of_a_mesh_meet_what_stands_on_them(matrix, instructi
     o, d = origins @ matrix[:3, :3].T + matrix[:3, 3], directions @ matrix[:3, :3].T
     for isa in instruction_sets:
         monkeypatch.setenv("LIDARSIM_ISA", isa)
-        mesh = spec.build()
-        hits = mesh.cast(o, d)
-        verdict = judge_cast(spec, o, d, hits.t, primitives=hits.primitive_id)
-        assert verdict.wrong == 0, verdict.first
+        _, hits = judged_alone(spec, o, d)
         assert 60 <= hits.hit.sum() <= 240, "rays that hit walls, and rays that miss"
-        alone = np.concatenate([mesh.cast(o[i : i + 1], d[i : i + 1]).t for i in range(len(o))])
-        np.testing.assert_array_equal(alone, hits.t)
 
 
 def test_rays_in_the_planes_of_a_moving_mesh():
@@ -185,14 +191,9 @@ def test_rays_that_graze_the_planes_of_a_mesh(place, instruction_sets, monkeypat
     o, d = origins @ matrix[:3, :3].T + matrix[:3, 3], directions @ matrix[:3, :3].T
     for isa in instruction_sets:
         monkeypatch.setenv("LIDARSIM_ISA", isa)
-        mesh = spec.build()
-        hits = mesh.cast(o, d)
-        verdict = judge_cast(spec, o, d, hits.t, primitives=hits.primitive_id)
-        assert verdict.wrong == 0, verdict.first
+        verdict, hits = judged_alone(spec, o, d)
         assert verdict.rounded == verdict.values, "not the exact value correctly rounded"
         assert 100 < hits.hit.sum() < 250
-        alone = np.concatenate([mesh.cast(o[i : i + 1], d[i : i + 1]).t for i in range(len(o))])
-        np.testing.assert_array_equal(alone, hits.t)
 
 
 @pytest.mark.parametrize("place", PLACED)

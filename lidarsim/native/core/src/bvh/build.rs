@@ -212,8 +212,8 @@ pub fn find_flat(nodes: &mut [Node], leaf: impl Fn(usize) -> ContainingPlanes) -
     of_hierarchy
 }
 
-/// The plane of most flat leaves, if more than half of them share one, or else that of some (R. Boyer, J.
-/// Moore, MJRTY, 1981).
+/// The plane of more than half of the flat leaves if there is one, otherwise the plane of some of them
+/// (R. Boyer, J. Moore, MJRTY, 1981).
 #[derive(Clone, Copy)]
 struct Majority {
     plane: f64,

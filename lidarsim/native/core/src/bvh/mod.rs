@@ -43,8 +43,8 @@ pub struct Frame {
     pub center: Point,
     /// How far the boxes reach from the centre along each axis; infinity if there are none.
     reach: [f32; 3],
-    /// By axis, the coordinate of a plane that contains leaves, NaN if there is none: the plane of most
-    /// leaves that lie in one, if most of them share it.
+    /// By axis, the coordinate of a plane that contains leaves, or NaN: the plane of most flat leaves, if
+    /// most of them lie in one plane.
     pub planes: [f64; 3],
 }
 

@@ -154,7 +154,7 @@ impl Packet {
     }
 
     /// The rays that may cross the plane of the hierarchy within child i of a node, by the slab test with the
-    /// t of that plane. Few rays do, so it is kept out of the loop over children.
+    /// t of that plane. Few rays graze a plane, so this code stays out of the loop over children.
     #[cold]
     #[inline(never)]
     fn cross_within(&self, crossing: Mask, node: &Node, i: usize) -> Mask {
