@@ -127,7 +127,7 @@ impl<C: Caster> Scan<'_, C> {
         let mut echoes = Echoes::<f64, 1>::new(pulse, number, echo.range, echo.intensity, echo.power, 0);
         self.measurement.effects.apply(batch, draws, &mut echoes);
         (echo.intensity, echo.power) = (echoes.intensity, echoes.power);
-        let [status] = echoes.statuses();
+        let [status, ..] = echoes.statuses();
         echo.measured = match Status::ALL[usize::from(status)] {
             Status::Hit => Ok(echoes.reported()),
             lost => Err(lost),

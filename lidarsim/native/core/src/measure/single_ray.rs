@@ -11,9 +11,8 @@ use super::light::EightLights;
 use super::scan::Scan;
 use super::scratch::Scratch;
 use super::source::Source;
-use super::status::Status;
 use super::weather::{AIR, Reported};
-use crate::arith::simd::{Floats, Isa};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::memory::resize;
 
 impl<C: Caster> Scan<'_, C> {
@@ -73,10 +72,8 @@ impl<C: Caster> Scan<'_, C> {
         let Scratch { hits, indices, draws, rows: row_scratch, .. } = scratch;
         let mut object_id = hits.object.as_chunks::<8>().0[part];
         let primitive = hits.primitive.as_chunks::<8>().0[part];
-        let mut missed = 0;
-        for (k, object) in object_id.iter().enumerate() {
-            missed |= (*object as u32 >> 31) << k;
-        }
+        let t: I::F64x8 = lanes::load(&hits.t, part);
+        let mut missed = !t.lt(I::F64x8::splat(f64::INFINITY)) & 0xff;
         let mut intensity = intensity;
         if self.measurement.effects.attenuates() {
             let mut transmission = [1.0; 8];
@@ -145,18 +142,19 @@ impl<C: Caster> Scan<'_, C> {
         let mut normal = [[0.0; 3]; 8];
         let parts = parts.map(|part| part.map(|x| x as f32));
         normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
-        let mut status = [Status::Hit as u8; 8];
-        if echoes.kept != 0xff || (falsely | aerial) != 0 {
-            status = echoes.statuses();
-            for k in 0..8 {
-                if (falsely | aerial) & 1 << k != 0 {
-                    status[k] = Status::Hit as u8;
-                }
+        if missed != 0 {
+            for (k, normal) in normal.iter_mut().enumerate() {
                 if missed & 1 << k != 0 {
-                    normal[k] = Entries::<1>::UNUSED.normal[0];
+                    *normal = Entries::<1>::UNUSED.normal[0];
                 }
             }
         }
+        let kept = echoes.kept | falsely | aerial;
+        let status = u64::from_le_bytes(echoes.statuses()) & !lanes::bytes(falsely | aerial, u8::MAX);
+        let source = lanes::bytes(missed & !(falsely | aerial), Entries::<1>::UNUSED.source[0])
+            | lanes::bytes(!missed & 0xff, Source::Surface as u8)
+            | lanes::bytes(aerial, Source::Atmosphere as u8)
+            | lanes::bytes(falsely, Source::FalseReturn as u8);
         rows.write(
             part,
             Entries {
@@ -168,17 +166,12 @@ impl<C: Caster> Scan<'_, C> {
                 object_id,
                 instance,
                 label,
-                source: std::array::from_fn(|k| match (falsely & 1 << k, aerial & 1 << k, object_id[k]) {
-                    (0, 0, 0..) => Source::Surface as u8,
-                    (0, 0, _) => Entries::<1>::UNUSED.source[0],
-                    (0, ..) => Source::Atmosphere as u8,
-                    _ => Source::FalseReturn as u8,
-                }),
-                path: object_id.map(|object| if object < 0 { Entries::<1>::UNUSED.path[0] } else { 0 }),
+                source: source.to_le_bytes(),
+                path: lanes::bytes(missed, Entries::<1>::UNUSED.path[0]).to_le_bytes(),
             },
         );
-        write(rows.status, part, status);
-        write(rows.return_count, part, status.map(|status| u8::from(status == Status::Hit as u8)));
+        write(rows.status, part, status.to_le_bytes());
+        write(rows.return_count, part, lanes::bytes(kept, 1).to_le_bytes());
         row_scratch.squared_sine.as_chunks_mut().0[part] = I::pick(missed, nan, squared_sine).store();
         row_scratch.cosine.as_chunks_mut().0[part] = I::pick(missed, nan, cosine).store();
     }

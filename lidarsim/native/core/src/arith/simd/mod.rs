@@ -254,6 +254,14 @@ pub fn dispatch<T: Task>(level: Level, task: T) -> T::Output {
 pub mod lanes {
     use super::Floats;
 
+    /// A byte for each of eight lanes, the first in the lowest: `value` in those of a mask, 0 in others.
+    #[inline(always)]
+    pub const fn bytes(mask: u32, value: u8) -> u64 {
+        // Byte k keeps bit k of the mask; adding 127 carries it to bit 7.
+        let bits = (mask as u64 * 0x0101_0101_0101_0101) & 0x8040_2010_0804_0201;
+        ((bits + 0x7f7f_7f7f_7f7f_7f7f) >> 7 & 0x0101_0101_0101_0101) * value as u64
+    }
+
     #[inline(always)]
     pub fn splat<F: Floats<f64, N>, const N: usize>(v: [f64; 3]) -> [F; 3] {
         [F::splat(v[0]), F::splat(v[1]), F::splat(v[2])]
@@ -343,6 +351,16 @@ pub mod lanes {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bytes_tell_the_lanes_of_a_mask() {
+        for mask in 0..256 {
+            for value in [0, 1, 5, u8::MAX] {
+                let expected = std::array::from_fn(|k| if mask >> k & 1 != 0 { value } else { 0 });
+                assert_eq!(lanes::bytes(mask, value).to_le_bytes(), expected, "{mask}");
+            }
+        }
+    }
 
     struct Fractions<'a>(&'a [u64; 8]);
 

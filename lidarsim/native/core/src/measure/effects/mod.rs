@@ -27,7 +27,7 @@ use std::ops::Range;
 use super::parameters::Parameters;
 use super::rng::{EffectId, Stream};
 use super::status::Status;
-use crate::arith::simd::Floats;
+use crate::arith::simd::{Floats, lanes};
 use crate::geometry::vector::Point;
 
 pub(super) use air::FIRST_NUMBER;
@@ -367,16 +367,12 @@ impl<F: Floats<f64, N>, const N: usize> Echoes<F, N> {
 
     /// The status of each pulse.
     #[inline(always)]
-    pub(super) fn statuses(&self) -> [u8; N] {
-        let mut statuses = [Status::Hit as u8; N];
-        if self.kept != (1 << N) - 1 {
-            for (status, lost) in (0..).zip(self.lost) {
-                for lane in 0..N {
-                    statuses[lane] |= status * (lost >> lane & 1) as u8;
-                }
-            }
+    pub(super) fn statuses(&self) -> [u8; 8] {
+        let mut statuses = 0;
+        for (status, lost) in (0..).zip(self.lost) {
+            statuses |= lanes::bytes(lost, status);
         }
-        statuses
+        statuses.to_le_bytes()
     }
 
     /// The numbers of these pulses in the batch.
