@@ -149,8 +149,8 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        let kept = echoes.kept | falsely | aerial;
-        let status = u64::from_le_bytes(echoes.statuses()) & !lanes::bytes(falsely | aerial, u8::MAX);
+        let returned = kept | falsely;
+        let status = u64::from_le_bytes(echoes.statuses()) & !lanes::bytes(returned, u8::MAX);
         let source = lanes::bytes(missed & !(falsely | aerial), Entries::<1>::UNUSED.source[0])
             | lanes::bytes(!missed & 0xff, Source::Surface as u8)
             | lanes::bytes(aerial, Source::Atmosphere as u8)
@@ -171,7 +171,7 @@ impl<C: Caster> Scan<'_, C> {
             },
         );
         write(rows.status, part, status.to_le_bytes());
-        write(rows.return_count, part, lanes::bytes(kept, 1).to_le_bytes());
+        write(rows.return_count, part, lanes::bytes(returned, 1).to_le_bytes());
         row_scratch.squared_sine.as_chunks_mut().0[part] = I::pick(missed, nan, squared_sine).store();
         row_scratch.cosine.as_chunks_mut().0[part] = I::pick(missed, nan, cosine).store();
     }

@@ -256,10 +256,10 @@ pub mod lanes {
 
     /// A byte for each of eight lanes, the first in the lowest: `value` in those of a mask, 0 in others.
     #[inline(always)]
-    pub const fn bytes(mask: u32, value: u8) -> u64 {
+    pub fn bytes(mask: u32, value: u8) -> u64 {
         // Byte k keeps bit k of the mask; adding 127 carries it to bit 7.
-        let bits = (mask as u64 * 0x0101_0101_0101_0101) & 0x8040_2010_0804_0201;
-        ((bits + 0x7f7f_7f7f_7f7f_7f7f) >> 7 & 0x0101_0101_0101_0101) * value as u64
+        let bits = (u64::from(mask) * 0x0101_0101_0101_0101) & 0x8040_2010_0804_0201;
+        ((bits + 0x7f7f_7f7f_7f7f_7f7f) >> 7 & 0x0101_0101_0101_0101) * u64::from(value)
     }
 
     #[inline(always)]
