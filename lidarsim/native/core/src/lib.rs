@@ -24,6 +24,7 @@ pub use arith::simd::{Level, OnPortable};
 pub use arith::simd::{OnAvx2, OnAvx512};
 pub use cast::{Arrays, Columns, HitRows, NO_THING, Occlusion, cast_all};
 pub use geometry::affine::Affine;
+pub use geometry::origins::Origins;
 pub use geometry::pose::{Cubic, LARGEST, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
 pub use kernels::Kernels;

@@ -1,10 +1,9 @@
 //! Point clouds: one call takes the arrays of a scan to those of a cloud.
 
 use lidarsim_core::measure::{
-    Coordinates, Copied, Each, Field, Numbers, Origins, PointSource, PointsAndNormals, ReturnCounts,
-    WritePoints,
+    Coordinates, Copied, Each, Field, Numbers, PointSource, PointsAndNormals, ReturnCounts, WritePoints,
 };
-use lidarsim_core::{Path, Point, memory};
+use lidarsim_core::{Origins, Path, Point, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    BadPulse, Beyond, Fault, Frame, Layout, Measurement, Origins, Parameters, Scan, ScanColumns, Value,
+    BadPulse, Beyond, Fault, Frame, Layout, Measurement, Parameters, Scan, ScanColumns, Value,
 };
-use lidarsim_core::{Path, Point, World, memory, span};
+use lidarsim_core::{Origins, Path, Point, World, memory, span};
 use numpy::ndarray::ArrayD;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayMethods, PyReadonlyArray1,

@@ -259,7 +259,7 @@ impl PyScene {
             (range, &ignored),
             bytes,
             |RayCast { world, rays, range, .. }| {
-                let n = rays.origins.len() * most;
+                let n = rays.directions.len() * most;
                 let (mut t, mut object, mut primitive, mut normal) = (vec![], vec![], vec![], vec![]);
                 memory::resize(&mut t, n, f64::INFINITY);
                 memory::resize(&mut object, n, -1);

@@ -2,6 +2,7 @@
 
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{Floats, Isa, lanes};
+use crate::geometry::origins::Origins;
 use crate::geometry::vector::Point;
 
 /// Rays of a subpacket: one instruction tests them against a box.
@@ -97,14 +98,14 @@ impl RayPacket {
     #[inline(always)]
     pub fn gather<I: Isa>(
         &mut self,
-        origins: &[Point],
+        origins: Origins,
         directions: &[Point],
         order: &[u32],
         one_origin: bool,
     ) {
         (self.count, self.has_offsets) = (0, false);
         let Some(&first) = order.first() else { return };
-        let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(LARGEST));
+        let (first_origin, huge) = (origins.of(first as usize), I::F64x8::splat(LARGEST));
         let (mut fit, mut together): (Mask, Mask) = (0, 0);
         let mut signs: [Mask; 3] = [0; 3];
         self.parallel = [0; 3];
@@ -115,7 +116,10 @@ impl RayPacket {
                 None => padded(&order[8 * eight..], first),
             };
             self.at.as_chunks_mut().0[eight] = at;
-            let o = if one_origin { lanes::splat(first_origin) } else { columns::<I>(origins, &at) };
+            let o = match origins {
+                Origins::Each(origins) if !one_origin => columns::<I>(origins, &at),
+                _ => lanes::splat(first_origin),
+            };
             let d = columns::<I>(directions, &at);
             let mut within = 0xff;
             let mut at_one = 0xff;
@@ -471,7 +475,7 @@ mod tests {
 
         #[inline(always)]
         fn run<I: Isa>(self) {
-            self.rays.gather::<I>(self.origins, self.directions, self.order, self.one_origin);
+            self.rays.gather::<I>(Origins::Each(self.origins), self.directions, self.order, self.one_origin);
         }
     }
 

@@ -156,7 +156,7 @@ pub fn cast_all(world: &World, rays: Rays, range: TRange, rows: HitRows) {
         for row in 0..t.len() / most {
             let i = piece * PIECE + row;
             let time = rays.times.get(i).copied().unwrap_or(0.0);
-            query.ray = TimedRay { origin: rays.origins[i], direction: rays.directions[i], time };
+            query.ray = TimedRay { origin: rays.origins.of(i), direction: rays.directions[i], time };
             query.limit = range.max;
             query.run(world, &mut stack);
             query.prune();

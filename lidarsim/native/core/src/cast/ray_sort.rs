@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use crate::arith::simd::{Floats, Isa, Task, lanes};
 use crate::bvh::LANES;
+use crate::geometry::origins::Origins;
 use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 use crate::memory;
@@ -74,7 +75,7 @@ struct LastSorted {
 
 struct Advance<'a> {
     ray_sort: &'a mut RaySort,
-    origins: &'a [Point],
+    origins: Origins<'a>,
     directions: &'a [Point],
 }
 
@@ -114,23 +115,24 @@ impl RaySort {
     /// Takes the next group of rays, if any, sorted by octant, by the cell of the origin if origins differ,
     /// and by direction along a Morton curve, so that tiles of directions stay together.
     #[inline(always)]
-    pub fn advance<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
+    pub fn advance<I: Isa>(&mut self, origins: Origins, directions: &[Point]) -> bool {
         I::call(Advance { ray_sort: self, origins, directions })
     }
 
     #[inline(always)]
-    fn sort_next<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
+    fn sort_next<I: Isa>(&mut self, origins: Origins, directions: &[Point]) -> bool {
         let group = self.start..directions.len().min(self.start + self.group);
         if group.is_empty() {
             return false;
         }
         (self.start, self.count) = (group.end, group.len());
+        let origins = origins.part(group.clone()).each();
         if self.bundle > 1 {
-            self.sort_bundles::<I>(&origins[group.clone()], &directions[group.clone()], group.start);
+            self.sort_bundles::<I>(origins, &directions[group.clone()], group.start);
             return true;
         }
-        self.has_one_origin = are_equal(&origins[group.clone()]);
-        let together = self.group == NEAR && self.is_together::<I>(&origins[group.clone()]);
+        self.has_one_origin = are_equal(origins);
+        let together = self.group == NEAR && self.is_together::<I>(origins);
         if together && self.takes_over::<I>(directions, group.clone()) {
             return true;
         }
@@ -144,7 +146,7 @@ impl RaySort {
         let width = if together { WIDTH } else { 1.0 };
         self.direction_keys(low, high, width);
         if self.group != NEAR {
-            self.add_cells::<I>(&origins[group.clone()]);
+            self.add_cells::<I>(origins);
             self.radix_sort::<1>(group.start);
         } else if together {
             self.find_near::<RUN>(low, high, width, 2.0);
@@ -265,7 +267,7 @@ impl RaySort {
         &self.order[..self.count]
     }
 
-    /// Whether all rays of the group have one origin, to the bit; not checked for scattered rays.
+    /// Whether all rays of the group have one origin, to the bit.
     #[inline(always)]
     pub fn has_one_origin(&self) -> bool {
         self.has_one_origin
@@ -587,10 +589,10 @@ fn extent<I: Isa>(points: &[Point]) -> (Point, f64) {
     (low, size)
 }
 
-/// Whether points are equal to the bit.
+/// Whether points are equal to the bit, or none.
 #[inline(always)]
 fn are_equal(points: &[Point]) -> bool {
-    let first = points[0].map(f64::to_bits);
+    let Some(first) = points.first().map(|point| point.map(f64::to_bits)) else { return true };
     if points[points.len() - 1].map(f64::to_bits) != first {
         return false;
     }
@@ -656,7 +658,7 @@ mod tests {
             let mut order = RaySort::default();
             // Some earlier use.
             order.restart(&Rays::new(&[], &[[1.0, 0.0, 0.0]; 2], &[]), (1, 1.0));
-            assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
+            assert!(order.advance::<I>(Origins::One([0.0; 3]), &[[1.0, 0.0, 0.0]; 2]));
             order.restart(&rays, (2, size));
             while order.advance::<I>(rays.origins, rays.directions) {
                 groups.push(order.sorted().to_vec());
@@ -899,7 +901,7 @@ mod tests {
             let mut order = RaySort::default();
             std::array::from_fn(|k| {
                 order.restart(&Rays::new(&[], pieces[k], &[]), (worlds[k], 100.0));
-                assert!(order.advance::<I>(&vec![[0.0; 3]; pieces[k].len()], pieces[k]));
+                assert!(order.advance::<I>(Origins::One([0.0; 3]), pieces[k]));
                 order.sorted().to_vec()
             })
         }

@@ -3,6 +3,7 @@
 pub mod affine;
 pub mod axis_plane;
 pub mod dop;
+pub mod origins;
 pub mod point;
 pub mod pose;
 pub mod ray;

@@ -44,6 +44,9 @@ impl<C: Caster> Scan<'_, C> {
                 push(&mut ways.front, Surface { at: at as u32, way, met, solid: None });
             }
         }
+        if !ways.front.is_empty() {
+            scratch.rays.separate_origins();
+        }
         for _ in 1..beyond.depth {
             if ways.front.is_empty() {
                 break;

@@ -31,10 +31,10 @@ macro_rules! scan_columns {
                 source: u8 = u8::MAX, tells_sources, copied;
                 /// How many surfaces the light passed, or was mirrored by, before this one.
                 path: u8 = u8::MAX, goes_on, copied;
-            }
-            of_rays {
                 /// Angle between ray and normal, rad.
                 incidence: f32 = f32::NAN, always, copied;
+            }
+            of_rays {
                 /// Direction of the light, in the sensor frame.
                 true_direction: [f64; 3] = [f64::NAN; 3], strays, own;
                 /// Where mirrored light comes from, in the sensor frame, m.

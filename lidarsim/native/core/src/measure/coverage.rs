@@ -4,9 +4,9 @@
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-use super::origins::Origins;
 use crate::arith::simd::{Isa, Task};
 use crate::cast::{Cast, HitArrays, MeetThings, NO_THING, pieces};
+use crate::geometry::origins::Origins;
 use crate::geometry::pose::Path;
 use crate::geometry::vector::Point;
 use crate::scene::{Rays, TRange, World};

@@ -10,6 +10,7 @@ use super::frame::{BadPulse, Frame};
 use super::scan::Scan;
 use super::scratch::{RayArrays, Scratch};
 use crate::arith::simd::{self, Floats, Isa};
+use crate::geometry::origins::Origins;
 use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
 use crate::memory::resize;
@@ -42,7 +43,6 @@ impl<C: Caster> Scan<'_, C> {
         measurement.effects.draw(&batch, draws);
         let directions = measurement.effects.directions(&batch, draws);
         let count = pulses.len() * measurement.rays();
-        resize(&mut rays.origins, count, [0.0; 3]);
         resize(&mut rays.directions, count, [0.0; 3]);
         velocities.object = None;
         let legal = self.aim_all::<I>(pulses.clone(), directions, rays, &mut velocities.origins);
@@ -57,7 +57,7 @@ impl<C: Caster> Scan<'_, C> {
         }
         hits.resize(count);
         let rays = Rays {
-            origins: &rays.origins,
+            origins: rays.origins(),
             directions: &rays.directions,
             times: &rays.times,
             bundle: self.measurement.rays(),
@@ -79,11 +79,21 @@ impl<C: Caster> Scan<'_, C> {
     ) -> bool {
         let (frame, mut legal) = (self.frame, true);
         velocities.clear();
+        if let (Path::Still(pose), Origins::One(origin)) = (frame.path, frame.origins) {
+            legal &= is_finite(origin);
+            resize(&mut rays.origins, 1, [0.0; 3]);
+            rays.origins[0] = pose.place(origin);
+        } else {
+            resize(&mut rays.origins, rays.directions.len(), [0.0; 3]);
+        }
         if let Path::Still(pose) = frame.path {
             let poses = Pose::splat(pose);
             for first in pulses.clone().step_by(8) {
-                let eight = first..pulses.end.min(first + 8);
-                legal &= self.aim::<I>(eight, first - pulses.start, directions, &poses, rays);
+                let (eight, at) = (first..pulses.end.min(first + 8), first - pulses.start);
+                if let Origins::Each(_) = frame.origins {
+                    legal &= self.place::<I>(eight.clone(), at, &poses, &mut rays.origins);
+                }
+                legal &= self.aim::<I>(eight, at, directions, &poses, &mut rays.directions);
             }
             return legal;
         }
@@ -97,7 +107,8 @@ impl<C: Caster> Scan<'_, C> {
             if then != times {
                 (times, motions) = (then, frame.path.motions::<I>(&then));
             }
-            legal &= self.aim::<I>(eight.clone(), at, directions, &motions.pose, rays);
+            legal &= self.place::<I>(eight.clone(), at, &motions.pose, &mut rays.origins);
+            legal &= self.aim::<I>(eight.clone(), at, directions, &motions.pose, &mut rays.directions);
             if let Some(places) = velocities.as_flattened_mut()[3 * at..].first_chunk_mut() {
                 let velocity = motions.load::<I::F64x8>().velocity_of(frame.origins.of_eight::<I>(first));
                 simd::store_points::<I>(velocity, places);
@@ -110,7 +121,37 @@ impl<C: Caster> Scan<'_, C> {
         legal
     }
 
-    /// Aims up to eight pulses from their poses, the first of which is number `first` of the batch.
+    /// Places the origins of up to eight pulses by their poses, the first of which is number `first` of the
+    /// batch. False if one is not finite.
+    #[inline(always)]
+    fn place<I: Isa>(
+        &self,
+        pulses: Range<usize>,
+        first: usize,
+        poses: &Pose<[f64; 8]>,
+        placed: &mut [Point],
+    ) -> bool {
+        let (origins, rays) = (&self.frame.origins, self.measurement.rays());
+        let placed = &mut placed[first * rays..];
+        if rays == 1
+            && pulses.len() == 8
+            && let Some(placed) = placed.as_flattened_mut().first_chunk_mut()
+        {
+            let origins = origins.of_eight::<I>(pulses.start);
+            simd::store_points::<I>(poses.load::<I::F64x8>().place(origins), placed);
+            return is_finite(origins);
+        }
+        let mut legal = true;
+        for (k, (pulse, placed)) in pulses.zip(placed.chunks_exact_mut(rays)).enumerate() {
+            let origin = origins.of(pulse);
+            legal &= is_finite(origin);
+            placed.fill(poses.lane(k).place(origin));
+        }
+        legal
+    }
+
+    /// Aims up to eight pulses, as `place`; `aimed` are the directions of the rays of the batch. False if a
+    /// direction is not a unit vector.
     #[inline(always)]
     fn aim<I: Isa>(
         &self,
@@ -118,44 +159,38 @@ impl<C: Caster> Scan<'_, C> {
         first: usize,
         directions: &[Point],
         poses: &Pose<[f64; 8]>,
-        rays: &mut RayArrays,
+        aimed: &mut [Point],
     ) -> bool {
-        let (origins, nominal) = (&self.frame.origins, &self.frame.directions[pulses.clone()]);
+        let nominal = &self.frame.directions[pulses.clone()];
         let directions = &directions[first..first + pulses.len()];
-        let first = first * self.measurement.rays();
-        let (ray_origins, ray_directions) = (&mut rays.origins[first..], &mut rays.directions[first..]);
+        let aimed = &mut aimed[first * self.measurement.rays()..];
         if self.measurement.beam.is_none()
             && let (Some(nominal), Some(directions)) = (nominal.first_chunk(), directions.first_chunk())
-            && let Some(ray_origins) = ray_origins.as_flattened_mut().first_chunk_mut()
-            && let Some(ray_directions) = ray_directions.as_flattened_mut().first_chunk_mut()
+            && let Some(aimed) = aimed.as_flattened_mut().first_chunk_mut()
         {
             let (pose, nominal) = (poses.load::<I::F64x8>(), simd::load_points::<I>(nominal));
-            let origins = origins.of_eight::<I>(pulses.start);
-            simd::store_points::<I>(pose.place(origins), ray_origins);
             let jitters = self.measurement.effects.turns();
             let directions = if jitters { simd::load_points::<I>(directions) } else { nominal };
-            simd::store_points::<I>(pose.turn(directions), ray_directions);
-            return is_finite(origins) & is_unit(nominal);
+            simd::store_points::<I>(pose.turn(directions), aimed);
+            return is_unit(nominal);
         }
         let mut legal = true;
-        for (k, (pulse, direction)) in pulses.zip(directions).enumerate() {
-            let (origin, pose) = (origins.of(pulse), poses.lane(k));
-            legal &= is_finite(origin) & is_unit(nominal[k]);
+        for (k, direction) in directions.iter().enumerate() {
+            let pose = poses.lane(k);
+            legal &= is_unit(nominal[k]);
             let Some(beam) = &self.measurement.beam else {
-                (ray_origins[k], ray_directions[k]) = (pose.place(origin), pose.turn(*direction));
+                aimed[k] = pose.turn(*direction);
                 continue;
             };
-            let first = k * beam.len();
-            ray_origins[first..first + beam.len()].fill(pose.place(origin));
             let (axis, pose) = (Axis::of(*direction), Pose::<I::F64x8>::splat(&pose));
-            for (start, [left, up, length]) in (first..).step_by(8).zip(beam.eights()) {
+            for (start, [left, up, length]) in (k * beam.len()..).step_by(8).zip(beam.eights()) {
                 let offset = [I::F64x8::load(left), I::F64x8::load(up), I::F64x8::load(length)];
                 let beside = pose.turn(axis.beside(offset));
                 // The next pulse overwrites what is too much, and after the last there is no room for it.
-                if let Some(places) = ray_directions[start..].first_chunk_mut() {
+                if let Some(places) = aimed[start..].first_chunk_mut() {
                     simd::store_points::<I>(beside, flat(places));
                 } else {
-                    let (mut points, places) = ([[0.0; 3]; 8], &mut ray_directions[start..]);
+                    let (mut points, places) = ([[0.0; 3]; 8], &mut aimed[start..]);
                     simd::store_points::<I>(beside, flat(&mut points));
                     places.copy_from_slice(&points[..places.len()]);
                 }

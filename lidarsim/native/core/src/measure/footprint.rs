@@ -12,9 +12,9 @@ use super::scratch::Scratch;
 use super::source::Source;
 use super::status::Status;
 use super::waveform::Waveform;
+use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::simd::Isa;
 use crate::geometry::point::{cross, dot};
-use crate::memory::resize;
 
 impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
@@ -24,10 +24,7 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        let most = self.measurement.most_returns();
         self.keep_light::<I>(scratch);
-        resize(&mut scratch.rows.squared_sine, pulses.len() * most, 0.0);
-        resize(&mut scratch.rows.cosine, pulses.len() * most, 0.0);
         self.measure_pulses::<I>(pulses, |_, _| true, scratch, rows);
     }
 
@@ -140,6 +137,8 @@ impl<C: Caster> Scan<'_, C> {
         let (hit, direction) = (&scratch.hits.at(echo.ray), scratch.rays.directions[echo.ray]);
         let [instance, label] = self.instance_and_label(hit.object, hit.primitive);
         let range = echo.measured.unwrap_or(f64::NAN);
+        let (cross, cosine) = (cross(hit.normal, direction), scratch.light.cosine[echo.ray]);
+        let incidence = first_quadrant_angle(dot(cross, cross).sqrt(), cosine);
         rows.write(
             row,
             Entries {
@@ -153,13 +152,11 @@ impl<C: Caster> Scan<'_, C> {
                 label: [label],
                 source: [echo.source as u8],
                 path: [scratch.ways.way(echo.ray).map_or(0, |way| way.path)],
+                incidence: [incidence as f32],
             },
         );
-        let cross = cross(hit.normal, direction);
-        (scratch.rows.squared_sine[row], scratch.rows.cosine[row]) =
-            (dot(cross, cross), scratch.light.cosine[echo.ray]);
-        if row < scratch.rows.range_rate.len() {
-            scratch.rows.range_rate[row] = self.range_rate(pulse, echo.ray, scratch);
+        if row < scratch.range_rate.len() {
+            scratch.range_rate[row] = self.range_rate(pulse, echo.ray, scratch);
         }
     }
 
@@ -202,8 +199,7 @@ fn report_nothing(row: usize, entries: Entries<1>, scratch: &mut Scratch, rows: 
     if let Some(entry) = rows.mirrored_point.get_mut(row) {
         entry.write(unused::mirrored_point);
     }
-    (scratch.rows.squared_sine[row], scratch.rows.cosine[row]) = (f64::NAN, f64::NAN);
-    if let Some(range_rate) = scratch.rows.range_rate.get_mut(row) {
+    if let Some(range_rate) = scratch.range_rate.get_mut(row) {
         *range_rate = [f64::NAN; 2];
     }
 }

@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::direction::{is_finite, is_unit};
-use super::origins::Origins;
 use super::rng::Stream;
+use crate::geometry::origins::Origins;
 use crate::geometry::pose::Path;
 use crate::geometry::vector::Point;
 

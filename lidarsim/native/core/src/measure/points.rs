@@ -2,9 +2,9 @@
 
 use std::mem::MaybeUninit;
 
-use super::origins::Origins;
 use super::returns::{Field, Piece, Writer};
 use crate::arith::simd::{self, Floats, Isa, Task, lanes};
+use crate::geometry::origins::Origins;
 use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
 use crate::memory::split_off;
@@ -45,10 +45,7 @@ impl PointSource<'_> {
         pulses: &[usize; 8],
     ) -> [I::F64x8; 3] {
         let direction = I::columns(pulses.map(|pulse| &self.directions[pulse]));
-        let origin = match &self.origins {
-            Origins::One(origin) => lanes::splat(*origin),
-            Origins::Each(origins) => I::columns(pulses.map(|pulse| &origins[pulse])),
-        };
+        let origin = self.origins.of_these::<I>(pulses);
         let range = I::F64x8::load(&rows.map(|row| self.range[row]));
         let local = lanes::add(origin, lanes::scaled(direction, range));
         match &self.coordinates {

@@ -6,7 +6,7 @@ use super::scratch::{RayArrays, Scratch, Velocities};
 use crate::geometry::point::{dot, sub};
 use crate::geometry::pose::Path;
 use crate::geometry::vector::Point;
-use crate::scene::Hit;
+use crate::scene::{Hit, TimedRay};
 
 impl<C: Caster> Scan<'_, C> {
     /// The products of the direction of a ray of a pulse with the relative velocity of what it hits, and with
@@ -76,7 +76,7 @@ fn velocity_on(
     rays: &RayArrays,
     velocities: &mut Velocities,
 ) -> Point {
-    let (origin, direction) = (rays.origins[ray], rays.directions[ray]);
+    let TimedRay { origin, direction, .. } = rays.at(ray);
     let point = std::array::from_fn(|k| origin[k] + hit.t * direction[k]);
     let key = (hit.object, time);
     let motion = match &mut velocities.object {

@@ -10,9 +10,8 @@ use super::columns::Rows;
 use super::direction::reciprocal_length;
 use super::frame::{BadPulse, Frame};
 use super::measurement::Measurement;
-use super::scratch::{RowScratch, Scratch};
+use super::scratch::Scratch;
 use super::ways::Beyond;
-use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::simd::{Isa, Task};
 use crate::cast::pieces;
 use crate::memory::resize;
@@ -122,18 +121,13 @@ impl<C: Caster> Scan<'_, C> {
         rows: &mut Rows,
     ) -> Result<(), BadPulse> {
         self.illuminate::<I>(pulses.clone(), scratch)?;
-        resize(&mut scratch.rows.range_rate, rows.radial_velocity.len(), [0.0; 2]);
+        resize(&mut scratch.range_rate, rows.radial_velocity.len(), [0.0; 2]);
         if self.measurement.beam.is_none() && self.measurement.most_returns() == 1 {
             self.measure_single_rays::<I>(pulses, scratch, rows);
         } else {
             self.measure_footprints::<I>(pulses, scratch, rows);
         }
-        let RowScratch { squared_sine, cosine, range_rate } = &scratch.rows;
-        for (angle, (squared_sine, cosine)) in rows.incidence.iter_mut().zip(squared_sine.iter().zip(cosine))
-        {
-            angle.write(first_quadrant_angle(squared_sine.sqrt(), *cosine) as f32);
-        }
-        for (velocity, [along, squared_length]) in rows.radial_velocity.iter_mut().zip(range_rate) {
+        for (velocity, [along, squared_length]) in rows.radial_velocity.iter_mut().zip(&scratch.range_rate) {
             velocity.write((along * reciprocal_length(*squared_length)) as f32);
         }
         Ok(())

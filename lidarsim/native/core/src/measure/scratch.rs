@@ -3,8 +3,10 @@
 use super::effects::Draws;
 use super::ways::Ways;
 use crate::cast::HitArrays;
+use crate::geometry::origins::Origins;
 use crate::geometry::pose::Motion;
 use crate::geometry::vector::Point;
+use crate::memory::resize;
 use crate::scene::TimedRay;
 
 /// What a batch of pulses needs. With a beam, a pulse has several rays, which follow one another.
@@ -19,7 +21,9 @@ pub(super) struct Scratch {
     /// Whether all surfaces that were hit are Lambert's.
     pub(super) is_lambert: bool,
     pub(super) light: LightArrays,
-    pub(super) rows: RowScratch,
+    /// Per row: the products of the ray's direction with the relative velocity of the surface, and with
+    /// itself. Empty if nothing moves.
+    pub(super) range_rate: Vec<[f64; 2]>,
     pub(super) velocities: Velocities,
     /// Per pulse: its number in the whole frame.
     pub(super) indices: Vec<u64>,
@@ -29,6 +33,7 @@ pub(super) struct Scratch {
 /// Rays in the world.
 #[derive(Default)]
 pub(super) struct RayArrays {
+    /// One for each ray, or one for all.
     pub(super) origins: Vec<Point>,
     pub(super) directions: Vec<Point>,
     /// Empty if no surface moves.
@@ -37,9 +42,24 @@ pub(super) struct RayArrays {
 
 impl RayArrays {
     #[inline(always)]
+    pub(super) fn origins(&self) -> Origins<'_> {
+        match self.origins[..] {
+            [origin] => Origins::One(origin),
+            _ => Origins::Each(&self.origins),
+        }
+    }
+
+    /// Makes room for rays that start elsewhere than these.
+    pub(super) fn separate_origins(&mut self) {
+        if let [origin] = self.origins[..] {
+            resize(&mut self.origins, self.directions.len(), origin);
+        }
+    }
+
+    #[inline(always)]
     pub(super) fn at(&self, ray: usize) -> TimedRay {
         let time = *self.times.get(ray).unwrap_or(&0.0);
-        TimedRay { origin: self.origins[ray], direction: self.directions[ray], time }
+        TimedRay { origin: self.origins().of(ray), direction: self.directions[ray], time }
     }
 }
 
@@ -56,17 +76,6 @@ pub(super) struct LightArrays {
     /// What the atmosphere leaves of the intensity, and the power of that.
     pub(super) received: Vec<f64>,
     pub(super) power: Vec<f64>,
-}
-
-/// Per row: factors of columns that are computed for all rows at once.
-#[derive(Default)]
-pub(super) struct RowScratch {
-    /// Squared sine and cosine of the incidence.
-    pub(super) squared_sine: Vec<f64>,
-    pub(super) cosine: Vec<f64>,
-    /// The products of the ray's direction with the relative velocity of the surface, and with itself. Empty
-    /// if nothing moves.
-    pub(super) range_rate: Vec<[f64; 2]>,
 }
 
 /// Velocities in the world.

@@ -6,14 +6,14 @@ use std::ops::Range;
 use super::appearance::Labels;
 use super::caster::Caster;
 use super::columns::{Entries, Rows, unused, write};
-use super::effects::Echoes;
+use super::effects::{Echoes, Pulses};
 use super::light::EightLights;
 use super::scan::Scan;
 use super::scratch::Scratch;
 use super::source::Source;
 use super::weather::{AIR, Reported};
+use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::simd::{Floats, Isa, lanes};
-use crate::memory::resize;
 
 impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
@@ -36,14 +36,12 @@ impl<C: Caster> Scan<'_, C> {
 
     #[inline(always)]
     fn measure_first_surfaces<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch, rows: &mut Rows) {
-        let whole = pulses.len().next_multiple_of(8);
-        resize(&mut scratch.rows.squared_sine, whole, 0.0);
-        resize(&mut scratch.rows.cosine, whole, 0.0);
-        for part in 0..whole / 8 {
-            self.measure_eight::<I>(pulses.clone(), part, scratch, rows);
+        let indices = std::mem::take(&mut scratch.indices);
+        let batch = self.frame.pulses(pulses.clone(), &indices);
+        for part in 0..pulses.len().div_ceil(8) {
+            self.measure_eight::<I>(&batch, part, scratch, rows);
         }
         if !rows.true_direction.is_empty() {
-            let batch = self.frame.pulses(pulses, &scratch.indices);
             let directions = self.measurement.effects.directions(&batch, &scratch.draws);
             let hits = scratch.hits.object.iter().zip(directions);
             for (entry, (object, direction)) in rows.true_direction.iter_mut().zip(hits) {
@@ -53,23 +51,18 @@ impl<C: Caster> Scan<'_, C> {
         for entry in &mut *rows.mirrored_point {
             entry.write(unused::mirrored_point);
         }
-        for i in 0..scratch.rows.range_rate.len() {
+        for i in 0..scratch.range_rate.len() {
             let is_hit = scratch.hits.object[i] >= 0;
-            scratch.rows.range_rate[i] = if is_hit { self.range_rate(i, i, scratch) } else { [f64::NAN; 2] };
+            scratch.range_rate[i] = if is_hit { self.range_rate(i, i, scratch) } else { [f64::NAN; 2] };
         }
+        scratch.indices = indices;
     }
 
     #[inline(always)]
-    fn measure_eight<I: Isa>(
-        &self,
-        pulses: Range<usize>,
-        part: usize,
-        scratch: &mut Scratch,
-        rows: &mut Rows,
-    ) {
+    fn measure_eight<I: Isa>(&self, batch: &Pulses, part: usize, scratch: &mut Scratch, rows: &mut Rows) {
         let EightLights { range: truth, cosine, squared_sine, intensity } =
             self.eight_lights::<I>(part, scratch);
-        let Scratch { hits, indices, draws, rows: row_scratch, .. } = scratch;
+        let Scratch { hits, draws, .. } = scratch;
         let mut object_id = hits.object.as_chunks::<8>().0[part];
         let primitive = hits.primitive.as_chunks::<8>().0[part];
         let t: I::F64x8 = lanes::load(&hits.t, part);
@@ -82,20 +75,19 @@ impl<C: Caster> Scan<'_, C> {
         }
         let power = intensity.div(truth.mul(truth));
         let mut echoes = Echoes::new(part, 0, truth, intensity, power, missed);
-        let batch = self.frame.pulses(pulses, indices);
-        self.measurement.effects.apply(&batch, draws, &mut echoes);
+        self.measurement.effects.apply(batch, draws, &mut echoes);
 
         let nan = I::F64x8::splat(f64::NAN);
         let mut reported = echoes.report();
         if self.measurement.effects.has_weather() {
             let surface = I::pick(missed, I::F64x8::splat(f64::INFINITY), truth);
-            self.add_weather::<I>(part, &batch, draws, surface, &mut reported);
+            self.add_weather::<I>(part, batch, draws, surface, &mut reported);
         }
         let Reported { kept, mut aerial, truth, .. } = reported;
         let mut range = I::pick(kept, reported.range, nan);
         let mut intensity = I::pick(kept, reported.intensity, nan);
         let (mut range_error, mut falsely) = (range.sub(truth), 0);
-        if let Some(others) = self.measurement.effects.false_returns(part, &batch, draws) {
+        if let Some(others) = self.measurement.effects.false_returns(part, batch, draws) {
             let preferred = self.measurement.returns.prefer_false(others.reported(), truth);
             falsely = others.kept & (preferred | !kept);
             range = I::pick(falsely, others.reported(), range);
@@ -149,6 +141,11 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
+        let (sines, cosines) = (squared_sine.sqrt().store(), I::pick(missed, nan, cosine).store());
+        let mut incidence = [0.0; 8];
+        for k in 0..8 {
+            incidence[k] = first_quadrant_angle(sines[k], cosines[k]) as f32;
+        }
         let returned = kept | falsely;
         let status = u64::from_le_bytes(echoes.statuses()) & !lanes::bytes(returned, u8::MAX);
         let source = lanes::bytes(missed & !(falsely | aerial), Entries::<1>::UNUSED.source[0])
@@ -168,11 +165,10 @@ impl<C: Caster> Scan<'_, C> {
                 label,
                 source: source.to_le_bytes(),
                 path: lanes::bytes(missed, Entries::<1>::UNUSED.path[0]).to_le_bytes(),
+                incidence,
             },
         );
         write(rows.status, part, status.to_le_bytes());
         write(rows.return_count, part, lanes::bytes(returned, 1).to_le_bytes());
-        row_scratch.squared_sine.as_chunks_mut().0[part] = I::pick(missed, nan, squared_sine).store();
-        row_scratch.cosine.as_chunks_mut().0[part] = I::pick(missed, nan, cosine).store();
     }
 }

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::geometry::origins::Origins;
 use crate::geometry::vector::Point;
 
 /// A world ray at a time.
@@ -16,7 +17,7 @@ pub struct TimedRay {
 /// World rays.
 #[derive(Clone, Copy)]
 pub struct Rays<'a> {
-    pub origins: &'a [Point],
+    pub origins: Origins<'a>,
     pub directions: &'a [Point],
     /// May be empty if nothing moves.
     pub times: &'a [f64],
@@ -27,13 +28,14 @@ pub struct Rays<'a> {
 
 impl<'a> Rays<'a> {
     pub fn new(origins: &'a [Point], directions: &'a [Point], times: &'a [f64]) -> Self {
-        Rays { origins, directions, times, bundle: 1 }
+        Rays { origins: Origins::Each(origins), directions, times, bundle: 1 }
     }
 
     /// Some of the rays: whole bundles.
     pub fn part(self, rays: Range<usize>) -> Self {
         let times = if self.times.is_empty() { self.times } else { &self.times[rays.clone()] };
-        Rays { origins: &self.origins[rays.clone()], directions: &self.directions[rays], times, ..self }
+        let (origins, directions) = (self.origins.part(rays.clone()), &self.directions[rays]);
+        Rays { origins, directions, times, ..self }
     }
 }
 
