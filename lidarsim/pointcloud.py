@@ -103,7 +103,8 @@ class PointCloud(Pickled, Plotted):
     label : ndarray of uint32, shape (n,)
         Label of that object, or of the face that was hit.
     source : ndarray of uint8, shape (n,)
-        The `Source` of the point: a surface, or none; only of sensors with false returns.
+        `Source` of the point: a surface, the atmosphere, or none; only of scans with false returns or in air that has
+        echoes.
     path : ndarray of uint8, shape (n,)
         How many surfaces the light passed, or was mirrored by, before this one; only of sensors with a `depth` > 1.
     normal : ndarray of float32, shape (n, 3)

@@ -442,8 +442,10 @@ def preset_path(name: str) -> Path:
         raise ArgumentTypeError("preset", "the name of a sensor", shown(name))
     known = Lidar.presets()
     if name not in known:
-        near = [preset for preset in known if name.lower() in preset][:3] if name else []
-        near = near or difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+        bare = {preset.replace("-", ""): preset for preset in known}
+        asked = "".join(filter(str.isalnum, name.lower()))
+        near = [preset for text, preset in bare.items() if asked in text][:3] if asked else []
+        near = near or [bare[text] for text in difflib.get_close_matches(asked, bare, n=3, cutoff=0.4)]
         hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
         raise ArgumentValueError("preset", "the name of a sensor", repr(name), hint)
     return PRESETS / f"{name}.yaml"

@@ -17,6 +17,7 @@ from lidarsim._shown import plain
 from lidarsim._validation import Floats, array, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
+from lidarsim.scan import Source
 from lidarsim.viewers import _classes as classes
 from lidarsim.viewers._classes import class_color
 
@@ -128,7 +129,10 @@ UNITS = {
 }
 FEW = 12
 """Greatest number of values of an integer field that are listed instead of shown as a scale."""
-CATEGORIES = {"label", "object_id", "instance", "sensor", "return_number", "return_count"}
+CATEGORIES = {"label", "object_id", "instance", "sensor", "return_number", "return_count", "source"}
+SOURCES = {source.value: source.name.replace("_", " ") for source in Source}
+UNLABELLED = "#909090"
+"""Colour of label 0, which echoes of the air have, too, where other labels have names and it has none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -302,7 +306,8 @@ def coloring(
         categories = {*map(int, np.unique(values)), *known.others.get(color_by, ())}
         if categories:
             objects = known.objects if color_by == "label" else {}
-            return _categorical(color_by, categories, known.names.get(color_by, {}), objects, style.theme)
+            names = SOURCES if color_by == "source" else known.names.get(color_by, {})
+            return _categorical(color_by, categories, names, objects, style.theme)
     if values.dtype == np.bool_ and len(values):
         return _categorical(color_by, {0, 1}, {0: "false", 1: "true"}, {}, style.theme)
     diverges = "error" in color_by or "velocity" in color_by
@@ -359,6 +364,8 @@ def _categorical(
         own, other = names.get(value, "").strip(), objects.get(value, "").strip()
         found[value] = plain(own or other or value, most=NAME)
         color = class_color(own, value) if own else class_color(other)
+        if name == "label" and value == 0 and not (own or other) and {**names, **objects}:
+            found[value], color = "unlabelled", UNLABELLED
         table.append(legible(color or QUALITATIVE[value % len(QUALITATIVE)], theme.background))
     span = (float(min(found, default=0)), float(max(found, default=0)))
     return Coloring(name, span, span, table, found)

@@ -120,6 +120,26 @@ def test_classes_have_names_and_those_of_surfaces_are_among_them() -> None:
     assert colors.table == [QUALITATIVE[7], "#6496f5", QUALITATIVE[40], QUALITATIVE[81]]  # a car of SemanticKITTI
 
 
+def test_points_without_a_label_look_like_none_of_the_classes_with_names() -> None:
+    points = cloud(label=[0, 81, 0, 40])
+    named = coloring([points], "label", Known({"label": {81: "traffic sign"}}))
+    assert list(named.names.values()) == ["unlabelled", "40", "traffic sign"]
+    shown = np.array([list(bytes.fromhex(color[1:])) for color in (named.table[0], *MEANINGS)], np.uint8)
+    places = oklab(shown)
+    assert len(MEANINGS) > 10
+    assert np.linalg.norm(places[1:] - places[0], axis=-1).min() > 4 * 0.02
+    # Without names, and where label 0 has one, it is a label as any other.
+    assert coloring([points], "label").table[0] == QUALITATIVE[0]
+    assert coloring([points], "label", Known({"label": {0: "car"}})).names[0] == "car"
+    assert coloring([cloud(instance=[0, 1, 2, 3])], "instance").names[0] == "0"
+
+
+def test_sources_have_their_names() -> None:
+    points = cloud(source=np.array([0, 1, 2, 1], np.uint8))
+    assert coloring([points], "source").names == {0: "surface", 1: "atmosphere", 2: "false return"}
+    assert len(np.unique(rgb_of(points, "source"), axis=0)) == 3
+
+
 def test_frames_share_their_colours() -> None:
     first, second = cloud(range=[0.0, 1, 2, 3], label=[1, 1, 1, 1]), cloud(range=[6.0, 7, 8, 9], label=[2, 2, 2, 9])
     assert coloring([first, second], "range").limits == (0.0, 9.0)
