@@ -204,8 +204,16 @@ def beam_angle(name: str, value: object) -> float:
         raise ArgumentValueError(name, error.expected, error.got, _meant(value, WIDEST_BEAM, "mrad?")) from None
 
 
+def share(name: str, value: object) -> float:
+    """Return a number > 0 and <= 1 as a float; the error for a greater one suggests percent."""
+    try:
+        return real(name, value, above=0.0, at_most=1.0)
+    except ArgumentValueError as error:
+        raise ArgumentValueError(name, error.expected, error.got, _meant(value, 1.0, "percent?")) from None
+
+
 def _meant(value: Any, at_most: float, unit: str) -> str:
-    """Return the hint that a finite number beyond `at_most` rad may be in another unit."""
+    """Return the hint that a finite number beyond `at_most` may be in another unit."""
     try:
         return unit if at_most < abs(float(value)) < math.inf else ""
     except OverflowError:

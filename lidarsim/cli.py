@@ -349,7 +349,9 @@ def _part(text: str | None) -> tuple[int, int]:
 
 @app.command()
 def stream(
-    config: Configuration,
+    config: Annotated[
+        Path, typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: ahead.", parser=_path)
+    ],
     *,
     to: Annotated[
         str,
@@ -473,6 +475,8 @@ def view(
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
         _stream(run, rrd or (viewer or Viewer.RERUN).value, names, color_by=color_by, surfaces=surfaces)
         return
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
     viewer = viewer or Viewer.PYVISTA
     saves = _checked_saves({"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}, viewer)
     looks: dict[str, Any] = {

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Immutable
-from lidarsim._validation import angle, array, beam_angle, integer, real
+from lidarsim._validation import angle, array, beam_angle, integer, real, share
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = ["Beam", "Detection", "Measurement"]
@@ -51,7 +51,7 @@ class Detection(Immutable):
     Parameters
     ----------
     reflectivity : float
-        ρ, > 0; 0.1 for 10 %.
+        ρ, > 0 and <= 1; 0.1 for 10 %.
     range : float
         r, m, > 0.
 
@@ -77,7 +77,7 @@ class Detection(Immutable):
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        object.__setattr__(self, "reflectivity", real("reflectivity", self.reflectivity, above=0.0))
+        object.__setattr__(self, "reflectivity", share("reflectivity", self.reflectivity))
         object.__setattr__(self, "range", real("range", self.range, above=0.0))
 
 

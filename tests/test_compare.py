@@ -540,7 +540,7 @@ def test_a_sensor_whose_rings_do_not_turn_tells_no_columns() -> None:
     lidar = ls.Lidar.preset("livox-mid40")
     cloud = lidar.scan(scene()).point_cloud()
     assert ls.compare(cloud, cloud)["range noise"].why == (
-        "the real clouds have columns that are no even steps of azimuth"
+        "the real clouds have columns that are no even steps of azimuth, as if points were not in the sensor frame"
     )
     comparison = ls.compare(*[ls.PointCloud(xyz=cloud.xyz, ring=cloud.ring)] * 2, sensor=lidar)
     assert comparison["range noise"].why == (

@@ -54,7 +54,12 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         "dropout: expected a finite number from 0 to 1, got 5.0",
     ),
     "reflectivity in percent of detection": (
-        lambda: ls.Detection(10, -150),
+        lambda: ls.Detection(10, 150),
+        ValueError,
+        "reflectivity: expected a finite number > 0 and <= 1, got 10.0; percent?",
+    ),
+    "negative range of detection": (
+        lambda: ls.Detection(0.1, -150),
         ValueError,
         "range: expected a finite number > 0, got -150.0",
     ),

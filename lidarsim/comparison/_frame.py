@@ -330,7 +330,9 @@ class _Angles:
         start = azimuth - step * np.arange(width)
         phase = np.array([circular_mean(row[np.isfinite(row)]) for row in start])
         if _median(np.abs(_wrapped(start - phase[:, None]))) > UNEVEN:
-            raise NoImageError("have columns that are no even steps of azimuth")
+            raise NoImageError(
+                "have columns that are no even steps of azimuth, as if points were not in the sensor frame"
+            )
         mean = circular_mean(phase[np.isfinite(phase)])
         height = np.array([_median(row) for row in elevation])
         return cls(height, np.nan_to_num(_wrapped(phase - mean)), mean, step, _wrapped(start - mean))

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import pydantic
 import yaml
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Model)
 
 # These keys choose what a document includes, so they are overridden first, and all others once it is complete.
+ALTERNATIVES = {"columns": "column_period_us", "column_period_us": "columns"}
+"""Keys of a pattern that tell the same: a change to one takes the place of the other."""
 CHOICES = re.compile(r"rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(preset|file|mode|noise)|scene(\.file)?")
 
 Change = tuple[list[str], Node]
@@ -67,8 +69,22 @@ def whole(root: Node, changes: Iterable[Change] = ()) -> Node:
             later.append((path, value))
     root = _include(root)
     for path, value in later:
-        root = replace(root, path, value)
+        root = replace(_without_alternative(root, path), path, value)
     return root
+
+
+def _without_alternative(root: Node, path: Sequence[str]) -> Node:
+    """Return `root` without the key of a pattern that the key at `path` stands in for."""
+    *above, key = path
+    if above[-1:] != ["pattern"] or key not in ALTERNATIVES:
+        return root
+    pattern: Node | None = root
+    for name in above:
+        found = entries(pattern)
+        pattern = found[name][1] if name in found else None
+    if ALTERNATIVES[key] not in entries(pattern):
+        return root
+    return replace(root, above, without(cast("Node", pattern), ALTERNATIVES[key]))
 
 
 def built(root: Node, loaded: Loaded | None = None) -> Run:
@@ -214,7 +230,12 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
         raise place.error("expected one of the keys preset, file, pattern, got none of them")
     with place.refusals({"mode": ("mode", ""), "noise": ("noise", "")}):
         base = _variant(base, mode, noise)
-    return base if difference is None else merge(base, difference)
+    if difference is None:
+        return base
+    changed = entries(difference)
+    for key in entries(changed["pattern"][1]) if "pattern" in changed else ():
+        base = _without_alternative(base, ["pattern", key])
+    return merge(base, difference)
 
 
 def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:

@@ -331,7 +331,8 @@ def test_range_offset_is_a_number_or_a_list() -> None:
         ("range_sigma_m: -1", "range_sigma_m: expected a finite number >= 0, got -1.0"),
         ("range_sigma_m: [[2, 1], [1, 1]]", "range_sigma_m: expected rising ranges, got 1.0 after 2.0 in row 1"),
         ("detection: {range_m: 5}", "detection: missing key 'reflectivity'"),
-        ("detection: {reflectivity: 0, range_m: 5}", "detection.reflectivity: expected a finite number > 0, got 0.0"),
+        ("detection: {reflectivity: 20, range_m: 5}",
+         "detection.reflectivity: expected a finite number > 0 and <= 1, got 20.0; percent?"),
         ("beam: {divergence_azimuth_mrad: -1}",
          "beam.divergence_azimuth_mrad: expected a finite number from 0 to 0.1, got -0.001 (in rad)"),
         ("beam: {divergence_azimuth_mrad: 1, rays: 8}", "beam.rays: expected 7, 19, 37, 61 or 91, got 8"),
@@ -665,6 +666,24 @@ def test_a_preset_and_the_difference() -> None:
     assert run.lidar.pattern.columns == 512
     assert preset.pattern.columns == 1024  # what is read once is not changed by the other
     assert np.array_equal(run.lidar.pattern.elevations, preset.pattern.elevations)
+
+
+def test_columns_take_the_place_of_the_period_of_a_preset_and_the_other_way_round() -> None:
+    scene, preset = "\nscene: []", ls.Lidar.preset("velodyne-hdl64e-s2").pattern
+    assert preset.column_period is not None
+    sensor = "sensor: {preset: velodyne-hdl64e-s2"
+    for run in (
+        load(sensor + "}" + scene, "sensor.pattern.columns=900"),
+        load(sensor + ", pattern: {columns: 900}}" + scene),
+    ):
+        assert (run.lidar.pattern.columns, run.lidar.pattern.column_period) == (900, None)
+        assert np.array_equal(run.lidar.pattern.elevations, preset.elevations)
+    slow = load("sensor: {preset: ouster-os1-64}" + scene, "sensor.pattern.column_period_us=100").lidar.pattern
+    assert (slow.columns, slow.column_period, slow.shape[1]) == (None, 1e-4, 1000)
+    rig = load("rig: {top: {sensor: {preset: velodyne-vlp16}}}" + scene, "rig.top.sensor.pattern.columns=900")
+    assert rig.sensor["top"].lidar.pattern.columns == 900
+    with pytest.raises(ls.errors.ConfigError, match="columns, column_period: expected one of them"):
+        load(sensor + ", pattern: {columns: 900, column_period_us: 100}}" + scene)
 
 
 def test_modes_come_under_the_difference() -> None:
