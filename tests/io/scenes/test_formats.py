@@ -181,6 +181,30 @@ def test_collada_is_what_trimesh_reads(tmp_path: Path) -> None:
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=2.0**-24)  # it keeps float32
 
 
+def test_collada_ids_that_geometries_repeat_are_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "a.dae"
+    boxes = [
+        trimesh.creation.box(sides, trimesh.transformations.translation_matrix(sides))
+        for sides in [(1, 2, 3), (4, 5, 6)]
+    ]
+    path.write_bytes(trimesh.exchange.dae.export_collada(boxes))
+    assert path.read_text().count('id="verts-array"') == 2
+    scene = ls.Scene.from_file(path, up="z", unit=1)
+    assert len(scene) == 2
+    for item, box in zip(scene, boxes, strict=True):
+        np.testing.assert_array_equal(item.bounds, box.bounds)
+
+
+def test_collada_skins_that_repeat_ids_have_their_own_joints(tmp_path: Path) -> None:
+    skin = skinned("Name_array", "hip knee")
+    other = skin.replace('id="c"', 'id="d"').replace(">0.25 0.75<", ">0.75 0.25<")
+    nodes = SKIN_NODES.replace('url="#c"', 'url="#d"')
+    alone = dae(tmp_path, nodes, more=other)
+    (expected,) = ls.Scene.from_file(alone)
+    (item,) = ls.Scene.from_file(dae(tmp_path, nodes, more=skin + other))
+    np.testing.assert_array_equal(item.shape.vertices, expected.shape.vertices)  # type: ignore[attr-defined]
+
+
 COLORED = """<library_images><image id="i"><init_from>sub%20folder/i.png</init_from></image></library_images>
 <library_materials><material id="m1" name="Paint"><instance_effect url="#e"/></material></library_materials>
 <library_effects><effect id="e"><profile_COMMON>
