@@ -280,7 +280,7 @@ class TriangleMesh(Shape):
         ----------
         z : array_like, shape (rows, columns)
             Heights, m, at least two rows and two columns. ``z[i, j]`` stands at x = origin[0] + j·spacing, y =
-            origin[1] + i·spacing. NaN is a hole: no triangle touches that node.
+            origin[1] + i·spacing. NaN, or a masked entry of a masked array, is a hole: no triangle touches that node.
         spacing : float or array_like, shape (2,)
             Distance between columns (along x) and rows (along y), m, > 0.
         origin : array_like, shape (2,)
@@ -292,7 +292,7 @@ class TriangleMesh(Shape):
         -------
         TriangleMesh
             Two triangles a cell, cell after cell along the rows; normals point up. The vertices are the nodes that have
-            a height, row after row: ``z[~np.isnan(z)]``.
+            a height, row after row: ``z[~np.isnan(z)]`` if `z` is not masked.
 
         Raises
         ------
@@ -300,6 +300,8 @@ class TriangleMesh(Shape):
             If a height is infinite, no triangle is without NaN, the grid is too small, the spacing is not positive, or
             another number is not finite.
         """
+        if isinstance(z, np.ma.MaskedArray) and z.dtype.kind in "fiu":
+            z = np.where(np.ma.getmaskarray(z), np.nan, np.ma.getdata(z))
         heights = array("z", z, ("rows", "columns"), finite=False)
         rows, columns = heights.shape
         if rows < 2 or columns < 2:
