@@ -634,7 +634,8 @@ class Scene(Pickled, Plotted):
     def bounds(self) -> Floats:
         """Minimum and maximum corner of a box around all bounded objects, m: ndarray of float64, shape (2, 3).
 
-        The corners are nan if no object is bounded. A plane, for example, is unbounded.
+        Objects that move are where they are without their motion, placed by their `transform` alone. The corners are
+        nan if no object is bounded. A plane, for example, is unbounded.
         """
         boxes = [box for box in (item.bounds for item in self) if np.isfinite(box).all()]
         if not boxes:
