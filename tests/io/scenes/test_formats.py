@@ -567,6 +567,18 @@ def test_obj_textures(tmp_path: Path) -> None:
     assert second.material.texture_coordinates.tolist() == [[[0, 1], [1, 1], [1, 0.25]], [[0, 1], [1, 0.25], [0, 0]]]
 
 
+def test_textures_of_16_bits_are_read_to_the_nearest_of_8(tmp_path: Path) -> None:
+    grey = np.array([[0, 128, 129, 255], [256, 257 * 127, 257 * 128 + 128, 65535]])
+    PIL.Image.fromarray(grey.astype(np.uint16)).save(tmp_path / "a.png")
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd a.png\n", encoding="utf-8")
+    path = tmp_path / "a.obj"
+    path.write_text("mtllib a.mtl\nv 0 0 0\nv 4 0 0\nv 4 4 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n", encoding="utf-8")
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    assert isinstance(item.material.reflectivity, ls.Texture)
+    expected = decoded(np.array([[0, 0, 1, 1], [1, 127, 128, 255]]) / 255)
+    np.testing.assert_allclose(item.material.reflectivity.values, expected, rtol=2.0**-23)
+
+
 def test_wrong_material_libraries(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n", encoding="utf-8")
