@@ -104,6 +104,8 @@ class Closed:
         The models that it attaches.
     written : int
         Number of elements in all documents.
+    unseen : int
+        Number of links of a URDF that have visuals and no collision, of which MuJoCo keeps nothing.
     """
 
     main: Path
@@ -112,6 +114,7 @@ class Closed:
     names: dict[str, str] = field(default_factory=dict)
     models: dict[Path, Document] = field(default_factory=dict)
     written: int = 0
+    unseen: int = 0
 
     def new_name(self, original: str) -> str:
         """Return a name for a file in memory, with the suffix by which MuJoCo knows the format."""
@@ -257,11 +260,16 @@ class _Model:
         """Replace the names of the files of a URDF, of which MuJoCo reads meshes alone."""
         discards = self._settings.get("discardvisual", "true") == "true"
         within: list[str] = []
+        of_link: set[str] = set()
         for token in document.tokens:
             if isinstance(token, str):
-                within.pop()
+                if within.pop() == "link":
+                    self._files.unseen += discards and "visual" in of_link and "collision" not in of_link
                 continue
             within.append(token.tag)
+            if token.tag == "link":
+                of_link.clear()
+            of_link.add(token.tag)
             if token.tag != "mesh" or "filename" not in token.attributes:
                 continue
             name = token.attributes["filename"]
