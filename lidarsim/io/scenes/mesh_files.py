@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from lidarsim._files import beside, reading_as
 from lidarsim._validation import Floats
@@ -23,7 +22,7 @@ from lidarsim.materials import linear_light
 from lidarsim.shapes._polygons import check_faces
 from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh
 
-Chosen = npt.NDArray[np.bool_] | slice
+Chosen = Indices | slice
 Painter = Callable[[int, Indices, Chosen], Paint]
 """Returns the paint of a part, of which it gets the number, the vertices and which corners of all are its own."""
 
@@ -46,15 +45,18 @@ def _nodes(
     """
     check_faces(mesh.vertices, mesh.corners, mesh.sizes)
     found: dict[object, tuple[str, list[Part]]] = {}
-    alone = mesh.parts is None or len(mesh.names) < 2
-    for number in range(1 if alone else len(mesh.names)):
-        if alone or mesh.parts is None:
+    divided: list[tuple[Indices, Indices]] = []
+    if mesh.parts is not None and len(mesh.names) > 1:
+        count, owners = len(mesh.names), np.repeat(mesh.parts, mesh.sizes)
+        divided = list(zip(_by_part(mesh.parts, count), _by_part(owners, count), strict=True))
+    for number in range(len(divided) or 1):
+        if not divided:
             corners, sizes, used = mesh.corners, mesh.sizes, np.arange(len(mesh.vertices))
             chosen: Chosen = slice(None)
             called = next(filter(None, mesh.names), name)
         else:
-            sizes = mesh.sizes[mesh.parts == number]
-            chosen = np.repeat(mesh.parts == number, mesh.sizes)
+            faces, chosen = divided[number]
+            sizes = mesh.sizes[faces]
             used, corners = np.unique(mesh.corners[chosen], return_inverse=True)
             called = mesh.names[number] or name
         material = materials[number] if materials else ""
@@ -66,6 +68,12 @@ def _nodes(
         key = number, 0
         file.add(Node(Names(called), np.eye(4), tuple(parts), key, key, key))
     return file
+
+
+def _by_part(parts: Indices, count: int) -> list[Indices]:
+    """Return for each of `count` parts where it is in `parts`, ascending."""
+    order = np.argsort(parts, kind="stable")
+    return np.split(order, np.searchsorted(parts[order], np.arange(1, count)))
 
 
 class _Material(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import tracemalloc
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +18,7 @@ import trimesh
 
 import lidarsim as ls
 from lidarsim.errors import FileFormatError
+from lidarsim.io.scenes import mesh_files
 from lidarsim.io.scenes.others import CONVERTERS
 
 ROUNDING = 2.0**-53
@@ -521,6 +523,38 @@ def test_obj_objects_are_nodes_of_several_materials(tmp_path: Path) -> None:
     ]
     scene = ls.Scene.from_file(path, rules=[ls.Rule(material="glass", skip=True), ls.Rule(node="car", label=2)])
     assert [(item.name, item.label) for item in scene] == [("car", 2), ("road", 0)]
+
+
+def test_obj_objects_whose_faces_alternate_keep_their_order(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    points = np.column_stack((np.cumsum(rng.uniform(1, 2, 30)), np.linspace(0, 1, 30) ** 2, np.zeros(30)))
+    faces: dict[str, list[list[int]]] = {}
+    lines = [f"v {x} {y} {z}" for x, y, z in points.tolist()]
+    for name in rng.choice(list("abcde"), 60):
+        corners = rng.choice(30, 3, replace=False).tolist()
+        faces.setdefault(name, []).append(corners)
+        lines += [f"o {name}", "f " + " ".join(str(corner + 1) for corner in corners)]
+    path = tmp_path / "a.obj"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    scene = ls.Scene.from_file(path)
+    assert [item.name for item in scene] == list(faces)
+    for item, expected in zip(scene, faces.values(), strict=True):
+        assert isinstance(item.shape, ls.TriangleMesh)
+        np.testing.assert_array_equal(item.shape.vertices, points[np.unique(expected)])
+        np.testing.assert_array_equal(item.shape.vertices[item.shape.faces], points[expected])
+
+
+def test_memory_grows_with_the_number_of_objects_and_not_with_its_square(tmp_path: Path) -> None:
+    peaks = []
+    for count in (2000, 4000):
+        path = tmp_path / "a.obj"
+        lines = (f"o {k}\nf 1 2 3\nf 3 2 1\n" for k in range(count))
+        path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "".join(lines), encoding="utf-8")
+        tracemalloc.start()
+        assert len(mesh_files.read(path).nodes) == count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 2.5 * peaks[0]
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".ply", ".stl"])
