@@ -5,15 +5,15 @@ The base colours of OBJ are those of its material library (``Kd``, ``map_Kd``) a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from lidarsim._files import beside, reading_as
-from lidarsim._validation import Floats
+from lidarsim._files import beside, reading_as, unquoted
+from lidarsim._validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import obj
 from lidarsim.io.meshes._lines import floats, lines_of
@@ -111,8 +111,7 @@ class _ObjPaint:
     def _materials(self) -> dict[str, _Material]:
         """Return the materials of the libraries by name."""
         materials: dict[str, _Material] = {}
-        for library in self._contents.libraries:
-            file = beside(self._path, library)
+        for file in self._libraries():
             name = ""
             for number, text in lines_of(file.read_bytes()):
                 word, *rest = text.split(maxsplit=1)
@@ -128,6 +127,14 @@ class _ObjPaint:
                         read = partial(_image, file, value)
                         materials[name] = known._replace(picture=Picture(read))
         return materials
+
+    def _libraries(self) -> Iterator[Path]:
+        """Yield the libraries of materials: a ``mtllib`` names a file, be there spaces in its name, or several."""
+        for text in self._contents.libraries:
+            try:
+                yield beside(self._path, text)
+            except (FileFormatError, OSError):
+                yield from (_named(self._path, "mtllib", word) for word in text.split())
 
     def _texture_places(self) -> Floats:
         """Return the texture coordinates of the corners of all faces, shape (k, 2); (0, 1) for those without."""
@@ -146,9 +153,17 @@ class _ObjPaint:
         return np.column_stack((uv[:, 0], 1.0 - uv[:, 1]))  # v of OBJ counts from the lower edge
 
 
+def _named(path: Path, statement: str, name: str) -> Path:
+    """Return the file that a statement in a file names; the error quotes both."""
+    try:
+        return beside(path, name)
+    except (FileFormatError, OSError) as error:
+        raise FileFormatError(f"{statement} {short(ascii(name))}: {unquoted(error)}") from error
+
+
 def _kd(value: str, number: int) -> Floats:
     """Return the linear colour of a ``Kd``, given as one or three numbers; white for those of a spectrum or XYZ."""
-    words = value.split()
+    words = value.partition("#")[0].split()
     if words and words[0] in {"spectral", "xyz"}:
         return np.ones(3)
     try:
@@ -172,4 +187,4 @@ def image_name(value: str) -> str:
 
 def _image(library: Path, value: str) -> bytes:
     """Return the bytes of the image of a ``map_Kd``."""
-    return beside(library, image_name(value)).read_bytes()
+    return _named(library, "map_Kd", image_name(value)).read_bytes()

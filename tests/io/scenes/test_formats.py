@@ -580,6 +580,21 @@ def test_obj_colors(tmp_path: Path) -> None:
     np.testing.assert_allclose(item.material.reflectivity, [0.2126, half, 0.0], rtol=8 * ROUNDING)
 
 
+def test_obj_names_several_libraries_in_a_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    faces = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl grey\nf 1 2 3\nusemtl dark\nf 1 2 3\n"
+    path.write_text(f"mtllib a.mtl  b.mtl\n{faces}", encoding="utf-8")
+    (tmp_path / "a.mtl").write_text("newmtl grey\nKd 0.5 0.5 0.5 # grey\n", encoding="utf-8")
+    (tmp_path / "b.mtl").write_text("newmtl dark\nKd 0.25#\n", encoding="utf-8")
+    found = [item.material.reflectivity for item in ls.Scene.from_file(path, reflectivity="color")]
+    assert found == pytest.approx(decoded([0.5, 0.25]).tolist(), rel=4 * ROUNDING)
+    path.write_text(f"mtllib a.mtl ../b.mtl\n{faces}", encoding="utf-8")
+    assert refusal(path, reflectivity="color") == "mtllib '../b.mtl': it names a file that is not there"
+    (tmp_path.parent / "b.mtl").touch()
+    message = "mtllib '../b.mtl': it names something that is no regular file beside or below it"
+    assert refusal(path, reflectivity="color") == message
+
+
 def test_obj_textures(tmp_path: Path) -> None:
     pixels = np.random.default_rng(2).integers(0, 256, (2, 2, 3), np.uint8)
     PIL.Image.fromarray(pixels).save(tmp_path / "my image.png")
@@ -617,12 +632,13 @@ def test_wrong_material_libraries(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n", encoding="utf-8")
     assert len(ls.Scene.from_file(path)) == 1
-    assert refusal(path, reflectivity="color") == "it names a file that is not there"
+    assert refusal(path, reflectivity="color") == "mtllib 'a.mtl': it names a file that is not there"
     for text, message in (
         ("newmtl m\nKd x", "line 2: expected Kd and one or three numbers"),
-        ("newmtl m\nmap_Kd ../a.png", "it names a file that is not there"),
+        ("newmtl m\nKd # 0.5", "line 2: expected Kd and one or three numbers"),
+        ("newmtl m\nmap_Kd ../a.png", "map_Kd '../a.png': it names a file that is not there"),
         ("newmtl m\nmap_Kd -s 2 2 1 a.png", "map_Kd: its option -s is not supported"),
-        ("newmtl m\nmap_Kd /dev/zero", "it names a file by other than a relative path"),
+        ("newmtl m\nmap_Kd /dev/zero", "map_Kd '/dev/zero': it names a file by other than a relative path"),
     ):
         (tmp_path / "a.mtl").write_text(text, encoding="utf-8")
         if "map_Kd" in text:
