@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import NoReturn
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 from xml.parsers import expat
 
 from lidarsim._files import beside
@@ -280,7 +280,8 @@ class _Model:
             folder = self._settings.get("meshdir", "")
             places = [path, path.partition("/")[2], posixpath.join(folder, posixpath.basename(path))]
             relative = [posixpath.join(self._folder, place) for place in filter(None, places)]
-            token.attributes["filename"] = self._asset(document, token, name, relative)
+            decoded = [unquote(place) for place in relative]  # a filename is a URI, but few programs quote it
+            token.attributes["filename"] = self._asset(document, token, name, [*relative, *decoded])
 
     def _asset(self, document: Document, element: Element, name: str, places: Iterable[str]) -> str:
         content = self._find(document, element, name, places)[0].read_bytes()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import quote
 
 import mujoco
 import numpy as np
@@ -153,6 +154,17 @@ def test_urdf(name: str, tmp_path: Path) -> None:
     box(tmp_path / "meshes" / "box.stl")
     (item,) = ls.Scene.from_file(write(tmp_path, ROBOT.format(name), "r.urdf"))
     assert len(item.shape) == 12  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("file", ["sub dir/box.stl", "sub%20dir/box.stl"])
+def test_urdf_files_may_be_quoted(file: str, tmp_path: Path) -> None:
+    box(tmp_path / "model" / file)
+    box(tmp_path / "box.stl")
+    for name in (file, "package://r/" + file.replace(" ", "%20")):
+        (item,) = ls.Scene.from_file(write(tmp_path / "model", ROBOT.format(name), "r.urdf"))
+        assert len(item.shape) == 12  # type: ignore[arg-type]
+    for name in ("%2e%2e/box.stl", quote(str(tmp_path / "box.stl"), safe="")):
+        assert f"mesh '{name}': {OUTSIDE}" in refusal(write(tmp_path / "model", ROBOT.format(name), "r.urdf"))
 
 
 def link(name: str, *kinds: str) -> str:
