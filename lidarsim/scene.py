@@ -494,8 +494,8 @@ class Scene(Pickled, Plotted):
             What becomes of the parts of the file: of those rules that match a part, the first decides.
         reflectivity : float, Material or "color", optional
             Reflectivity or material of the parts for which no rule gives one; "color" for the luminance of the base
-            colours: factor × texture × vertex colours of glTF, ``Kd`` and ``map_Kd`` of OBJ, the diffuse colour of DAE.
-            Default: a perfect diffuser.
+            colours: factor × texture × vertex colours of glTF, ``Kd`` × ``map_Kd`` × vertex colours of OBJ, the vertex
+            colours of PLY, the diffuse colour of DAE. Default: a perfect diffuser.
         time : float, optional
             Time of the animation, s, whose pose the scene shows first; see `animate`. Default: the pose without any.
         animation : str, optional

@@ -46,6 +46,8 @@ class MeshFile(NamedTuple):
         Names of the parts that the file divides the mesh into; empty if it does not.
     parts : ndarray of int64, shape (m,), optional
         To which part each face belongs.
+    colors : callable, optional
+        ``colors()`` returns the sRGB colours of the vertices, ndarray of float64, shape (n, 3): 0 to 1 in valid files.
     """
 
     vertices: Floats
@@ -53,6 +55,7 @@ class MeshFile(NamedTuple):
     sizes: Indices
     names: Sequence[str] = ()
     parts: Indices | None = None
+    colors: Callable[[], Floats] | None = None
 
 
 class Raster(NamedTuple):

@@ -1,6 +1,7 @@
 """Files of a single mesh (OBJ, OFF, PLY, STL) as scenes: a node for each object, group or solid.
 
-The base colours of OBJ are those of its material library (``Kd``, ``map_Kd``) and of its vertices, all in sRGB.
+The base colours of OBJ are those of its material library (``Kd``, ``map_Kd``) and of its vertices; those of PLY are
+``red``, ``green`` and ``blue`` of its vertices. All are in sRGB.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from lidarsim._validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import obj
 from lidarsim.io.meshes._lines import floats, lines_of
+from lidarsim.io.scenes._build import report
 from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile, white
 from lidarsim.materials import linear_light
 from lidarsim.shapes._polygons import check_faces
@@ -31,7 +33,7 @@ def read(path: Path) -> SceneFile:
     """Read a file."""
     if path.suffix.lower() != ".obj":
         mesh = read_mesh(path)
-        return _nodes(mesh, path.name)
+        return _nodes(mesh, path.name, painter=_ColorsPaint(path, mesh.colors) if mesh.colors else None)
     contents = obj.contents(path)
     return _nodes(contents.mesh, path.name, contents.materials, _ObjPaint(path, contents))
 
@@ -81,6 +83,27 @@ class _Material(NamedTuple):
     picture: Picture | None
 
 
+class _ColorsPaint:
+    """The colours of the vertices of a mesh, which are computed once they are asked for."""
+
+    def __init__(self, path: Path, colors: Callable[[], Floats]) -> None:
+        self._colors = cache(lambda: _linear(path, colors()))
+
+    def __call__(self, _number: int, used: Indices, _chosen: Chosen) -> Paint:
+        """Return the colours of a part, of which `used` are the vertices."""
+        colors = self._colors()
+        return Paint(np.ones(3), None if colors is None else colors[used])
+
+
+def _linear(path: Path, encoded: Floats) -> Floats | None:
+    """Return the linear colours of sRGB ones; if these are not all from 0 to 1, log it and return None."""
+    wrong = encoded[~((encoded >= 0.0) & (encoded <= 1.0))]
+    if len(wrong):
+        report(path, [f"colours of vertices (expected numbers from 0 to 1, got {wrong[0]:g})"])
+        return None
+    return linear_light(encoded)
+
+
 class _ObjPaint:
     """The colours of an OBJ file, for which its libraries and textures are read once they are asked for."""
 
@@ -103,10 +126,12 @@ class _ObjPaint:
     def _vertex_colors(self) -> Floats | None:
         """Return the linear colours of the vertices, if each has three numbers from 0 to 1 behind its coordinates."""
         lines = self._contents.vertices
-        if not all(len(text.split()) == 6 for text in lines.texts):
-            return None
-        encoded = floats(lines, 6)[:, 3:]
-        return linear_light(encoded) if ((encoded >= 0.0) & (encoded <= 1.0)).all() else None
+        counts = {len(text.partition("#")[0].split()) for text in lines.texts}
+        if counts == {6}:
+            return _linear(self._path, floats(lines, 6, more=True)[:, 3:])
+        if max(counts, default=0) > 4:  # three coordinates, or four in homogeneous ones
+            report(self._path, ["colours of vertices (expected three numbers behind the coordinates of each)"])
+        return None
 
     def _materials(self) -> dict[str, _Material]:
         """Return the materials of the libraries by name."""

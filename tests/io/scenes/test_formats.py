@@ -580,6 +580,73 @@ def test_obj_colors(tmp_path: Path) -> None:
     np.testing.assert_allclose(item.material.reflectivity, [0.2126, half, 0.0], rtol=8 * ROUNDING)
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_colors_of_vertices_are_those_that_trimesh_reads(encoding: str, tmp_path: Path) -> None:
+    box = trimesh.creation.box()
+    box.visual.vertex_colors = np.random.default_rng(8).integers(0, 256, (8, 4), np.uint8)
+    ply, obj = tmp_path / "a.ply", tmp_path / "a.obj"
+    ply.write_bytes(trimesh.exchange.ply.export_ply(box, encoding=encoding))
+    obj.write_text(trimesh.exchange.obj.export_obj(box, digits=17), encoding="utf-8")
+    for path in (ply, obj):
+        (item,) = ls.Scene.from_file(path, reflectivity="color")
+        loaded = trimesh.load_mesh(path, process=False)
+        np.testing.assert_array_equal(item.shape.vertices, loaded.vertices)  # type: ignore[attr-defined]
+        expected = decoded(loaded.visual.vertex_colors[:, :3] / 255) @ REC_709
+        np.testing.assert_allclose(item.material.reflectivity, expected, rtol=8 * ROUNDING)
+        (item,) = ls.Scene.from_file(path)
+        assert item.material.reflectivity == 1.0
+
+
+PLY = """ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z
+property {0} blue\nproperty {0} green\nproperty {0} red\nelement face 1
+property list uchar int vertex_indices\nend_header
+0 0 0 {1}\n1 0 0 0 0 0\n0 1 0 0 0 0\n3 0 1 2\n"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "color", "expected"),
+    [
+        ("float", "1 0.5 0.25", [0.25, 0.5, 1]),
+        ("uchar", "255 51 102", [0.4, 0.2, 1]),
+        ("int", "255 51 102", [0.4, 0.2, 1]),
+        ("float", "255 0 0", 255),
+        ("ushort", "510 0 0", 2),
+    ],
+)
+def test_colors_of_ply(
+    kind: str, color: str, expected: list[float] | float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.ply"
+    path.write_text(PLY.format(kind, color), encoding="utf-8")
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    if isinstance(expected, list):
+        np.testing.assert_allclose(item.material.reflectivity, [decoded(expected) @ REC_709, 0, 0], rtol=8 * ROUNDING)
+        assert not caplog.messages
+    else:
+        message = f"colours of vertices (expected numbers from 0 to 1, got {expected})"
+        assert caplog.messages == [f"{path}: left out: {message}"]
+        assert item.material.reflectivity == 1.0
+
+
+@pytest.mark.parametrize(
+    ("vertices", "problem"),
+    [
+        ("v 0 0 0 255 0 0\nv 1 0 0 0 0 0\nv 0 1 0 0 0 0", "numbers from 0 to 1, got 255"),
+        ("v 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0", "three numbers behind the coordinates of each"),
+        ("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0", ""),
+        ("v 0 0 0 # the first of all\nv 1 0 0\nv 0 1 0", ""),
+    ],
+)
+def test_colors_of_obj_that_are_not_read_are_reported(
+    vertices: str, problem: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(f"{vertices}\no a\nf 1 2 3\no b\nf 3 2 1\n", encoding="utf-8")
+    assert [item.material.reflectivity for item in ls.Scene.from_file(path, reflectivity="color")] == [1.0, 1.0]
+    expected = [f"{path}: left out: colours of vertices (expected {problem})"] if problem else []
+    assert caplog.messages == expected
+
+
 def test_obj_names_several_libraries_in_a_line(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     faces = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl grey\nf 1 2 3\nusemtl dark\nf 1 2 3\n"
