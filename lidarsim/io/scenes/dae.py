@@ -38,6 +38,7 @@ from lidarsim.io.scenes._model import (
     Part,
     Picture,
     SceneFile,
+    affine,
     mean_of_corners,
 )
 from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpacked
@@ -476,9 +477,7 @@ def _transform(kind: str, values: Floats, where: str) -> Floats:
     matrix = np.eye(4)
     match kind:
         case "matrix":
-            matrix = values.reshape(4, 4)
-            if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-                raise FileFormatError(f"{where}: expected (0, 0, 0, 1) as the last row, got {matrix[3].tolist()}")
+            matrix = affine(values.reshape(4, 4), where)
         case "translate":
             matrix[:3, 3] = values
         case "scale":
@@ -496,6 +495,17 @@ def _transform(kind: str, values: Floats, where: str) -> Floats:
             cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
             axis = np.array([x, y, z])
             matrix[:3, :3] = cos * np.eye(3) + sin * cross + (1.0 - cos) * np.outer(axis, axis)
+        case "lookat":
+            # Cameras look along −z with y up: from the eye to the point of interest.
+            eye, interest, up = values.reshape(3, 3)
+            z = eye - interest
+            x = np.cross(up, z)
+            y = np.cross(z, x)
+            lengths = np.linalg.norm((x, y, z), axis=1)
+            if not ((lengths > 0.0) & (lengths < math.inf)).all():
+                raise FileFormatError(f"{where}: expected an eye apart from its interest, and up not along its view")
+            matrix[:3, :3] = (np.array((x, y, z)) / lengths[:, None]).T
+            matrix[:3, 3] = eye
         case _:
             raise FileFormatError(f"{where}: this transform is not supported")
     return matrix

@@ -125,6 +125,39 @@ def test_collada_nodes(tmp_path: Path) -> None:
     assert matrix.tolist() == [[0, -2, 0, 0], [2, 0, 0, 2], [0, 0, 2, 0], [0, 0, 0, 1]]
 
 
+def test_collada_nodes_may_look_at_a_point(tmp_path: Path) -> None:
+    """The eye is the origin of the node, its −z axis points at the interest, and up lies in the plane of y and z."""
+    camera = "<node><lookat>9 9 9 0 0 0 0 0 1</lookat><instance_camera url='#none'/></node>"
+    nodes = "<node><lookat>{}</lookat><instance_geometry url='#g'/></node>"
+    (item,) = ls.Scene.from_file(dae(tmp_path, camera + nodes.format("1 2 3 1 7 3 5 -4 0")))
+    assert item.transform is not None
+    assert item.transform.tolist() == [[0, 1, 0, 1], [0, 0, -1, 2], [-1, 0, 0, 3], [0, 0, 0, 1]]
+    rng = np.random.default_rng(6)
+    eye, interest, up = rng.uniform(-5, 5, (3, 3))
+    numbers = " ".join(map(str, (*eye, *interest, *up)))
+    (item,) = ls.Scene.from_file(dae(tmp_path, nodes.format(numbers)))
+    assert item.transform is not None
+    expected = np.linalg.solve(item.transform, [*interest, 1])
+    near = 64 * ROUNDING * 10  # some dozens of roundings of numbers up to 10
+    np.testing.assert_allclose(expected, [0, 0, -np.linalg.norm(interest - eye), 1], rtol=0, atol=near)
+    turned = item.transform[:3, :3].T @ up
+    assert abs(turned[0]) < near
+    assert turned[1] > 0
+    np.testing.assert_allclose(item.transform[:3, :3].T @ item.transform[:3, :3], np.eye(3), rtol=0, atol=near)
+    assert np.linalg.det(item.transform) > 0
+
+
+MATRIX = '<node><matrix>1 0 0 5 0 1 0 0 0 0 1 0 {}</matrix><instance_geometry url="#g"/></node>'
+
+
+@pytest.mark.parametrize("row", ["0 0 0 1", "0 0 0 1.0000001", "0 0 0 1.00000012", "-0 0 1e-60 0.99999994"])
+def test_collada_matrices_end_in_the_row_of_an_affine_map(row: str, tmp_path: Path) -> None:
+    (item,) = ls.Scene.from_file(dae(tmp_path, MATRIX.format(row)))
+    assert item.transform is not None
+    assert item.transform[3].tolist() == [0, 0, 0, 1]
+    assert item.transform[0].tolist() == [1, 0, 0, 5]
+
+
 HOLED = """<polygons count="2"><input semantic="VERTEX" source="#v" offset="0"/>
 <ph><p>0 1 2 3</p><h>{}</h></ph><p>0 1 2</p></polygons>"""
 
@@ -344,6 +377,15 @@ WRONG_COLLADA = {
         collada('<node id="n"><instance_node url="#n"/></node>'),
         "expected at most 1000 nodes in line and 1,048,576 in all",
     ),
+    "row": (
+        collada(MATRIX.format("0 0 0 1.0000003")),
+        "node '0', matrix: expected (0, 0, 0, 1) as the last row, got [0.0, 0.0, 0.0, 1.0000003]",
+    ),
+    "view": (
+        collada("<node><lookat>1 2 3 1 2 9 0 0 1</lookat></node>"),
+        "node '0', lookat: expected an eye apart from its interest, and up not along its view",
+    ),
+    "skew": (collada("<node><skew>30 1 0 0 0 1 0</skew></node>"), "node '0', skew: this transform is not supported"),
     "truncated": (
         collada(ONE).replace('count="5"', 'count="6"'),
         "source 'p': truncated, 15 of 18 numbers",
