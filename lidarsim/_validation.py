@@ -231,7 +231,9 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
 
 
 def as_array(name: str, value: object, expected: str) -> npt.NDArray[Any]:
-    """Return `value` as an array, in the dtype that NumPy chooses."""
+    """Return `value` as an array, in the dtype that NumPy chooses, which has no place for a mask."""
+    if np.ma.is_masked(value):
+        raise ArgumentValueError(name, expected, "a masked array", "fill it")
     try:
         return np.asarray(value)
     except (TypeError, ValueError):

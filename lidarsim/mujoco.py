@@ -16,7 +16,7 @@ from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, array, as_array, flag, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import mjcf
-from lidarsim.io.scenes._build import scene_with
+from lidarsim.io.scenes._build import report, scene_with
 from lidarsim.materials import Material
 from lidarsim.rules import Options, Rule
 
@@ -100,7 +100,8 @@ class World(Pickled):
     ) -> None:
         module = mjcf.mujoco_module()
         if isinstance(model, str | os.PathLike):
-            model = mjcf.load(model)
+            path, (model, left_out) = Path(model), mjcf.load(model)
+            report(path, left_out)
         elif not isinstance(model, module.MjModel):
             raise ArgumentTypeError("model", "a mujoco.MjModel or the path of a file", shown(model))
         data = mjcf.placed(model, keyframe)

@@ -168,8 +168,8 @@ def occupancy(
     z : float
         Height of the slice, m.
     bounds : array_like, shape (2, 2), optional
-        Least and greatest x and y of the grid, m. Default: those of all bounded objects, and a cell more on each side.
-        The grid begins at multiples of the resolution and covers them.
+        Least and greatest x and y of the grid, m. Default: those of all bounded objects, where they are at `time`, and
+        a cell more on each side. The grid begins at multiples of the resolution and covers them.
     free_from : array_like, shape (2,) or (k, 2), optional
         Points from which free space is found, such as where the robot stands: cells that are reached from there
         without passing an occupied one, from side to side, are free, and others, such as the inside of things, are
@@ -208,7 +208,8 @@ def occupancy(
         raise ArgumentTypeError("scene", "a Scene", _validation.shown(scene))
     side = _validation.real("resolution", resolution, above=0.0)
     height, when = _validation.real("z", z), _validation.real("time", time)
-    grid = _grid(scene, side, bounds)
+    scene._snapshot().check_motions(when, when)
+    grid = _grid(scene, side, bounds, when)
     occupied = np.zeros(grid.shape, bool)
     flat = [item for item in scene if isinstance(item.shape, FLAT)]
     curved = [item for item in scene if not isinstance(item.shape, FLAT)]
@@ -228,10 +229,13 @@ class _Grid:
     shape: tuple[int, int]
 
 
-def _grid(scene: Scene, side: float, bounds: npt.ArrayLike | None) -> _Grid:
+def _grid(scene: Scene, side: float, bounds: npt.ArrayLike | None, time: float) -> _Grid:
     """Return the grid that covers the bounds."""
     if bounds is None:
-        corners = scene.bounds[:, :2]
+        still = Scene()
+        for item in scene:
+            still.add(item.shape, transform=_place(item, time))
+        corners = still.bounds[:, :2]
         if not np.isfinite(corners).all():
             raise ArgumentValueError("bounds", "some, since no object of the scene is bounded", "none")
         corners = corners + np.array([[-side], [side]])
@@ -246,14 +250,20 @@ def _grid(scene: Scene, side: float, bounds: npt.ArrayLike | None) -> _Grid:
     return _Grid(first * side, side, (int(rows), int(columns)))
 
 
+def _place(item: SceneObject, time: float) -> Floats | None:
+    """Return the map from an object to the world at a time, shape (4, 4); None for the identity."""
+    if item.motion is None:
+        return item.transform
+    pose: Floats = item.motion.at(time).as_matrix()
+    return pose if item.transform is None else pose @ item.transform
+
+
 def _cut(item: SceneObject, z: float, time: float) -> Floats:
     """Return the segments in which an object of triangles crosses a height, shape (n, 2, 2)."""
     vertices, faces = item.shape._tessellated(None, np.zeros((8, 3)))
     matrix = np.eye(4)
-    for map_ in (item.shape.transform, item.transform):
+    for map_ in (item.shape.transform, _place(item, time)):
         matrix = matrix if map_ is None else map_ @ matrix
-    if item.motion is not None:
-        matrix = item.motion.at(time).as_matrix() @ matrix
     points = vertices if np.array_equal(matrix, np.eye(4)) else vertices @ matrix[:3, :3].T + matrix[:3, 3]
     above = points[:, 2] >= z
     sides = above[faces]

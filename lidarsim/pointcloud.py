@@ -19,7 +19,7 @@ from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular, check_suffix, parsing
 from lidarsim._pickling import Pickled
 from lidarsim._shown import html_table, text_table
-from lidarsim._validation import Transform, named_labels, shown
+from lidarsim._validation import Transform, as_array, named_labels, shown
 from lidarsim._views import Plotted, view
 from lidarsim.cells import Cells, Statistic, cells_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
@@ -690,13 +690,10 @@ class PointCloud(Pickled, Plotted):
 
 def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
     """Return an array given in place of `fields`, after checking that it can be `xyz`."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError):
-        raise ArgumentValueError("fields", "an array of shape (n, 3), or fields by name", "a ragged sequence") from None
+    expected = "an array of shape (n, 3), or fields by name"
+    given = as_array("fields", value, expected)
     if given.dtype.kind in "fiu" and given.ndim == 2 and given.shape[1] == 3:
         return given
-    expected = "an array of shape (n, 3), or fields by name"
     if given.dtype.kind == "V" or given.dtype == object:
         example = "such as PointCloud(xyz=…, intensity=…)"
         raise ArgumentTypeError("PointCloud", f"{expected}, {example}", type(value).__name__)

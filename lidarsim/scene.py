@@ -494,8 +494,8 @@ class Scene(Pickled, Plotted):
             What becomes of the parts of the file: of those rules that match a part, the first decides.
         reflectivity : float, Material or "color", optional
             Reflectivity or material of the parts for which no rule gives one; "color" for the luminance of the base
-            colours: factor × texture × vertex colours of glTF, ``Kd`` and ``map_Kd`` of OBJ, the diffuse colour of DAE.
-            Default: a perfect diffuser.
+            colours: factor × texture × vertex colours of glTF, ``Kd`` × ``map_Kd`` × vertex colours of OBJ, the vertex
+            colours of PLY, the diffuse colour of DAE. Default: a perfect diffuser.
         time : float, optional
             Time of the animation, s, whose pose the scene shows first; see `animate`. Default: the pose without any.
         animation : str, optional
@@ -634,7 +634,8 @@ class Scene(Pickled, Plotted):
     def bounds(self) -> Floats:
         """Minimum and maximum corner of a box around all bounded objects, m: ndarray of float64, shape (2, 3).
 
-        The corners are nan if no object is bounded. A plane, for example, is unbounded.
+        Objects that move are where they are without their motion, placed by their `transform` alone. The corners are
+        nan if no object is bounded. A plane, for example, is unbounded.
         """
         boxes = [box for box in (item.bounds for item in self) if np.isfinite(box).all()]
         if not boxes:

@@ -630,6 +630,16 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "origin, spacing: expected a grid within the range of float64, got one beyond it",
     ),
+    "masked vertices": (
+        lambda: ls.TriangleMesh(np.ma.masked_equal(np.eye(3), 0.0), [[0, 1, 2]]),
+        ValueError,
+        "vertices: expected numbers of shape (n, 3), got a masked array; fill it",
+    ),
+    "masked points": (
+        lambda: ls.PointCloud(np.ma.masked_equal(np.eye(3), 0.0)),
+        ValueError,
+        "fields: expected an array of shape (n, 3), or fields by name, got a masked array; fill it",
+    ),
     "ragged times": (
         lambda: DRIVE.at([[0.0], [0.1, 0.2]]),
         ValueError,

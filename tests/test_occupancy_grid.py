@@ -150,6 +150,21 @@ def test_hits_of_a_scan_in_the_slice_are_in_occupied_cells() -> None:
     assert set(np.unique(grid.cells)) == {-1, 0, 100}
 
 
+@pytest.mark.parametrize("turn", [None, np.diag([2.0, 1, 1, 1])])
+def test_the_grid_covers_what_moves_where_it_is(turn: Floats | None) -> None:
+    """At 5 s, a box of one metre has come from x = y = 0 to (20, 10), turned by 90°; a stretched one is 2 m along y."""
+    there = RigidTransform.from_components((40.0, 20.0, 0), Rotation.from_euler("z", np.pi)).as_matrix()
+    scene = ls.Scene()
+    scene.add(ls.Box((1, 1, 2)), transform=turn, motion=ls.Trajectory([0.0, 10.0], [np.eye(4), there]))
+    grid = ls.occupancy(scene, 0.25, 0.3, time=5.0)
+    y, x = grid.resolution * (np.argwhere(grid.cells == 100) + 0.5).T + np.reshape(grid.origin[::-1], (2, 1))
+    for values, middle, side in ((x, 20.0, 1.0), (y, 10.0, 1.0 if turn is None else 2.0)):
+        assert abs(values.min() - (middle - side / 2)) < 0.25
+        assert abs(values.max() - (middle + side / 2)) < 0.25
+    with pytest.raises(ValueError, match="expected times within the motion of object 0"):
+        ls.occupancy(scene, 0.25, 0.3, time=11.0)
+
+
 def test_free_space_is_what_can_be_reached() -> None:
     scene = ls.Scene()
     scene.add(ls.Box((4, 4, 2)))

@@ -122,7 +122,8 @@ def _named_in(path: Path) -> list[Path]:
             names = [item["uri"] for item in items if "uri" in item]
         elif suffix == ".obj":
             lines = (line.split(None, 1) for line in file if line.lstrip().startswith(b"mtllib"))
-            names = [words[1].decode().strip() for words in lines if len(words) == 2]
+            texts = [words[1].decode().strip() for words in lines if len(words) == 2]
+            names = [name for text in texts for name in dict.fromkeys((text, *text.split()))]  # of one file, or several
         elif suffix == ".mtl":
             lines = (line.split(None, 1) for line in file if line.lstrip().startswith(b"map_Kd"))
             names = [image_name(words[1].decode()) for words in lines if len(words) == 2]

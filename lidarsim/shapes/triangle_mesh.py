@@ -46,6 +46,8 @@ class MeshFile(NamedTuple):
         Names of the parts that the file divides the mesh into; empty if it does not.
     parts : ndarray of int64, shape (m,), optional
         To which part each face belongs.
+    colors : callable, optional
+        ``colors()`` returns the sRGB colours of the vertices, ndarray of float64, shape (n, 3): 0 to 1 in valid files.
     """
 
     vertices: Floats
@@ -53,6 +55,7 @@ class MeshFile(NamedTuple):
     sizes: Indices
     names: Sequence[str] = ()
     parts: Indices | None = None
+    colors: Callable[[], Floats] | None = None
 
 
 class Raster(NamedTuple):
@@ -280,7 +283,7 @@ class TriangleMesh(Shape):
         ----------
         z : array_like, shape (rows, columns)
             Heights, m, at least two rows and two columns. ``z[i, j]`` stands at x = origin[0] + j·spacing, y =
-            origin[1] + i·spacing. NaN is a hole: no triangle touches that node.
+            origin[1] + i·spacing. NaN, or a masked entry of a masked array, is a hole: no triangle touches that node.
         spacing : float or array_like, shape (2,)
             Distance between columns (along x) and rows (along y), m, > 0.
         origin : array_like, shape (2,)
@@ -292,7 +295,7 @@ class TriangleMesh(Shape):
         -------
         TriangleMesh
             Two triangles a cell, cell after cell along the rows; normals point up. The vertices are the nodes that have
-            a height, row after row: ``z[~np.isnan(z)]``.
+            a height, row after row: ``z[~np.isnan(z)]`` if `z` is not masked.
 
         Raises
         ------
@@ -300,6 +303,8 @@ class TriangleMesh(Shape):
             If a height is infinite, no triangle is without NaN, the grid is too small, the spacing is not positive, or
             another number is not finite.
         """
+        if isinstance(z, np.ma.MaskedArray) and z.dtype.kind in "fiu":
+            z = np.where(np.ma.getmaskarray(z), np.nan, np.ma.getdata(z))
         heights = array("z", z, ("rows", "columns"), finite=False)
         rows, columns = heights.shape
         if rows < 2 or columns < 2:

@@ -225,13 +225,14 @@ def test_the_images_of_materials(tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
     for name in ("sub/a b.png", "c.png", "d.png"):
         (tmp_path / name).write_bytes(b"image")
-    (tmp_path / "a.obj").write_text("mtllib a.mtl\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl b.mtl\n")
+    (tmp_path / "b.mtl").write_text("newmtl n\n")
     (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd -clamp on sub\\a b.png\nmap_Kd\n")
     (tmp_path / "a.dae").write_text(
         "<image><init_from>c.png</init_from></image><init_from><ref>d.png</ref></init_from>"
     )
     found = hashes([parse("file: a.obj", str(tmp_path / "f"))], str(tmp_path))
-    assert found.keys() == {"a.obj", "a.mtl", "sub/a b.png"}
+    assert found.keys() == {"a.obj", "a.mtl", "b.mtl", "sub/a b.png"}
     found = hashes([parse("file: a.dae", str(tmp_path / "f"))], str(tmp_path))
     assert found.keys() == {"a.dae", "c.png", "d.png"}
 

@@ -228,6 +228,21 @@ def test_masks_and_nan_are_holes(tmp_path: Path) -> None:
     agrees(mesh, nodes(path)[0][::-1], there[::-1])
 
 
+@pytest.mark.parametrize("dtype", [np.int16, np.float32, np.float64])
+def test_masked_heights_are_holes(dtype: type[np.generic], tmp_path: Path) -> None:
+    z = heights().astype(dtype)
+    path = tiff(tmp_path / "dem.tif", z)
+    with rasterio.open(path) as file:
+        masked = file.read(1, masked=True)
+    assert masked.mask.sum() == (z == NO_DATA).sum() > 0
+    i, j = np.nonzero(z != NO_DATA)
+    mesh = ls.TriangleMesh.from_heightfield(masked, 2.0)
+    np.testing.assert_array_equal(mesh.vertices, np.column_stack((2.0 * j, 2.0 * i, z[i, j])))
+    assert len(mesh) == len(ls.TriangleMesh.from_raster(path))
+    whole = np.ma.masked_array(np.zeros((2, 2), dtype))
+    assert len(ls.TriangleMesh.from_heightfield(whole, 1.0)) == 2
+
+
 @pytest.mark.parametrize("stride", [1, 2, 3, 7, 13])
 @pytest.mark.parametrize("layout", ["strips", "tiles", "ascii"])
 def test_strides(stride: int, layout: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

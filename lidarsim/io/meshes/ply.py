@@ -1,4 +1,4 @@
-"""PLY files (``.ply``) in any encoding: vertices, faces and triangle strips; other elements and properties are skipped.
+"""PLY files (``.ply``) in any encoding: vertices, their colours, faces and triangle strips; all else is skipped.
 
 Format: Greg Turk, The PLY Polygon File Format (http://paulbourke.net/dataformats/ply).
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -35,6 +36,7 @@ _TYPES = {name: np.dtype(code) for code, names in _CODES.items() for name in nam
 Order = Literal["", "<", ">"]
 _ORDERS: dict[str, Order] = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
+_COLORS = ("red", "green", "blue")
 
 
 @dataclass
@@ -73,10 +75,13 @@ def read(path: Path) -> MeshFile:
     order, elements, start, line = _header(data)
     values = _text(data[start:], line, elements) if not order else _binary(memoryview(data)[start:], order, elements)
     vertices = np.empty((0, 3))
+    colors = None
     corners, sizes = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for element, (scalars, lists) in zip(elements, values, strict=True):
         if element.name == "vertex":
             vertices = np.stack([_scalar(element, scalars, axis) for axis in "xyz"], axis=1)
+            if {*_COLORS} <= {prop.name for prop in element.properties}:
+                colors = partial(_colors, element, scalars)
         elif element.name in {"face", "tristrips"} and element.count:
             place = element.place(*_INDICES)
             if place not in lists or element.properties[place].dtype.kind == "f":
@@ -84,7 +89,7 @@ def read(path: Path) -> MeshFile:
             found = lists[place] if element.name == "face" else of_strips(*lists[place])
             corners.append(found[0])
             sizes.append(found[1])
-    return MeshFile(vertices, np.concatenate(corners), np.concatenate(sizes))
+    return MeshFile(vertices, np.concatenate(corners), np.concatenate(sizes), colors=colors)
 
 
 def _header(data: bytes) -> tuple[Order, list[_Element], int, int]:
@@ -126,6 +131,12 @@ def _scalar(element: _Element, scalars: dict[int, npt.NDArray[Any]], name: str) 
     if place not in scalars:
         raise FileFormatError(f"its element {element.name} has a list {name}, expected a number")
     return scalars[place].astype(np.float64)
+
+
+def _colors(element: _Element, scalars: dict[int, npt.NDArray[Any]]) -> Floats:
+    """Return the colours of the vertices, shape (n, 3); in integers, 255 is 1."""
+    full = [1.0 if element.properties[element.place(name)].dtype.kind == "f" else 255.0 for name in _COLORS]
+    return np.stack([_scalar(element, scalars, name) for name in _COLORS], axis=1) / full
 
 
 def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:

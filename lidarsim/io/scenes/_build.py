@@ -151,11 +151,12 @@ def imported(path: Path, read: Reader, options: Options) -> Imported:
     check_regular(path)
     with reading_as(path, "a scene"):
         result = _built(path, read(path), options)
-    _report(path, result.left_out)
+    report(path, result.left_out)
     return result
 
 
-def _report(path: Path, left_out: list[str]) -> None:
+def report(path: Path, left_out: list[str]) -> None:
+    """Log what of a file was left out."""
     if left_out:
         logging.getLogger("lidarsim").warning("%s: left out: %s", path, ", ".join(left_out))
 
@@ -186,7 +187,7 @@ def scene_with(found: Imported) -> Scene:
 def mesh_of(read: Reader, path: Path) -> MeshFile:
     """Return all that a file holds as one mesh, in metres and z up."""
     file = read(path)
-    _report(path, file.left_out)
+    report(path, file.left_out)
     vertices, corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
     count = 0
     for node in file.nodes:

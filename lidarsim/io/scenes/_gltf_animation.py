@@ -16,6 +16,7 @@ from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
 from lidarsim.io.scenes._gltf_data import Data, at
+from lidarsim.io.scenes._model import affine
 
 if TYPE_CHECKING:
     from lidarsim.io.scenes._model import Indices
@@ -349,10 +350,7 @@ def local_of(node: gltf.Node, where: str) -> Floats:
     if node.matrix is not None:
         if any(part is not None for part in parts):
             raise FileFormatError(f"{where}: expected either a matrix or translation, rotation and scale, got both")
-        matrix = np.reshape(node.matrix, (4, 4)).T.copy()  # stored column by column
-        if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-            raise FileFormatError(f"{where}.matrix: expected (0, 0, 0, 1) as the last row, got {matrix[3].tolist()}")
-        return matrix
+        return affine(np.reshape(node.matrix, (4, 4)).T, f"{where}.matrix")  # stored column by column
     matrix = np.eye(4)
     if node.rotation is not None:
         matrix[:3, :3] = rotations(np.array([node.rotation]), f"{where}.rotation")[0]

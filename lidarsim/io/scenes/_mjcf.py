@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import NoReturn
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 from xml.parsers import expat
 
 from lidarsim._files import beside
@@ -104,6 +104,8 @@ class Closed:
         The models that it attaches.
     written : int
         Number of elements in all documents.
+    unseen : int
+        Number of links of a URDF that have visuals and no collision, of which MuJoCo keeps nothing.
     """
 
     main: Path
@@ -112,6 +114,7 @@ class Closed:
     names: dict[str, str] = field(default_factory=dict)
     models: dict[Path, Document] = field(default_factory=dict)
     written: int = 0
+    unseen: int = 0
 
     def new_name(self, original: str) -> str:
         """Return a name for a file in memory, with the suffix by which MuJoCo knows the format."""
@@ -257,11 +260,16 @@ class _Model:
         """Replace the names of the files of a URDF, of which MuJoCo reads meshes alone."""
         discards = self._settings.get("discardvisual", "true") == "true"
         within: list[str] = []
+        of_link: set[str] = set()
         for token in document.tokens:
             if isinstance(token, str):
-                within.pop()
+                if within.pop() == "link":
+                    self._files.unseen += discards and "visual" in of_link and "collision" not in of_link
                 continue
             within.append(token.tag)
+            if token.tag == "link":
+                of_link.clear()
+            of_link.add(token.tag)
             if token.tag != "mesh" or "filename" not in token.attributes:
                 continue
             name = token.attributes["filename"]
@@ -272,7 +280,8 @@ class _Model:
             folder = self._settings.get("meshdir", "")
             places = [path, path.partition("/")[2], posixpath.join(folder, posixpath.basename(path))]
             relative = [posixpath.join(self._folder, place) for place in filter(None, places)]
-            token.attributes["filename"] = self._asset(document, token, name, relative)
+            decoded = [unquote(place) for place in relative]  # a filename is a URI, but few programs quote it
+            token.attributes["filename"] = self._asset(document, token, name, [*relative, *decoded])
 
     def _asset(self, document: Document, element: Element, name: str, places: Iterable[str]) -> str:
         content = self._find(document, element, name, places)[0].read_bytes()

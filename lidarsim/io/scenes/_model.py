@@ -129,6 +129,19 @@ class SceneFile:
         self.nodes.append(node)
 
 
+def affine(matrix: Floats, where: str) -> Floats:
+    """Return a matrix of a file, shape (4, 4), whose last row is (0, 0, 0, 1).
+
+    Programs compute in float32 and write what comes out. So each number of the row is taken as a float32, and the last
+    one may be off by one step of float32 above 1, 2⁻²³.
+    """
+    with np.errstate(over="ignore"):
+        *zeros, one = matrix[3].astype(np.float32).tolist()
+    if any(zeros) or not abs(one - 1.0) <= 2.0**-23:
+        raise FileFormatError(f"{where}: expected (0, 0, 0, 1) as the last row, got {matrix[3].tolist()}")
+    return np.vstack((matrix[:3], (0.0, 0.0, 0.0, 1.0)))
+
+
 def mean_of_corners(corners: Indices, values: Floats) -> Floats:
     """Return for each vertex the mean of the values that the corners of its faces have, shape (vertices, k).
 

@@ -50,6 +50,8 @@ def _decoded(content: bytes) -> npt.NDArray[np.uint8]:
         size = image.width, image.height
         pixels: npt.NDArray[np.uint8] | None = None
         if size[0] * size[1] <= MOST_PIXELS:
+            if image.mode.startswith("I"):  # 16 bits of grey, of PNG alone, which Pillow would cut off at 255
+                image = module.fromarray(np.rint(np.asarray(image) / np.float32(257.0)).astype(np.uint8))
             pixels = np.asarray(image.convert("RGB"))
     except Exception as error:
         raise FileFormatError(f"a texture cannot be decoded as {', '.join(FORMATS)}") from error

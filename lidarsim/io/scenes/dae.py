@@ -38,6 +38,7 @@ from lidarsim.io.scenes._model import (
     Part,
     Picture,
     SceneFile,
+    affine,
     mean_of_corners,
 )
 from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpacked
@@ -98,10 +99,8 @@ class _Reader:
     def __init__(self, root: Element, image: Callable[[str], bytes]) -> None:
         self._root = root
         self._image = image
-        self._by_id: dict[str, Element] = {}
-        for element in root.iter():
-            if (name := element.get("id")) is not None:
-                self._by_id.setdefault(name, element)
+        self._by_id = _ids(root)
+        self._own: dict[Element, dict[str, Element]] = {}
         self._parts: dict[tuple[int, tuple[tuple[str, str], ...]], tuple[Part, ...]] = {}
         self._sources: dict[int, Floats] = {}
         self._diffuses: dict[Element | None, tuple[Floats, Picture | None]] = {}
@@ -180,7 +179,7 @@ class _Reader:
         joints, weights = skin.find("{*}joints"), skin.find("{*}vertex_weights")
         if joints is None or weights is None:
             raise FileFormatError(f"{where}: expected joints and vertex_weights")
-        sources = {found.get("semantic"): self._referred(found, "source", "source") for found in joints}
+        sources = {found.get("semantic"): self._referred(found, "source", "source", skin) for found in joints}
         if not {"JOINT", "INV_BIND_MATRIX"} <= sources.keys():
             raise FileFormatError(f"{where}: expected JOINT and INV_BIND_MATRIX of its joints")
         names = "".join(sources["JOINT"].itertext()).split()
@@ -202,7 +201,7 @@ class _Reader:
             raise FileFormatError(f"{where}: expected {len(vertices)} counts and indices for each, got {got}")
         rows = rows.reshape(-1, stride)
         chosen = rows[:, offsets["JOINT"]]
-        shares = self._source(self._referred(inputs["WEIGHT"], "source", "source"), 1)[:, 0]
+        shares = self._source(self._referred(inputs["WEIGHT"], "source", "source", skin), 1)[:, 0]
         if len(rows) and (chosen.max() >= len(names) or rows[:, offsets["WEIGHT"]].max() >= len(shares)):
             raise FileFormatError(f"{where}: expected joints below {len(names)} and weights below {len(shares)}")
         share = shares[rows[:, offsets["WEIGHT"]]]
@@ -229,13 +228,19 @@ class _Reader:
                         return self._places[node]
         raise FileFormatError(f"joint {name!a:.60}: expected a node of the scene")
 
-    def _referred(self, element: Element, kind: str, attribute: str = "url") -> Element:
-        """Return the element of a kind that an element refers to by ``#id``."""
+    def _referred(self, element: Element, kind: str, attribute: str = "url", within: Element | None = None) -> Element:
+        """Return the element of a kind that an element refers to by ``#id``.
+
+        Some programs give the data of each geometry the same ids: those below `within`, if given, come first.
+        """
         url = element.get(attribute, "")
-        found = self._by_id.get(url.removeprefix("#")) if url.startswith("#") else None
-        if found is None or local(found) != kind:
-            raise FileFormatError(f"{local(element)}: expected the id of a {kind} in this file, got {url!a:.60}")
-        return found
+        if within is not None and within not in self._own:
+            self._own[within] = _ids(within)
+        for ids in ({} if within is None else self._own[within], self._by_id):
+            found = ids.get(url.removeprefix("#")) if url.startswith("#") else None
+            if found is not None and local(found) == kind:
+                return found
+        raise FileFormatError(f"{local(element)}: expected the id of a {kind} in this file, got {url!a:.60}")
 
     def _geometry(self, instance: Element) -> tuple[Part, ...]:
         """Return the parts of a geometry, with the materials that an instance gives its symbols."""
@@ -269,7 +274,7 @@ class _Reader:
             if "VERTEX" not in inputs:
                 raise FileFormatError(f"{where}: expected an input VERTEX")
             source, offset = inputs["VERTEX"]
-            vertices = move(self._positions(self._referred(source, "vertices", "source")))
+            vertices = move(self._positions(self._referred(source, "vertices", "source", mesh), mesh))
             faces = _faces(element, kind, stride, where)
             for polygon in element.iterfind("{*}ph"):
                 faces = faces.joined(_holed(polygon, stride, vertices, offset, where))
@@ -283,14 +288,14 @@ class _Reader:
             material = self._by_id.get(target.removeprefix("#"))
             named = {} if material is None else material.attrib
             called = named.get("name") or named.get("id") or element.get("material") or ""
-            paint = partial(self._paint, material, inputs, faces.indices, corners=corners, where=where)
+            paint = partial(self._paint, material, mesh, inputs, faces.indices, corners=corners, where=where)
             yield Part(vertices[used], corners, faces.sizes, called, paint)
 
-    def _positions(self, vertices: Element) -> Floats:
-        """Return the positions of vertices, shape (n, 3)."""
+    def _positions(self, vertices: Element, mesh: Element) -> Floats:
+        """Return the positions of the vertices of a mesh, shape (n, 3)."""
         for source in vertices.iterfind("{*}input"):
             if source.get("semantic") == "POSITION":
-                return self._source(self._referred(source, "source", "source"), 3)
+                return self._source(self._referred(source, "source", "source", mesh), 3)
         raise FileFormatError(f"vertices {vertices.get('id', '')!a:.60}: expected an input POSITION")
 
     def _source(self, source: Element, width: int) -> Floats:
@@ -318,6 +323,7 @@ class _Reader:
     def _paint(
         self,
         material: Element | None,
+        mesh: Element,
         inputs: dict[str, tuple[Element, int]],
         rows: Indices,
         *,
@@ -330,7 +336,7 @@ class _Reader:
             if semantic not in inputs:
                 return None
             source, offset = inputs[semantic]
-            values = self._source(self._referred(source, "source", "source"), width)
+            values = self._source(self._referred(source, "source", "source", mesh), width)
             indices = rows[:, offset]
             if len(indices) and indices.max() >= len(values):
                 raise FileFormatError(f"{where}: expected {semantic} below {len(values)}, got {indices.max()}")
@@ -376,6 +382,15 @@ class _Reader:
             raise FileFormatError(f"diffuse/texture: expected an image, got {name!a:.60}")
         file = (image.findtext("{*}init_from/{*}ref") or image.findtext("{*}init_from") or "").strip()
         return white, Picture(lambda: self._image(file.replace("\\", "/")))
+
+
+def _ids(top: Element) -> dict[str, Element]:
+    """Return the elements from one on down by their ids; of several with the same, the first."""
+    found: dict[str, Element] = {}
+    for element in top.iter():
+        if (name := element.get("id")) is not None:
+            found.setdefault(name, element)
+    return found
 
 
 def _bound(instance: Element) -> tuple[tuple[str, str], ...]:
@@ -462,9 +477,7 @@ def _transform(kind: str, values: Floats, where: str) -> Floats:
     matrix = np.eye(4)
     match kind:
         case "matrix":
-            matrix = values.reshape(4, 4)
-            if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-                raise FileFormatError(f"{where}: expected (0, 0, 0, 1) as the last row, got {matrix[3].tolist()}")
+            matrix = affine(values.reshape(4, 4), where)
         case "translate":
             matrix[:3, 3] = values
         case "scale":
@@ -482,6 +495,17 @@ def _transform(kind: str, values: Floats, where: str) -> Floats:
             cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
             axis = np.array([x, y, z])
             matrix[:3, :3] = cos * np.eye(3) + sin * cross + (1.0 - cos) * np.outer(axis, axis)
+        case "lookat":
+            # Cameras look along −z with y up: from the eye to the point of interest.
+            eye, interest, up = values.reshape(3, 3)
+            z = eye - interest
+            x = np.cross(up, z)
+            y = np.cross(z, x)
+            lengths = np.linalg.norm((x, y, z), axis=1)
+            if not ((lengths > 0.0) & (lengths < math.inf)).all():
+                raise FileFormatError(f"{where}: expected an eye apart from its interest, and up not along its view")
+            matrix[:3, :3] = (np.array((x, y, z)) / lengths[:, None]).T
+            matrix[:3, 3] = eye
         case _:
             raise FileFormatError(f"{where}: this transform is not supported")
     return matrix

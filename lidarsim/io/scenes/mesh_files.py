@@ -1,29 +1,30 @@
 """Files of a single mesh (OBJ, OFF, PLY, STL) as scenes: a node for each object, group or solid.
 
-The base colours of OBJ are those of its material library (``Kd``, ``map_Kd``) and of its vertices, all in sRGB.
+The base colours of OBJ are those of its material library (``Kd``, ``map_Kd``) and of its vertices; those of PLY are
+``red``, ``green`` and ``blue`` of its vertices. All are in sRGB.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from lidarsim._files import beside, reading_as
-from lidarsim._validation import Floats
+from lidarsim._files import beside, reading_as, unquoted
+from lidarsim._validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import obj
 from lidarsim.io.meshes._lines import floats, lines_of
+from lidarsim.io.scenes._build import report
 from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile, white
 from lidarsim.materials import linear_light
 from lidarsim.shapes._polygons import check_faces
 from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh
 
-Chosen = npt.NDArray[np.bool_] | slice
+Chosen = Indices | slice
 Painter = Callable[[int, Indices, Chosen], Paint]
 """Returns the paint of a part, of which it gets the number, the vertices and which corners of all are its own."""
 
@@ -32,7 +33,7 @@ def read(path: Path) -> SceneFile:
     """Read a file."""
     if path.suffix.lower() != ".obj":
         mesh = read_mesh(path)
-        return _nodes(mesh, path.name)
+        return _nodes(mesh, path.name, painter=_ColorsPaint(path, mesh.colors) if mesh.colors else None)
     contents = obj.contents(path)
     return _nodes(contents.mesh, path.name, contents.materials, _ObjPaint(path, contents))
 
@@ -46,15 +47,18 @@ def _nodes(
     """
     check_faces(mesh.vertices, mesh.corners, mesh.sizes)
     found: dict[object, tuple[str, list[Part]]] = {}
-    alone = mesh.parts is None or len(mesh.names) < 2
-    for number in range(1 if alone else len(mesh.names)):
-        if alone or mesh.parts is None:
+    divided: list[tuple[Indices, Indices]] = []
+    if mesh.parts is not None and len(mesh.names) > 1:
+        count, owners = len(mesh.names), np.repeat(mesh.parts, mesh.sizes)
+        divided = list(zip(_by_part(mesh.parts, count), _by_part(owners, count), strict=True))
+    for number in range(len(divided) or 1):
+        if not divided:
             corners, sizes, used = mesh.corners, mesh.sizes, np.arange(len(mesh.vertices))
             chosen: Chosen = slice(None)
             called = next(filter(None, mesh.names), name)
         else:
-            sizes = mesh.sizes[mesh.parts == number]
-            chosen = np.repeat(mesh.parts == number, mesh.sizes)
+            faces, chosen = divided[number]
+            sizes = mesh.sizes[faces]
             used, corners = np.unique(mesh.corners[chosen], return_inverse=True)
             called = mesh.names[number] or name
         material = materials[number] if materials else ""
@@ -68,9 +72,36 @@ def _nodes(
     return file
 
 
+def _by_part(parts: Indices, count: int) -> list[Indices]:
+    """Return for each of `count` parts where it is in `parts`, ascending."""
+    order = np.argsort(parts, kind="stable")
+    return np.split(order, np.searchsorted(parts[order], np.arange(1, count)))
+
+
 class _Material(NamedTuple):
     color: Floats
     picture: Picture | None
+
+
+class _ColorsPaint:
+    """The colours of the vertices of a mesh, which are computed once they are asked for."""
+
+    def __init__(self, path: Path, colors: Callable[[], Floats]) -> None:
+        self._colors = cache(lambda: _linear(path, colors()))
+
+    def __call__(self, _number: int, used: Indices, _chosen: Chosen) -> Paint:
+        """Return the colours of a part, of which `used` are the vertices."""
+        colors = self._colors()
+        return Paint(np.ones(3), None if colors is None else colors[used])
+
+
+def _linear(path: Path, encoded: Floats) -> Floats | None:
+    """Return the linear colours of sRGB ones; if these are not all from 0 to 1, log it and return None."""
+    wrong = encoded[~((encoded >= 0.0) & (encoded <= 1.0))]
+    if len(wrong):
+        report(path, [f"colours of vertices (expected numbers from 0 to 1, got {wrong[0]:g})"])
+        return None
+    return linear_light(encoded)
 
 
 class _ObjPaint:
@@ -95,16 +126,17 @@ class _ObjPaint:
     def _vertex_colors(self) -> Floats | None:
         """Return the linear colours of the vertices, if each has three numbers from 0 to 1 behind its coordinates."""
         lines = self._contents.vertices
-        if not all(len(text.split()) == 6 for text in lines.texts):
-            return None
-        encoded = floats(lines, 6)[:, 3:]
-        return linear_light(encoded) if ((encoded >= 0.0) & (encoded <= 1.0)).all() else None
+        counts = {len(text.partition("#")[0].split()) for text in lines.texts}
+        if counts == {6}:
+            return _linear(self._path, floats(lines, 6, more=True)[:, 3:])
+        if max(counts, default=0) > 4:  # three coordinates, or four in homogeneous ones
+            report(self._path, ["colours of vertices (expected three numbers behind the coordinates of each)"])
+        return None
 
     def _materials(self) -> dict[str, _Material]:
         """Return the materials of the libraries by name."""
         materials: dict[str, _Material] = {}
-        for library in self._contents.libraries:
-            file = beside(self._path, library)
+        for file in self._libraries():
             name = ""
             for number, text in lines_of(file.read_bytes()):
                 word, *rest = text.split(maxsplit=1)
@@ -120,6 +152,14 @@ class _ObjPaint:
                         read = partial(_image, file, value)
                         materials[name] = known._replace(picture=Picture(read))
         return materials
+
+    def _libraries(self) -> Iterator[Path]:
+        """Yield the libraries of materials: a ``mtllib`` names a file, be there spaces in its name, or several."""
+        for text in self._contents.libraries:
+            try:
+                yield beside(self._path, text)
+            except (FileFormatError, OSError):
+                yield from (_named(self._path, "mtllib", word) for word in text.split())
 
     def _texture_places(self) -> Floats:
         """Return the texture coordinates of the corners of all faces, shape (k, 2); (0, 1) for those without."""
@@ -138,9 +178,17 @@ class _ObjPaint:
         return np.column_stack((uv[:, 0], 1.0 - uv[:, 1]))  # v of OBJ counts from the lower edge
 
 
+def _named(path: Path, statement: str, name: str) -> Path:
+    """Return the file that a statement in a file names; the error quotes both."""
+    try:
+        return beside(path, name)
+    except (FileFormatError, OSError) as error:
+        raise FileFormatError(f"{statement} {short(ascii(name))}: {unquoted(error)}") from error
+
+
 def _kd(value: str, number: int) -> Floats:
     """Return the linear colour of a ``Kd``, given as one or three numbers; white for those of a spectrum or XYZ."""
-    words = value.split()
+    words = value.partition("#")[0].split()
     if words and words[0] in {"spectral", "xyz"}:
         return np.ones(3)
     try:
@@ -164,4 +212,4 @@ def image_name(value: str) -> str:
 
 def _image(library: Path, value: str) -> bytes:
     """Return the bytes of the image of a ``map_Kd``."""
-    return beside(library, image_name(value)).read_bytes()
+    return _named(library, "map_Kd", image_name(value)).read_bytes()

@@ -27,7 +27,7 @@ from lidarsim._extras import import_extra
 from lidarsim._files import LONGEST, PathLike, check_regular
 from lidarsim._validation import Floats, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
-from lidarsim.io.scenes._build import UNTOUCHED, Imported, Placed, scene_with
+from lidarsim.io.scenes._build import UNTOUCHED, Imported, Placed, report, scene_with
 from lidarsim.io.scenes._mjcf import closed
 from lidarsim.materials import Material
 from lidarsim.rules import Appearance, Options, Rule
@@ -70,8 +70,8 @@ def recognise(path: Path, head: bytes | None = None) -> bool:
     return ROOT.match(head.removeprefix(b"\xef\xbb\xbf")) is not None
 
 
-def load(path: PathLike) -> MjModel:
-    """Return the model that an MJCF or URDF file describes, without its textures.
+def load(path: PathLike) -> tuple[MjModel, list[str]]:
+    """Return the model that an MJCF or URDF file describes, without its textures, and what MuJoCo leaves out of it.
 
     Raises
     ------
@@ -87,12 +87,14 @@ def load(path: PathLike) -> MjModel:
     files = closed(path)
     with _warnings_logged(mujoco, path):
         try:
-            return mujoco.MjModel.from_xml_string(files.xml, files.assets)
+            model = mujoco.MjModel.from_xml_string(files.xml, files.assets)
         except Exception as error:
             problem = " ".join(str(error).split()).removeprefix("Error: ")
             for name, original in files.names.items():
                 problem = problem.replace(name, original)
             raise FileFormatError(f"{path}: MuJoCo cannot read it: {problem[:LONGEST]}") from error
+    unseen = f'visuals of links without collision ({files.unseen:,}; discardvisual="false" keeps them)'
+    return model, [unseen] if files.unseen else []
 
 
 @contextmanager
@@ -118,20 +120,23 @@ def imported(path: Path, options: Options) -> Imported:
     Raises
     ------
     FileFormatError, MissingExtraError
-        If the file cannot be read.
+        If the file cannot be read, or holds nothing that is seen.
     ValueError
         If the options name an axis or a unit: models of MuJoCo are z up and in metres.
     """
     for name in ("up", "unit"):
         if getattr(options, name) is not None:
             raise ArgumentValueError(name, "none, since MJCF and URDF are z up and in metres", getattr(options, name))
-    model = load(path)
+    model, left_out = load(path)
     try:
         _, found = objects(model, placed(model), path, options)
     except ValueError as error:
         raise FileFormatError(f"{path}: {error}") from error
-    if found.left_out:
-        logging.getLogger("lidarsim").warning("%s: left out: %s", path, ", ".join(found.left_out))
+    found.left_out.extend(left_out)
+    if not found.objects and not found.skipped:
+        told = f"; left out: {', '.join(found.left_out)}" * bool(found.left_out)
+        raise FileFormatError(f"{path}: it holds no geoms that are seen{told}")
+    report(path, found.left_out)
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import tracemalloc
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +18,7 @@ import trimesh
 
 import lidarsim as ls
 from lidarsim.errors import FileFormatError
+from lidarsim.io.scenes import mesh_files
 from lidarsim.io.scenes.others import CONVERTERS
 
 ROUNDING = 2.0**-53
@@ -123,6 +125,39 @@ def test_collada_nodes(tmp_path: Path) -> None:
     assert matrix.tolist() == [[0, -2, 0, 0], [2, 0, 0, 2], [0, 0, 2, 0], [0, 0, 0, 1]]
 
 
+def test_collada_nodes_may_look_at_a_point(tmp_path: Path) -> None:
+    """The eye is the origin of the node, its −z axis points at the interest, and up lies in the plane of y and z."""
+    camera = "<node><lookat>9 9 9 0 0 0 0 0 1</lookat><instance_camera url='#none'/></node>"
+    nodes = "<node><lookat>{}</lookat><instance_geometry url='#g'/></node>"
+    (item,) = ls.Scene.from_file(dae(tmp_path, camera + nodes.format("1 2 3 1 7 3 5 -4 0")))
+    assert item.transform is not None
+    assert item.transform.tolist() == [[0, 1, 0, 1], [0, 0, -1, 2], [-1, 0, 0, 3], [0, 0, 0, 1]]
+    rng = np.random.default_rng(6)
+    eye, interest, up = rng.uniform(-5, 5, (3, 3))
+    numbers = " ".join(map(str, (*eye, *interest, *up)))
+    (item,) = ls.Scene.from_file(dae(tmp_path, nodes.format(numbers)))
+    assert item.transform is not None
+    expected = np.linalg.solve(item.transform, [*interest, 1])
+    near = 64 * ROUNDING * 10  # some dozens of roundings of numbers up to 10
+    np.testing.assert_allclose(expected, [0, 0, -np.linalg.norm(interest - eye), 1], rtol=0, atol=near)
+    turned = item.transform[:3, :3].T @ up
+    assert abs(turned[0]) < near
+    assert turned[1] > 0
+    np.testing.assert_allclose(item.transform[:3, :3].T @ item.transform[:3, :3], np.eye(3), rtol=0, atol=near)
+    assert np.linalg.det(item.transform) > 0
+
+
+MATRIX = '<node><matrix>1 0 0 5 0 1 0 0 0 0 1 0 {}</matrix><instance_geometry url="#g"/></node>'
+
+
+@pytest.mark.parametrize("row", ["0 0 0 1", "0 0 0 1.0000001", "0 0 0 1.00000012", "-0 0 1e-60 0.99999994"])
+def test_collada_matrices_end_in_the_row_of_an_affine_map(row: str, tmp_path: Path) -> None:
+    (item,) = ls.Scene.from_file(dae(tmp_path, MATRIX.format(row)))
+    assert item.transform is not None
+    assert item.transform[3].tolist() == [0, 0, 0, 1]
+    assert item.transform[0].tolist() == [1, 0, 0, 5]
+
+
 HOLED = """<polygons count="2"><input semantic="VERTEX" source="#v" offset="0"/>
 <ph><p>0 1 2 3</p><h>{}</h></ph><p>0 1 2</p></polygons>"""
 
@@ -179,6 +214,30 @@ def test_collada_is_what_trimesh_reads(tmp_path: Path) -> None:
     assert isinstance(item.shape, ls.TriangleMesh)
     ours, theirs = item.shape.vertices[item.shape.faces], mesh.vertices[mesh.faces]
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=2.0**-24)  # it keeps float32
+
+
+def test_collada_ids_that_geometries_repeat_are_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "a.dae"
+    boxes = [
+        trimesh.creation.box(sides, trimesh.transformations.translation_matrix(sides))
+        for sides in [(1, 2, 3), (4, 5, 6)]
+    ]
+    path.write_bytes(trimesh.exchange.dae.export_collada(boxes))
+    assert path.read_text().count('id="verts-array"') == 2
+    scene = ls.Scene.from_file(path, up="z", unit=1)
+    assert len(scene) == 2
+    for item, box in zip(scene, boxes, strict=True):
+        np.testing.assert_array_equal(item.bounds, box.bounds)
+
+
+def test_collada_skins_that_repeat_ids_have_their_own_joints(tmp_path: Path) -> None:
+    skin = skinned("Name_array", "hip knee")
+    other = skin.replace('id="c"', 'id="d"').replace(">0.25 0.75<", ">0.75 0.25<")
+    nodes = SKIN_NODES.replace('url="#c"', 'url="#d"')
+    alone = dae(tmp_path, nodes, more=other)
+    (expected,) = ls.Scene.from_file(alone)
+    (item,) = ls.Scene.from_file(dae(tmp_path, nodes, more=skin + other))
+    np.testing.assert_array_equal(item.shape.vertices, expected.shape.vertices)  # type: ignore[attr-defined]
 
 
 COLORED = """<library_images><image id="i"><init_from>sub%20folder/i.png</init_from></image></library_images>
@@ -318,6 +377,15 @@ WRONG_COLLADA = {
         collada('<node id="n"><instance_node url="#n"/></node>'),
         "expected at most 1000 nodes in line and 1,048,576 in all",
     ),
+    "row": (
+        collada(MATRIX.format("0 0 0 1.0000003")),
+        "node '0', matrix: expected (0, 0, 0, 1) as the last row, got [0.0, 0.0, 0.0, 1.0000003]",
+    ),
+    "view": (
+        collada("<node><lookat>1 2 3 1 2 9 0 0 1</lookat></node>"),
+        "node '0', lookat: expected an eye apart from its interest, and up not along its view",
+    ),
+    "skew": (collada("<node><skew>30 1 0 0 0 1 0</skew></node>"), "node '0', skew: this transform is not supported"),
     "truncated": (
         collada(ONE).replace('count="5"', 'count="6"'),
         "source 'p': truncated, 15 of 18 numbers",
@@ -499,6 +567,38 @@ def test_obj_objects_are_nodes_of_several_materials(tmp_path: Path) -> None:
     assert [(item.name, item.label) for item in scene] == [("car", 2), ("road", 0)]
 
 
+def test_obj_objects_whose_faces_alternate_keep_their_order(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    points = np.column_stack((np.cumsum(rng.uniform(1, 2, 30)), np.linspace(0, 1, 30) ** 2, np.zeros(30)))
+    faces: dict[str, list[list[int]]] = {}
+    lines = [f"v {x} {y} {z}" for x, y, z in points.tolist()]
+    for name in rng.choice(list("abcde"), 60):
+        corners = rng.choice(30, 3, replace=False).tolist()
+        faces.setdefault(name, []).append(corners)
+        lines += [f"o {name}", "f " + " ".join(str(corner + 1) for corner in corners)]
+    path = tmp_path / "a.obj"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    scene = ls.Scene.from_file(path)
+    assert [item.name for item in scene] == list(faces)
+    for item, expected in zip(scene, faces.values(), strict=True):
+        assert isinstance(item.shape, ls.TriangleMesh)
+        np.testing.assert_array_equal(item.shape.vertices, points[np.unique(expected)])
+        np.testing.assert_array_equal(item.shape.vertices[item.shape.faces], points[expected])
+
+
+def test_memory_grows_with_the_number_of_objects_and_not_with_its_square(tmp_path: Path) -> None:
+    peaks = []
+    for count in (2000, 4000):
+        path = tmp_path / "a.obj"
+        lines = (f"o {k}\nf 1 2 3\nf 3 2 1\n" for k in range(count))
+        path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "".join(lines), encoding="utf-8")
+        tracemalloc.start()
+        assert len(mesh_files.read(path).nodes) == count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 2.5 * peaks[0]
+
+
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".ply", ".stl"])
 def test_mesh_files_have_the_units_and_axes_that_are_given(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
@@ -522,6 +622,88 @@ def test_obj_colors(tmp_path: Path) -> None:
     np.testing.assert_allclose(item.material.reflectivity, [0.2126, half, 0.0], rtol=8 * ROUNDING)
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_colors_of_vertices_are_those_that_trimesh_reads(encoding: str, tmp_path: Path) -> None:
+    box = trimesh.creation.box()
+    box.visual.vertex_colors = np.random.default_rng(8).integers(0, 256, (8, 4), np.uint8)
+    ply, obj = tmp_path / "a.ply", tmp_path / "a.obj"
+    ply.write_bytes(trimesh.exchange.ply.export_ply(box, encoding=encoding))
+    obj.write_text(trimesh.exchange.obj.export_obj(box, digits=17), encoding="utf-8")
+    for path in (ply, obj):
+        (item,) = ls.Scene.from_file(path, reflectivity="color")
+        loaded = trimesh.load_mesh(path, process=False)
+        np.testing.assert_array_equal(item.shape.vertices, loaded.vertices)  # type: ignore[attr-defined]
+        expected = decoded(loaded.visual.vertex_colors[:, :3] / 255) @ REC_709
+        np.testing.assert_allclose(item.material.reflectivity, expected, rtol=8 * ROUNDING)
+        (item,) = ls.Scene.from_file(path)
+        assert item.material.reflectivity == 1.0
+
+
+PLY = """ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z
+property {0} blue\nproperty {0} green\nproperty {0} red\nelement face 1
+property list uchar int vertex_indices\nend_header
+0 0 0 {1}\n1 0 0 0 0 0\n0 1 0 0 0 0\n3 0 1 2\n"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "color", "expected"),
+    [
+        ("float", "1 0.5 0.25", [0.25, 0.5, 1]),
+        ("uchar", "255 51 102", [0.4, 0.2, 1]),
+        ("int", "255 51 102", [0.4, 0.2, 1]),
+        ("float", "255 0 0", 255),
+        ("ushort", "510 0 0", 2),
+    ],
+)
+def test_colors_of_ply(
+    kind: str, color: str, expected: list[float] | float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.ply"
+    path.write_text(PLY.format(kind, color), encoding="utf-8")
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    if isinstance(expected, list):
+        np.testing.assert_allclose(item.material.reflectivity, [decoded(expected) @ REC_709, 0, 0], rtol=8 * ROUNDING)
+        assert not caplog.messages
+    else:
+        message = f"colours of vertices (expected numbers from 0 to 1, got {expected})"
+        assert caplog.messages == [f"{path}: left out: {message}"]
+        assert item.material.reflectivity == 1.0
+
+
+@pytest.mark.parametrize(
+    ("vertices", "problem"),
+    [
+        ("v 0 0 0 255 0 0\nv 1 0 0 0 0 0\nv 0 1 0 0 0 0", "numbers from 0 to 1, got 255"),
+        ("v 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0", "three numbers behind the coordinates of each"),
+        ("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0", ""),
+        ("v 0 0 0 # the first of all\nv 1 0 0\nv 0 1 0", ""),
+    ],
+)
+def test_colors_of_obj_that_are_not_read_are_reported(
+    vertices: str, problem: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(f"{vertices}\no a\nf 1 2 3\no b\nf 3 2 1\n", encoding="utf-8")
+    assert [item.material.reflectivity for item in ls.Scene.from_file(path, reflectivity="color")] == [1.0, 1.0]
+    expected = [f"{path}: left out: colours of vertices (expected {problem})"] if problem else []
+    assert caplog.messages == expected
+
+
+def test_obj_names_several_libraries_in_a_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    faces = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl grey\nf 1 2 3\nusemtl dark\nf 1 2 3\n"
+    path.write_text(f"mtllib a.mtl  b.mtl\n{faces}", encoding="utf-8")
+    (tmp_path / "a.mtl").write_text("newmtl grey\nKd 0.5 0.5 0.5 # grey\n", encoding="utf-8")
+    (tmp_path / "b.mtl").write_text("newmtl dark\nKd 0.25#\n", encoding="utf-8")
+    found = [item.material.reflectivity for item in ls.Scene.from_file(path, reflectivity="color")]
+    assert found == pytest.approx(decoded([0.5, 0.25]).tolist(), rel=4 * ROUNDING)
+    path.write_text(f"mtllib a.mtl ../b.mtl\n{faces}", encoding="utf-8")
+    assert refusal(path, reflectivity="color") == "mtllib '../b.mtl': it names a file that is not there"
+    (tmp_path.parent / "b.mtl").touch()
+    message = "mtllib '../b.mtl': it names something that is no regular file beside or below it"
+    assert refusal(path, reflectivity="color") == message
+
+
 def test_obj_textures(tmp_path: Path) -> None:
     pixels = np.random.default_rng(2).integers(0, 256, (2, 2, 3), np.uint8)
     PIL.Image.fromarray(pixels).save(tmp_path / "my image.png")
@@ -543,16 +725,29 @@ def test_obj_textures(tmp_path: Path) -> None:
     assert second.material.texture_coordinates.tolist() == [[[0, 1], [1, 1], [1, 0.25]], [[0, 1], [1, 0.25], [0, 0]]]
 
 
+def test_textures_of_16_bits_are_read_to_the_nearest_of_8(tmp_path: Path) -> None:
+    grey = np.array([[0, 128, 129, 255], [256, 257 * 127, 257 * 128 + 128, 65535]])
+    PIL.Image.fromarray(grey.astype(np.uint16)).save(tmp_path / "a.png")
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd a.png\n", encoding="utf-8")
+    path = tmp_path / "a.obj"
+    path.write_text("mtllib a.mtl\nv 0 0 0\nv 4 0 0\nv 4 4 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n", encoding="utf-8")
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    assert isinstance(item.material.reflectivity, ls.Texture)
+    expected = decoded(np.array([[0, 0, 1, 1], [1, 127, 128, 255]]) / 255)
+    np.testing.assert_allclose(item.material.reflectivity.values, expected, rtol=2.0**-23)
+
+
 def test_wrong_material_libraries(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n", encoding="utf-8")
     assert len(ls.Scene.from_file(path)) == 1
-    assert refusal(path, reflectivity="color") == "it names a file that is not there"
+    assert refusal(path, reflectivity="color") == "mtllib 'a.mtl': it names a file that is not there"
     for text, message in (
         ("newmtl m\nKd x", "line 2: expected Kd and one or three numbers"),
-        ("newmtl m\nmap_Kd ../a.png", "it names a file that is not there"),
+        ("newmtl m\nKd # 0.5", "line 2: expected Kd and one or three numbers"),
+        ("newmtl m\nmap_Kd ../a.png", "map_Kd '../a.png': it names a file that is not there"),
         ("newmtl m\nmap_Kd -s 2 2 1 a.png", "map_Kd: its option -s is not supported"),
-        ("newmtl m\nmap_Kd /dev/zero", "it names a file by other than a relative path"),
+        ("newmtl m\nmap_Kd /dev/zero", "map_Kd '/dev/zero': it names a file by other than a relative path"),
     ):
         (tmp_path / "a.mtl").write_text(text, encoding="utf-8")
         if "map_Kd" in text:

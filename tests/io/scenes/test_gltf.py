@@ -220,6 +220,14 @@ def test_instances_keep_names_and_order(place: Path) -> None:
     assert mesh_of_all.vertices[::3, 0].tolist() == [0, 5, 10, 15, 20, 25, 30]
 
 
+def test_matrices_may_be_rounded_to_float32(place: Path) -> None:
+    file = Gltf()
+    file.node(mesh=file.mesh(), matrix=[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 5, 0, 0, 1.0000001])
+    (item,) = as_written(file.save(place))
+    assert item.transform is not None
+    assert item.transform.tolist() == [[1, 0, 0, 5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+
+
 def test_nodes_come_before_what_is_below_them(place: Path) -> None:
     file = Gltf(cameras=[{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}])
     mesh = file.mesh(name="its mesh")
@@ -579,6 +587,10 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "matrix": (
         lambda t: t["nodes"][0].update(matrix=[1.0] * 16),
         "nodes[0].matrix: expected (0, 0, 0, 1) as the last row, got [1.0, 1.0, 1.0, 1.0]",
+    ),
+    "matrix beside an affine one": (
+        lambda t: t["nodes"][0].update(matrix=[*np.eye(4).ravel().tolist()[:15], 1.0000003]),
+        "nodes[0].matrix: expected (0, 0, 0, 1) as the last row, got [0.0, 0.0, 0.0, 1.0000003]",
     ),
     "rotation": (
         lambda t: t["nodes"][0].update(rotation=[0, 0, 0, 0]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import quote
 
 import mujoco
 import numpy as np
@@ -153,6 +154,56 @@ def test_urdf(name: str, tmp_path: Path) -> None:
     box(tmp_path / "meshes" / "box.stl")
     (item,) = ls.Scene.from_file(write(tmp_path, ROBOT.format(name), "r.urdf"))
     assert len(item.shape) == 12  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("file", ["sub dir/box.stl", "sub%20dir/box.stl"])
+def test_urdf_files_may_be_quoted(file: str, tmp_path: Path) -> None:
+    box(tmp_path / "model" / file)
+    box(tmp_path / "box.stl")
+    for name in (file, "package://r/" + file.replace(" ", "%20")):
+        (item,) = ls.Scene.from_file(write(tmp_path / "model", ROBOT.format(name), "r.urdf"))
+        assert len(item.shape) == 12  # type: ignore[arg-type]
+    for name in ("%2e%2e/box.stl", quote(str(tmp_path / "box.stl"), safe="")):
+        assert f"mesh '{name}': {OUTSIDE}" in refusal(write(tmp_path / "model", ROBOT.format(name), "r.urdf"))
+
+
+def link(name: str, *kinds: str) -> str:
+    shapes = "".join(f'<{kind}><geometry><box size="1 2 3"/></geometry></{kind}>' for kind in kinds)
+    return f'<link name="{name}">{shapes}</link>'
+
+
+JOINT = '<joint name="{0}" type="fixed"><parent link="a"/><child link="{0}"/></joint>'
+KEPT = '<mujoco><compiler discardvisual="false"/></mujoco>'
+UNSEEN = 'left out: visuals of links without collision ({}; discardvisual="false" keeps them)'
+
+
+@pytest.mark.parametrize("read", [ls.Scene.from_file, lambda path: ls.mujoco.World(path).scene])
+def test_links_of_a_urdf_that_have_visuals_alone_are_reported(
+    read: Callable[[Path], ls.Scene], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    links = link("a", "visual", "collision") + link("b", "visual", "visual") + link("c") + link("d", "visual")
+    more = "<gazebo><visual/><collision/></gazebo>"
+    robot = f'<robot name="r">{{}}{more}{links}{"".join(map(JOINT.format, "bcd"))}</robot>'
+    path = write(tmp_path, robot.format(""), "r.urdf")
+    assert len(read(path)) == 1
+    assert caplog.messages == [f"{path}: {UNSEEN.format(2)}"]
+    assert len(read(write(tmp_path, robot.format(KEPT), "r.urdf"))) == 5
+    assert len(caplog.messages) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (f'<robot name="r">{link("a", "visual")}</robot>', f"; {UNSEEN.format(1)}"),
+        (model(""), ""),
+        (model('<geom size="1" group="3"/><geom size="1" rgba="1 1 1 0"/>'), ""),
+    ],
+)
+def test_models_without_geoms_are_no_scenes(content: str, message: str, tmp_path: Path) -> None:
+    path = write(tmp_path, content)
+    assert refusal(path) == f"{path}: it holds no geoms that are seen{message}"
+    everything = write(tmp_path, model(GEOM))
+    assert len(ls.Scene.from_file(everything, rules=[ls.Rule(skip=True)])) == 0
 
 
 OUTSIDE = "only regular files beside or below "
