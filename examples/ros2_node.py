@@ -81,9 +81,8 @@ def message(scan: ls.Scan, name: str, moment: float) -> PointCloud2:
 def main() -> None:
     """Publish until Ctrl-C."""
     if rclpy is None:
-        sys.exit(
-            "this example needs ROS 2, whose Python packages are not there: source /opt/ros/DISTRO/setup.bash first"
-        )
+        print("this example needs ROS 2, whose Python packages are not there: source /opt/ros/DISTRO/setup.bash first")
+        return
     run = load(sys.argv[1:])
     rig = run.sensor if isinstance(run.sensor, ls.Rig) else ls.Rig({"lidar": (run.sensor, None)})
     rclpy.init()
