@@ -346,7 +346,7 @@ class PointCloud(Pickled, Plotted):
             cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
             turned = _mapped(cofactors, self.normal.astype(np.float64)) * np.sign(determinant)
             length = np.sqrt((turned * turned).sum(axis=-1, keepdims=True))
-            arrays["normal"] = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)
+            arrays["normal"] = np.divide(turned, length, out=np.zeros_like(turned), where=length != 0)
         return PointCloud(arrays, class_names=self._class_names)
 
     @classmethod

@@ -151,6 +151,8 @@ def test_transformed_keeps_the_rest_and_shares_it() -> None:
 def test_transformed_normals_without_a_direction_stay_so() -> None:
     cloud = PointCloud(xyz=XYZ, normal=[[0, 0, 0], [0, 0, 1]])
     assert cloud.transformed(MIRROR).normal.tolist() == [[0, 0, 0], [0, 0, 1]]
+    missing = PointCloud(xyz=XYZ, normal=[[np.nan] * 3, [0, 0, 1]]).transformed(SHEAR)
+    assert np.isnan(missing.normal).all(axis=1).tolist() == [True, False]
 
 
 @pytest.mark.parametrize(
