@@ -512,6 +512,15 @@ def test_selections_corners_and_copies() -> None:
     assert len(copy.copy(scan).boxes()) == len(copy.deepcopy(scan).boxes()) == len(boxes)
 
 
+def test_the_label_of_most_faces_is_that_of_the_box() -> None:
+    """However large; of labels with as many faces, the smallest."""
+    largest, corners = 2**32 - 1, [[5, 0, 0], [5, 1, 0], [5, 0, 1], [5, 1, 1]]
+    for faces, expected in {(7, largest, largest): largest, (largest, 7): 7, (0, 9, 3, 9, 3): 3}.items():
+        scene = ls.Scene()
+        scene.add(ls.TriangleMesh(corners, [[0, 1, 2 + k % 2] for k in range(len(faces))]), label=faces)
+        assert sensor().scan(scene).boxes().label.tolist() == [expected]
+
+
 def test_boxes_are_those_of_the_scene_as_it_was_scanned() -> None:
     scene = ls.Scene()
     ball = scene.add(ls.Sphere((5, 0, 0), 1.0))
