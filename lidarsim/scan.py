@@ -289,7 +289,7 @@ class Scan(Pickled, Plotted):
         rows += [("note", summary.note)] if summary.note else []
         rows += [("range", f"{found} m") for found in [extent(self.range)] if found]
         name = getattr(self.lidar, "name", "") or type(self.lidar.pattern).__name__
-        return f"Scan of {name}, frame {self.frame} at {self.time:g} s: {len(self):,} pulses", rows
+        return f"Scan of {name}, frame {self.frame} at {self.time:.12g} s: {len(self):,} pulses", rows
 
     @property
     def single(self) -> Returns:

@@ -659,7 +659,7 @@ class Trajectory(Immutable):
 
     def __repr__(self) -> str:
         """Return the class and the span."""
-        return "Trajectory({:g} to {:g} s)".format(*self.span)
+        return "Trajectory({:.12g} to {:.12g} s)".format(*self.span)
 
 
 _Recipe = tuple[str, tuple[Any, ...], tuple[Any, ...]]

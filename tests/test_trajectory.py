@@ -35,6 +35,7 @@ def test_given_poses_are_met() -> None:
     assert np.allclose(trajectory.at(TIMES).as_matrix(), poses().as_matrix(), rtol=0, atol=1e-14)
     assert trajectory.span == (-1.0, 4.0)
     assert repr(trajectory) == "Trajectory(-1 to 4 s)"
+    assert repr(ls.Trajectory(1.7e9 + TIMES, poses())) == "Trajectory(1699999999 to 1700000004 s)"
 
 
 @pytest.mark.parametrize("matrices", [False, True])
