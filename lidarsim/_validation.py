@@ -257,11 +257,15 @@ def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool 
 
 def one_or_each(name: str, value: object, count: int | str) -> Floats:
     """Return `value`, a number or an array_like of shape (count,), as a C-contiguous float64 array of its shape."""
+    return array(name, value, () if dimensions(value) == 0 else (count,))
+
+
+def dimensions(value: object) -> int | None:
+    """Return the number of dimensions of an array_like; None of a ragged sequence."""
     try:
-        single = np.ndim(value) == 0  # type: ignore[arg-type]
-    except ValueError:  # a ragged sequence
-        single = False
-    return array(name, value, () if single else (count,))
+        return np.ndim(value)  # type: ignore[arg-type]
+    except ValueError:
+        return None
 
 
 def vector(name: str, value: object) -> tuple[float, float, float]:
