@@ -81,6 +81,11 @@ def _is_real(value: object) -> bool:
     return not isinstance(value, bool | str | bytes | bytearray | complex)
 
 
+def is_several(value: object) -> bool:
+    """Return whether `value` has several numbers, as a list, a tuple or an array; one of no dimension is a number."""
+    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
 def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
     """Return `value` as an int within the bounds."""
     if type(value) is int and (at_least is None or value >= at_least) and (at_most is None or value <= at_most):
@@ -167,10 +172,10 @@ def flag(name: str, value: object) -> bool:
 def frames(first: object, count: object, *, at_least: int = 0) -> range:
     """Return the numbers of `count` frames from `first` on, after checking that all fit uint32."""
     number = integer("count", count, at_least=at_least)
-    start = integer("first", first, at_least=0)
+    start = integer("first", first, at_least=0, at_most=UINT32)
     if number > 1 << 32:
         raise ArgumentValueError("count", f"at most {1 << 32} frames", shown(number))
-    integer("first" if start > UINT32 else "frame", start + max(number - 1, 0), at_least=0, at_most=UINT32)
+    integer("frame", start + max(number - 1, 0), at_least=0, at_most=UINT32)
     return range(start, start + number)
 
 
@@ -262,11 +267,15 @@ def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool 
 
 def one_or_each(name: str, value: object, count: int | str) -> Floats:
     """Return `value`, a number or an array_like of shape (count,), as a C-contiguous float64 array of its shape."""
+    return array(name, value, () if dimensions(value) == 0 else (count,))
+
+
+def dimensions(value: object) -> int | None:
+    """Return the number of dimensions of an array_like; None of a ragged sequence."""
     try:
-        single = np.ndim(value) == 0  # type: ignore[arg-type]
-    except ValueError:  # a ragged sequence
-        single = False
-    return array(name, value, () if single else (count,))
+        return np.ndim(value)  # type: ignore[arg-type]
+    except ValueError:
+        return None
 
 
 def vector(name: str, value: object) -> tuple[float, float, float]:

@@ -68,9 +68,9 @@ class ScanBatch(Pickled):
         As in `Scan`.
     true_range, range_error, instance, normal, incidence, return_count : ndarray
         As in `Scan`.
-    radial_velocity, source, true_direction : ndarray
+    radial_velocity, source, path, true_direction, mirrored_point : ndarray
         As in `Scan`. Where a `Scan` has None, a batch has 0 for the radial velocity of all hits, `Source.surface` for
-        the source of all returns, and the nominal direction of the pulse.
+        the source and 0 for the path of all returns, the nominal direction of the pulse, and nan for mirrored points.
     seed : ndarray of uint64, shape (N,)
         Seed of the noise of each row.
     frame : ndarray of uint32, shape (N,)
@@ -98,7 +98,9 @@ class ScanBatch(Pickled):
     return_count: npt.NDArray[np.uint8]
     radial_velocity: npt.NDArray[np.float32]
     source: npt.NDArray[np.uint8]
+    path: npt.NDArray[np.uint8]
     true_direction: Floats
+    mirrored_point: Floats
     seed: npt.NDArray[np.uint64]
     frame: npt.NDArray[np.uint32]
     time: Floats
@@ -120,6 +122,8 @@ class ScanBatch(Pickled):
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __setattr__(self, name: str, value: object) -> None:
+        if name in self.__dict__ and value is self.__dict__[name]:  # as after `batch.range *= 2`
+            return
         raise AttributeError(f"{name}: a batch keeps its arrays; write into them")
 
     def _contents(self) -> dict[str, Any]:
@@ -285,7 +289,7 @@ def _where(poses: object) -> tuple[Floats | list[Trajectory], int]:
     if isinstance(poses, Trajectory):
         hint = "one for each row, in a list"
         raise ArgumentTypeError("poses", "poses of shape (N, 4, 4) or N trajectories", "one trajectory", hint)
-    if isinstance(poses, list | tuple) and any(isinstance(pose, Trajectory) for pose in poses):
+    if isinstance(poses, list | tuple) and (not poses or any(isinstance(pose, Trajectory) for pose in poses)):
         for i, pose in enumerate(poses):
             if not isinstance(pose, Trajectory):
                 raise ArgumentTypeError(f"poses[{i}]", "a Trajectory like the others", shown(pose))
@@ -348,13 +352,17 @@ def _each(
         return np.broadcast_to(one_or_each(name, value, rows), rows).copy()
     given = as_array(name, value, "integers")
     if given.dtype.kind not in "iu" and given.size:
-        raise ArgumentTypeError(name, "integers", shown(value) if given.ndim == 0 else f"dtype {given.dtype}")
+        # NumPy makes floats of integers on both sides of 2⁶³, and objects of those beyond 2⁶⁴.
+        exact = np.array(value, object)
+        if not all(isinstance(each, int | np.integer) and not isinstance(each, bool) for each in exact.flat):
+            raise ArgumentTypeError(name, "integers", shown(value) if given.ndim == 0 else f"dtype {given.dtype}")
+        given = exact
     if given.ndim and given.shape != (rows,):
         raise ArgumentValueError(name, f"one integer, or one for each of {rows} rows", f"shape {given.shape}")
     wrong = (given < 0) | (given > at_most)
     if wrong.any():
         i = int(np.argmax(wrong))
-        got = f"{name}[{i}] = {given[i]}" if given.ndim else given
+        got = f"{name}[{i}] = {shown(int(given[i]))}" if given.ndim else shown(int(given))
         raise ArgumentValueError(name, f"integers from 0 to {at_most}", got)
     return np.broadcast_to(given, rows).astype(dtype)
 

@@ -358,8 +358,11 @@ def _things_in(world: Snapshot) -> _Things:
 
 
 def _label(item: SceneObject) -> int:
-    """Return the label of an object, or of most of its faces."""
-    return item.label if isinstance(item.label, int) else int(np.bincount(item.label).argmax())
+    """Return the label of an object, or of most of its faces: the smallest, if as many have another."""
+    if isinstance(item.label, int):
+        return item.label
+    labels, faces = np.unique(item.label, return_counts=True)
+    return int(labels[faces.argmax()])
 
 
 def _axes(item: SceneObject) -> Floats:

@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from lidarsim import _validation
 from lidarsim._files import PathLike
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.run import Run
 from lidarsim.scan import Scan
+from lidarsim.scene import Scene
 from lidarsim.viewers.live import Painter, viewer
 
 if TYPE_CHECKING:
-    from lidarsim.scene import Scene
     from lidarsim.viewers.live import Viewer
 
     Frames: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
@@ -81,6 +82,13 @@ def stream(
     Points are deskewed to the start of their scan. Coordinates are relative to whole kilometres near the first pose of
     the sensor, since viewers use float32; in Rerun, the property ``origin`` of ``world`` tells them.
     """
+    if not isinstance(scene, Scene | None):
+        raise ArgumentTypeError("scene", "a Scene", _validation.shown(scene))
+    if class_names is not None:
+        class_names = _validation.named_labels("class_names", class_names)
+    boxes, surfaces = _validation.flag("boxes", boxes), _validation.flag("surfaces", surfaces)
+    if each is not None and not callable(each):
+        raise ArgumentTypeError("each", "a function of the number of frames", _validation.shown(each))
     if isinstance(what, Run):
         scene = what.scene if scene is None else scene
         what.check_coverage()

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Immutable
-from lidarsim._validation import angle, array, beam_angle, integer, real, share
+from lidarsim._validation import angle, array, beam_angle, integer, is_several, real, share
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = ["Beam", "Detection", "Measurement"]
@@ -284,7 +284,7 @@ class Measurement(Immutable):
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        is_table = isinstance(self.range_sigma, np.ndarray | list | tuple)
+        is_table = is_several(self.range_sigma)
         for name, at_most in _NUMBERS.items():
             if not (name == "range_sigma" and is_table):
                 number = angle if name in {"azimuth_sigma", "elevation_sigma"} else real

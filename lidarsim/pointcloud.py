@@ -71,10 +71,11 @@ class PointCloud(Pickled, Plotted):
 
     Parameters
     ----------
-    fields : mapping of array_like, or array_like of shape (n, 3), optional
-        The fields by name, including `xyz`; or `xyz` alone. The fields listed below are converted to their dtype:
-        values may be rounded to float32, but integer fields accept only integers that fit. Any other field has shape
-        (n,) or (n, m) and keeps its dtype: bool, any integer type, float32 or float64.
+    fields : mapping of array_like, PointCloud, or array_like of shape (n, 3), optional
+        The fields by name, including `xyz`; those of a cloud, with its class names; or `xyz` alone. The fields listed
+        below are converted to their dtype: values may be rounded to float32, but integer fields accept only integers
+        that fit. Any other field has shape (n,) or (n, m) and keeps its dtype: bool, any integer type, float32 or
+        float64.
     class_names : mapping of int to str, optional
         Class names by label, for legends and files.
     **more
@@ -165,17 +166,22 @@ class PointCloud(Pickled, Plotted):
 
     def __init__(
         self,
-        fields: Mapping[str, npt.ArrayLike] | npt.ArrayLike | None = None,
+        fields: Mapping[str, npt.ArrayLike] | PointCloud | npt.ArrayLike | None = None,
         /,
         *,
         class_names: Mapping[int, str] | None = None,
         **more: npt.ArrayLike,
     ) -> None:
-        if fields is not None and not isinstance(fields, Mapping):
+        in_sensor_frame = False
+        if isinstance(fields, PointCloud):
+            class_names = fields.class_names if class_names is None else class_names
+            in_sensor_frame = fields._in_sensor_frame
+            fields = fields._arrays()
+        elif fields is not None and not isinstance(fields, Mapping):
             fields = {"xyz": _positions(fields)}
         given = {**(fields or {}), **more}
         self.class_names = given.pop("class_names", class_names)  # type: ignore[assignment]
-        self._place(in_sensor_frame=False)
+        self._place(in_sensor_frame=in_sensor_frame)
         for name in given:
             if not isinstance(name, str):
                 raise ArgumentTypeError("fields", "strings as names of fields", _validation.shown(name))
@@ -250,14 +256,22 @@ class PointCloud(Pickled, Plotted):
             raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), f"a field is cloud.{index}")
         if isinstance(index, tuple):
             raise ArgumentTypeError("index", "one index", len(index), "a field such as cloud.xyz takes two")
-        if isinstance(index, int | np.integer) and not isinstance(index, bool):
-            if not -len(self) <= index < len(self):
-                raise IndexError(f"index: expected one of {len(self)} points, got {index}")
-            index = [int(index)]
-        chosen = np.asarray(index) if isinstance(index, list) and index else index
-        if isinstance(chosen, np.ndarray) and chosen.dtype == np.bool_ and chosen.shape != (len(self),):
+        chosen: Any = index
+        if isinstance(index, bool) or not isinstance(index, slice | int):
+            expected = "a slice, an integer, or integers or a mask of shape (m,)"
+            chosen = _validation.as_array("index", index, expected)
+            if chosen.shape == (0,) and chosen.dtype.kind == "f":  # an empty list
+                chosen = chosen.astype(np.intp)
+            if chosen.ndim > 1 or chosen.dtype.kind not in ("biu" if chosen.ndim else "iu"):
+                got = f"{chosen.dtype} of shape {chosen.shape}" if chosen.ndim else shown(index)
+                raise ArgumentTypeError("index", expected, got)
+        if isinstance(chosen, int) or (isinstance(chosen, np.ndarray) and not chosen.ndim):
+            if not -len(self) <= chosen < len(self):
+                raise IndexError(f"index: expected one of {len(self)} points, got {shown(int(chosen))}")
+            chosen = [int(chosen)]
+        elif not isinstance(chosen, slice) and chosen.dtype == np.bool_ and chosen.shape != (len(self),):
             raise IndexError(f"index: expected a mask of shape ({len(self)},), one entry per point, got {chosen.shape}")
-        arrays = {name: array[chosen] for name, array in self._arrays().items()}  # type: ignore[index]
+        arrays = {name: array[chosen] for name, array in self._arrays().items()}
         cloud = PointCloud(arrays, class_names=self._class_names)
         return cloud._place(in_sensor_frame=self._in_sensor_frame)
 
@@ -346,7 +360,7 @@ class PointCloud(Pickled, Plotted):
             cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
             turned = _mapped(cofactors, self.normal.astype(np.float64)) * np.sign(determinant)
             length = np.sqrt((turned * turned).sum(axis=-1, keepdims=True))
-            arrays["normal"] = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)
+            arrays["normal"] = np.divide(turned, length, out=np.zeros_like(turned), where=length != 0)
         return PointCloud(arrays, class_names=self._class_names)
 
     @classmethod

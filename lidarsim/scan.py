@@ -289,7 +289,7 @@ class Scan(Pickled, Plotted):
         rows += [("note", summary.note)] if summary.note else []
         rows += [("range", f"{found} m") for found in [extent(self.range)] if found]
         name = getattr(self.lidar, "name", "") or type(self.lidar.pattern).__name__
-        return f"Scan of {name}, frame {self.frame} at {self.time:g} s: {len(self):,} pulses", rows
+        return f"Scan of {name}, frame {self.frame} at {self.time:.12g} s: {len(self):,} pulses", rows
 
     @property
     def single(self) -> Returns:
@@ -418,8 +418,7 @@ class Scan(Pickled, Plotted):
         moment = self.time + offset
         if isinstance(self.pose, Trajectory):
             first, last = self.pose._native.span()
-            # The start, the period, their sum and the end are each rounded by at most half an ulp of the largest.
-            if not first <= moment <= last + 2.0 * math.ulp(last):
+            if not first <= moment <= _rounded_on(last):
                 expected = f"a moment within the trajectory, {first} to {last} s"
                 raise ArgumentValueError("deskew", expected, f"{deskew!r}, at {moment} s")
         return moment
@@ -435,7 +434,7 @@ class Scan(Pickled, Plotted):
     def _move_along(self, cloud: PointCloud, frame: str, moment: float) -> None:
         """Move the points and normals on moving objects to where they are at a moment."""
         world, path = self._scanned(), self._path()
-        world.check_motions(moment, moment)
+        world.check_motions(moment, moment, _rounded_on, argument="deskew")
         place = path.at(np.array([moment]))[0] if frame == "sensor" else np.eye(4)
         is_ghost: npt.NDArray[np.bool_] | bool = False
         if self.mirrored_point is not None:
@@ -518,7 +517,7 @@ class Scan(Pickled, Plotted):
         moment, least = self._deskewed_to(deskew), integer("min_points", min_points, at_least=0)
         world = self._scanned()
         if moment is not None:
-            world.check_motions(moment, moment)
+            world.check_motions(moment, moment, _rounded_on, argument="deskew")
         world = world.without(self.ignore)
         return boxes_of(self, world, self._path(), moment, in_world=not self._is_elsewhere(frame), min_points=least)
 
@@ -912,6 +911,14 @@ def _check_span(path: Trajectory, pulses: Pulses, start: float, period: float) -
         if not first <= fired[i] <= max(last, until):
             got = f"one from {first} to {last} s and pulse {i} at {fired[i]} s"
             raise ArgumentValueError("pose", "a trajectory over all pulses", got)
+
+
+def _rounded_on(end: float) -> float:
+    """Return the latest moment that may be the end of a trajectory, s.
+
+    The start of a frame, its period, their sum and the end are each rounded by at most half an ulp of the largest.
+    """
+    return end + 2.0 * math.ulp(end)
 
 
 def moment_of(deskew: object, rate: float) -> float | None:

@@ -198,10 +198,12 @@ class Snapshot:
             self.check_motions(times.min(), times.max())
         return times
 
-    def check_motions(self, first: float, last: float, until: Callable[[float], float] = float) -> None:
+    def check_motions(
+        self, first: float, last: float, until: Callable[[float], float] = float, *, argument: str = "time"
+    ) -> None:
         """Raise an error that names the first object whose motion does not cover these times.
 
-        `until` maps the end of a motion to the time up to which it may be extrapolated.
+        `until` maps the end of a motion to the time up to which it may be extrapolated; `argument` is what they are of.
         """
         if self.span[0] <= first and last <= self.span[1]:
             return
@@ -210,7 +212,7 @@ class Snapshot:
             if first < start or (last > end and last > until(end)):
                 name = f" ({item.name!r})" if item.name else ""
                 raise ArgumentValueError(
-                    "time",
+                    argument,
                     f"times within the motion of object {item.id}{name}, {start} to {end} s",
                     f"{first} to {last} s",
                 )

@@ -19,9 +19,10 @@ from lidarsim import scan as _scan
 from lidarsim._files import check_regular
 from lidarsim._pickling import Pickled
 from lidarsim._shown import short, text_table
-from lidarsim._validation import Instances, Transform, array, frames, integer, items, real, shown
+from lidarsim._validation import Instances, Transform, array, frames, integer, is_several, items, real, shown
 from lidarsim.batch import Poses, ScanBatch, scan_many
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
+from lidarsim.imu import sensor_name
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
 from lidarsim.patterns._pulses import check_pattern, pulses_of
@@ -104,9 +105,9 @@ class Lidar(Pickled):
         check_pattern(self.pattern)
         if not isinstance(self.measurement, Measurement):
             raise ArgumentTypeError("measurement", "a Measurement", repr(self.measurement))
-        for what in ("name", "model"):
-            if not isinstance(getattr(self, what), str):
-                raise ArgumentTypeError(what, "a string", repr(getattr(self, what)))
+        sensor_name(self.name)
+        if not isinstance(self.model, str):
+            raise ArgumentTypeError("model", "a string", repr(self.model))
         object.__setattr__(self, "model", self.model or self.name)
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
@@ -411,7 +412,7 @@ class Lidar(Pickled):
 
 
 def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:
-    if not isinstance(value, np.ndarray | list | tuple):
+    if not is_several(value):
         return real("range_offset", value)
     offsets = array("range_offset", value, ("rings",))
     rings = pattern.shape[0]

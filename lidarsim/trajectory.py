@@ -587,7 +587,7 @@ class Trajectory(Immutable):
         Trajectory
             ``error @ self @ mount``, with the same span. With a finite correlation time, the errors are those of each
             pose and of enough poses between, a tenth of the correlation time apart at most, and are interpolated as
-            the trajectory is.
+            the trajectory is; those of a mounted sensor with the body that carries it.
 
         Raises
         ------
@@ -626,18 +626,21 @@ class Trajectory(Immutable):
             error, before, after = sigmas * _gauss_markov(np.zeros(1), scale, seed)[0], np.eye(4), np.eye(4)
             before[:3, 3], after[:3, :3] = error[:3], Rotation.from_rotvec(error[3:]).as_matrix()
             return before @ self @ after @ mount
-        kind, arguments, _ = self._recipe
+        kind, arguments, mounts = self._recipe
         if kind == "twist":
             hint = "give it poses at times"
             raise ArgumentValueError("correlation_time", "inf, as the trajectory has no end", scale, hint)
         is_spline = bool(arguments[2].reshape(-1, 2, 3, 3)[:, :, 1:].any())
         times = _finely(self._times, 0.1 * scale)
         errors = sigmas * _gauss_markov(times, scale, seed)
-        poses = self._native.at(times)
-        turns = Rotation.from_rotvec(errors[:, 3:]).as_matrix()
+        # Between its poses, it is the body that moves as interpolated. It turns about the sensor that it carries.
+        poses, carried = _built((kind, arguments, ())).at(times), _built(("still", (np.eye(4).tolist(),), mounts))
+        sensor = carried.at(np.zeros(1))[0]
+        turns = product(sensor[:3, :3], product(Rotation.from_rotvec(errors[:, 3:]).as_matrix(), sensor[:3, :3].T))
+        shifts = sensor[:3, 3:] - product(turns, sensor[:3, 3:])
+        poses[:, :3, 3] += errors[:, :3] + product(poses[:, :3, :3], shifts)[..., 0]
         poses[:, :3, :3] = product(poses[:, :3, :3], turns)
-        poses[:, :3, 3] += errors[:, :3]
-        return Trajectory(times, poses, interpolation="spline" if is_spline else "linear") @ mount
+        return Trajectory(times, poses, interpolation="spline" if is_spline else "linear") @ sensor @ mount
 
     @classmethod
     def _made(cls, times: Floats, recipe: _Recipe, native: _native.Path | None = None) -> Self:
@@ -656,7 +659,7 @@ class Trajectory(Immutable):
 
     def __repr__(self) -> str:
         """Return the class and the span."""
-        return "Trajectory({:g} to {:g} s)".format(*self.span)
+        return "Trajectory({:.12g} to {:.12g} s)".format(*self.span)
 
 
 _Recipe = tuple[str, tuple[Any, ...], tuple[Any, ...]]

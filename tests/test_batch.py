@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -143,6 +144,15 @@ def test_rows_of_one_seed_draw_different_noise_that_can_be_repeated() -> None:
     assert same_bits(longer.range[:4], batch.range)
 
 
+def test_seeds_of_all_sizes_keep_all_their_bits() -> None:
+    """NumPy has no type for integers on both sides of 2⁶³: it makes floats of them, or objects beyond 2⁶⁴."""
+    seeds = [0, 2**53 + 1, 2**63 + 1, 2**64 - 1]
+    assert CLEAR.scan_many(room(), poses(4), seed=seeds).seed.tolist() == seeds
+    assert CLEAR.scan_many(room(), poses(2), seed=np.array(seeds[1:3], object)).seed.tolist() == seeds[1:3]
+    derived = np.random.SeedSequence(2**64 - 1).generate_state(2, np.uint64)
+    assert CLEAR.scan_many(room(), poses(2), seed=2**64 - 1).seed.tolist() == derived.tolist()
+
+
 def test_rows_may_have_their_own_trajectories() -> None:
     scene, lidar = room(moving=True), dataclasses.replace(CLEAR, measurement=NOISE)
     drives = [ls.Trajectory.from_twist(pose, (3.0, 0, 0), (0, 0, 0.5)) for pose in poses(3)]
@@ -231,6 +241,32 @@ def test_memory_is_reused_and_shared_without_copies() -> None:
     assert np.isnan(mixed.xyz[1, 1:]).all()
 
 
+def test_arrays_can_be_written_but_not_replaced() -> None:
+    batch = CLEAR.scan_many(room(), poses(2))
+    status = batch.status
+    batch.status += 1
+    assert batch.status is status
+    for name, value in (("status", status.copy()), ("incidence", None), ("other", None)):
+        with pytest.raises(AttributeError, match=f"^{name}: a batch keeps its arrays; write into them$"):
+            setattr(batch, name, value)
+
+
+def test_all_arrays_are_described() -> None:
+    described = ls.ScanBatch.__doc__
+    assert described
+    attributes = described.split("Attributes")[1].split("Notes")[0]
+    named = re.findall(r"[a-z_]+", " ".join(re.findall(r"^    (\S.*) : ", attributes, re.MULTILINE)))
+    assert {*named} == {*ls.ScanBatch.__annotations__}
+    fields = {*ls.ScanBatch.__annotations__} - {"seed", "frame", "time"}
+    batch = CLEAR.scan_many(room(), poses(1), fields=fields)
+    assert {*batch.fields} == fields
+    assert {*batch.path[batch.return_count > 0].tolist()} == {0}
+    assert np.isnan(batch.mirrored_point).all()
+    with pytest.raises(ArgumentValueError) as refused:
+        CLEAR.scan_many(room(), poses(1), fields=["other"])
+    assert {*refused.value.expected.removeprefix("names among ").split(", ")} == fields
+
+
 def test_copies_pickles_and_text() -> None:
     batch = CLEAR.scan_many(room(), poses(2))
     for other in (copy.copy(batch), pickle.loads(pickle.dumps(batch))):  # noqa: S301 - our own
@@ -249,6 +285,7 @@ def test_copies_pickles_and_text() -> None:
 def test_no_rows_and_no_pulses() -> None:
     none = CLEAR.scan_many(room(), np.empty((0, 4, 4)), fields=ALL)
     assert (len(none), none.range.shape, none.xyz.shape) == (0, (0, 111), (0, 111, 3))
+    assert len(CLEAR.scan_many(room(), [])) == len(CLEAR.scan_many(room(moving=True), (), seed=[])) == 0
     assert ls.scan_many([CLEAR], [], np.empty((0, 4, 4)), sensor=[]).range.shape == (0, 111)
     blind = ls.Lidar(ls.patterns.Grid([], [], rate=10.0))
     assert blind.scan_many(room(), poses(3)).range.shape == (3, 0)
@@ -301,7 +338,36 @@ BAD: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ArgumentValueError,
         r"frame\[1\] = -2",
     ),
-    "a seed": (lambda: CLEAR.scan_many(room(), poses(2), seed=1.5), ArgumentTypeError, "seed: expected integers"),
+    "a seed": (
+        lambda: CLEAR.scan_many(room(), poses(2), seed=1.5),
+        ArgumentTypeError,
+        "seed: expected integers, got 1.5",
+    ),
+    "seeds that are not integers": (
+        lambda: CLEAR.scan_many(room(), poses(2), seed=[1.5, 2**63]),
+        ArgumentTypeError,
+        "seed: expected integers, got dtype float64",
+    ),
+    "truth values": (
+        lambda: CLEAR.scan_many(room(), poses(2), seed=[True, 2**64]),
+        ArgumentTypeError,
+        "seed: expected integers, got dtype object",
+    ),
+    "a seed beyond all": (
+        lambda: CLEAR.scan_many(room(), poses(2), seed=2**64),
+        ArgumentValueError,
+        "seed: expected integers from 0 to 18446744073709551615, got 18446744073709551616",
+    ),
+    "one of the seeds": (
+        lambda: CLEAR.scan_many(room(), poses(3), seed=[1, 10**400, 2**63]),
+        ArgumentValueError,
+        r"seed: expected integers from 0 to 18446744073709551615, got seed\[1\] = an integer of 1,329 bits",
+    ),
+    "a seed below 0": (
+        lambda: CLEAR.scan_many(room(), poses(2), seed=[2**63, -1]),
+        ArgumentValueError,
+        r"seed: expected integers from 0 to 18446744073709551615, got seed\[1\] = -1",
+    ),
     "scenes": (lambda: CLEAR.scan_many([room()], poses(2)), ArgumentValueError, "scene: .* 2 rows, got 1 scenes"),
     "no scene": (lambda: CLEAR.scan_many([room(), 1], poses(2)), ArgumentTypeError, r"scene\[1\]: expected a Scene"),
     "a sensor": (

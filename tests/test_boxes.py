@@ -512,6 +512,15 @@ def test_selections_corners_and_copies() -> None:
     assert len(copy.copy(scan).boxes()) == len(copy.deepcopy(scan).boxes()) == len(boxes)
 
 
+def test_the_label_of_most_faces_is_that_of_the_box() -> None:
+    """However large; of labels with as many faces, the smallest."""
+    largest, corners = 2**32 - 1, [[5, 0, 0], [5, 1, 0], [5, 0, 1], [5, 1, 1]]
+    for faces, expected in {(7, largest, largest): largest, (largest, 7): 7, (0, 9, 3, 9, 3): 3}.items():
+        scene = ls.Scene()
+        scene.add(ls.TriangleMesh(corners, [[0, 1, 2 + k % 2] for k in range(len(faces))]), label=faces)
+        assert sensor().scan(scene).boxes().label.tolist() == [expected]
+
+
 def test_boxes_are_those_of_the_scene_as_it_was_scanned() -> None:
     scene = ls.Scene()
     ball = scene.add(ls.Sphere((5, 0, 0), 1.0))
@@ -522,6 +531,22 @@ def test_boxes_are_those_of_the_scene_as_it_was_scanned() -> None:
         boxes = scan.boxes()
         np.testing.assert_allclose(boxes.center, [center], rtol=0, atol=math.ulp(8.0))
         np.testing.assert_allclose(boxes.size, [[size] * 3], rtol=0, atol=2 * 64 * 2.0**-53 * 32.0)
+
+
+def test_a_motion_that_ends_with_the_frame_holds_its_end() -> None:
+    """The end of a frame, a sum of rounded times, may be an ulp or two after the end of the motion."""
+    lidar, late = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0)), 0
+    for frame in range(100):
+        scene, end = ls.Scene(), (frame + 1) / 10
+        motion = ls.Trajectory([0.0, end], np.stack([at(5, 0, 0), at(5 + end, 0, 0)]))
+        scene.add(ls.Sphere((0, 0, 0), 1.0), motion=motion)
+        scan = lidar.scan(scene, time=frame / 10, frame=frame)
+        late += scan.time + 0.1 > end
+        near = 8 * math.ulp(16.0)  # a few roundings of coordinates up to 16 m
+        np.testing.assert_allclose(scan.boxes(deskew="end").center, [[5 + end, 0, 0]], rtol=0, atol=near)
+        cloud = scan.point_cloud(deskew="end", deskew_movers=True)
+        np.testing.assert_allclose(cloud.xyz, [[4 + end, 0, 0]], rtol=0, atol=near)
+    assert late
 
 
 def test_no_pulses_no_boxes() -> None:
@@ -555,5 +580,5 @@ def test_mistakes() -> None:
     scan = sensor().scan(scene)
     assert scan.boxes(deskew="end").points[0] > 100
     for ask in (scan.boxes, lambda deskew: scan.point_cloud(deskew=deskew, deskew_movers=True)):
-        with pytest.raises(ValueError, match=r"time: expected times within the motion of object 0, 0\.0 to 0\.11 s"):
+        with pytest.raises(ValueError, match=r"^deskew: expected times within the motion of object 0, 0\.0 to 0\.11 s"):
             ask(deskew=0.2)

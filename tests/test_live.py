@@ -14,7 +14,7 @@ import pytest
 import lidarsim as ls
 from lidarsim import live
 from lidarsim.cli import main
-from lidarsim.errors import LidarsimError, MissingExtraError
+from lidarsim.errors import ArgumentError, LidarsimError, MissingExtraError
 from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import SEQUENTIAL
 from lidarsim.viewers.live import Moment, Painter
@@ -214,6 +214,22 @@ def test_bad_arguments(
     with pytest.raises(error) as caught:
         ls.stream(what(), to)
     assert str(caught.value).startswith(message)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"scene": 3}, "scene: expected a Scene, got 3"),
+        ({"each": 3}, "each: expected a function of the number of frames, got 3"),
+        ({"class_names": 3}, "class_names: expected a mapping from labels to their names, got 3"),
+        ({"boxes": 3}, "boxes: expected True or False, got 3"),
+        ({"surfaces": None}, "surfaces: expected True or False, got None"),
+    ],
+)
+def test_options_are_checked_before_a_viewer_opens(options: Any, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match=f"^{message}$"):
+        ls.stream(rig().frames(street(), None, 1), tmp_path / "x.rrd", **options)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,5 +1,6 @@
 """Common mistakes: each error names the argument, the expectation and the value."""
 
+import dataclasses
 from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction
@@ -685,3 +686,5 @@ def test_a_mistake_is_explained(mistake: Callable[[], Any], kind: type[Exception
 def test_real_numbers_of_all_kinds_are_taken(half: Any) -> None:
     assert ls.Detection(half, 2 * half) == ls.Detection(0.5, 1.0)
     assert ls.Measurement(range_bias=-half).range_bias == -0.5
+    assert ls.Measurement(range_sigma=half).range_sigma == 0.5
+    assert dataclasses.replace(LIDAR, range_offset=half).range_offset == 0.5

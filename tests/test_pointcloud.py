@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import re
 from fractions import Fraction
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import FileFormatError
 from lidarsim.pointcloud import CANONICAL, PointCloud, check_output, field_names
@@ -56,6 +58,19 @@ def test_canonical_dtypes_are_those_of_the_annotations() -> None:
         assert annotations[name] == f"npt.NDArray[np.{dtype.__name__}]"
 
 
+def test_a_cloud_of_a_cloud_has_all_that_it_has() -> None:
+    given = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0)).scan(ls.Scene(), TURN).point_cloud()
+    given.class_names, given.flow = {7: "ball"}, np.ones((len(given), 2))
+    made = PointCloud(given)
+    assert made.fields == given.fields
+    assert all(getattr(made, name) is getattr(given, name) for name in given.fields)
+    assert (made.class_names, made._in_sensor_frame) == ({7: "ball"}, True)
+    more = PointCloud(given, class_names={7: "sphere"}, cluster=np.zeros(len(given)))
+    assert more.class_names == {7: "sphere"}
+    assert {*more.fields} - {*given.fields} == {"cluster"}
+    assert given.class_names == {7: "ball"}
+
+
 def test_arrays_of_the_right_dtype_are_kept() -> None:
     ring = np.array([1, 2], np.uint16)
     cloud = PointCloud(xyz=XYZ, ring=ring)
@@ -94,6 +109,36 @@ def test_selection_keeps_all_fields(cloud: PointCloud, index: object) -> None:
     assert part.xyz.tolist() == [[4, 5, 6]]
     assert part.ring.tolist() == [7]
     assert part.ring.dtype == np.uint16
+
+
+@pytest.mark.parametrize("index", [1, -1, np.int8(1), np.array(1), [1], np.array([1], np.uint8)])
+def test_one_index_selects_one_point(cloud: PointCloud, index: object) -> None:
+    assert cloud[index].xyz.tolist() == [[4, 5, 6]]
+
+
+def test_no_index_selects_no_point(cloud: PointCloud) -> None:
+    for index in ([], (np.empty(0, int)), [False, False], slice(0)):
+        assert len(cloud[index]) == 0
+        assert cloud[index].fields == cloud.fields
+
+
+@pytest.mark.parametrize(
+    ("index", "error", "message"),
+    [
+        (None, TypeError, "None"),
+        (True, TypeError, "True"),
+        (np.True_, TypeError, "np.True_"),
+        (1.5, TypeError, "1.5"),
+        ([0.0, 1.0], TypeError, "float64 of shape (2,)"),
+        ([[0], [1]], TypeError, "int64 of shape (2, 1)"),
+        (np.ones((2, 3), bool), TypeError, "bool of shape (2, 3)"),
+        ([[0], [0, 1]], ValueError, "a ragged sequence"),
+    ],
+)
+def test_what_is_no_index_is_refused(cloud: PointCloud, index: object, error: type[Exception], message: str) -> None:
+    expected = f"index: expected a slice, an integer, or integers or a mask of shape (m,), got {message}"
+    with pytest.raises(error, match=f"^{re.escape(expected)}$"):
+        cloud[index]
 
 
 def test_copies_and_pickles(cloud: PointCloud) -> None:
@@ -151,6 +196,8 @@ def test_transformed_keeps_the_rest_and_shares_it() -> None:
 def test_transformed_normals_without_a_direction_stay_so() -> None:
     cloud = PointCloud(xyz=XYZ, normal=[[0, 0, 0], [0, 0, 1]])
     assert cloud.transformed(MIRROR).normal.tolist() == [[0, 0, 0], [0, 0, 1]]
+    missing = PointCloud(xyz=XYZ, normal=[[np.nan] * 3, [0, 0, 1]]).transformed(SHEAR)
+    assert np.isnan(missing.normal).all(axis=1).tolist() == [True, False]
 
 
 @pytest.mark.parametrize(

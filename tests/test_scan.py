@@ -225,6 +225,11 @@ def test_summary_counts_and_prints() -> None:
     ]
 
 
+def test_a_scan_prints_unix_times_to_the_digit() -> None:
+    title = repr(lidar(columns=10).scan(ls.Scene(), time=1.7e9 + 0.25)).splitlines()[0]
+    assert title.endswith("frame 0 at 1700000000.25 s: 160 pulses")
+
+
 def test_a_sensor_inside_of_an_object_is_noted() -> None:
     body, far = ls.Sphere((0, 0, 0), 0.4), ls.Box((1, 9, 9), center=(20, 0, 0))
     shell, inside = ls.Scene(), dataclasses.replace(lidar(columns=10), min_range=0.5)

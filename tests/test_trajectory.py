@@ -35,6 +35,7 @@ def test_given_poses_are_met() -> None:
     assert np.allclose(trajectory.at(TIMES).as_matrix(), poses().as_matrix(), rtol=0, atol=1e-14)
     assert trajectory.span == (-1.0, 4.0)
     assert repr(trajectory) == "Trajectory(-1 to 4 s)"
+    assert repr(ls.Trajectory(1.7e9 + TIMES, poses())) == "Trajectory(1699999999 to 1700000004 s)"
 
 
 @pytest.mark.parametrize("matrices", [False, True])
@@ -606,6 +607,30 @@ def test_a_perturbed_spline_stays_smooth_and_near() -> None:
         found.at(dense).as_matrix().tolist()
         != path.perturbed(position_sigma=1e-6, correlation_time=1.0, seed=2).at(dense).as_matrix().tolist()
     )
+
+
+def test_changing_errors_of_a_mounted_sensor_leave_it_on_the_arc_of_its_body() -> None:
+    """A body that turns by a right angle each second carries a sensor 2 m ahead, and one on that."""
+    knots, dense = np.arange(3.0), np.linspace(0.0, 2.0, 201)
+    turned = Rotation.from_rotvec(np.outer(knots, (0.0, 0.0, math.pi / 2)))
+    aside = RigidTransform.from_components((0.0, 1.0, 0.5), Rotation.from_euler("xyz", (0.3, 1.0, -2.0)))
+    path = ls.Trajectory(knots, RigidTransform.from_rotation(turned)) @ moved(2.0) @ aside
+    sigmas: dict[str, Any] = {"position_sigma": 0.5, "correlation_time": 3.0, "seed": 3}
+    found = path.perturbed(**sigmas)
+    # What stands at the origin has the errors alone, and what is linear in both poses is linear in their sum.
+    still = ls.Trajectory(knots, np.stack([np.eye(4)] * 3))
+    expected = path.at(dense).translation + still.perturbed(**sigmas).at(dense).translation
+    assert np.abs(still.perturbed(**sigmas).at(dense).translation).max() > 0.1
+    np.testing.assert_allclose(found.at(dense).translation, expected, rtol=0, atol=64 * math.ulp(4.0))
+    np.testing.assert_allclose(
+        found.at(dense).rotation.as_matrix(), path.at(dense).rotation.as_matrix(), rtol=0, atol=64 * math.ulp(1.0)
+    )
+    found = path.perturbed(**sigmas, orientation_sigma=0.1, boresight=(0.1, 0.2, 0.3), lever_arm=(1, 2, 3))
+    error = still.perturbed(**sigmas, orientation_sigma=0.1).at(found.times)
+    mount = RigidTransform.from_components((1, 2, 3), Rotation.from_euler("xyz", (0.1, 0.2, 0.3)))
+    shifted = RigidTransform.from_translation(error.translation) * path.at(found.times)
+    right = shifted * RigidTransform.from_rotation(error.rotation) * mount
+    np.testing.assert_allclose(found.at(found.times).as_matrix(), right.as_matrix(), rtol=0, atol=64 * math.ulp(8.0))
 
 
 @pytest.mark.parametrize(

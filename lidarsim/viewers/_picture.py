@@ -297,7 +297,11 @@ def checked_camera(camera: object) -> Camera | Floats:
             if camera == name:
                 return name
         raise ArgumentValueError("camera", f"{', '.join(CAMERAS)} or three points", repr(camera))
-    return _validation.array("camera", camera, (3, 3))
+    points = _validation.array("camera", camera, (3, 3))
+    if not np.cross(points[1] - points[0], points[2]).any():
+        expected = "a target apart from the position and an up vector across the view"
+        raise ArgumentValueError("camera", expected, "others")
+    return points
 
 
 def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:

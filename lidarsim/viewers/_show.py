@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -13,7 +14,7 @@ import numpy as np
 from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
 from lidarsim._shown import counted, plain
-from lidarsim._validation import Floats, Transform, integer, real
+from lidarsim._validation import Floats, Transform, dimensions, flag, integer, items, named_labels, one_of, real, shown
 from lidarsim._views import Camera, Plotted, register_view
 from lidarsim.boxes import Boxes
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -30,6 +31,9 @@ from lidarsim.viewers._surfaces import Surface, surfaces
 
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan] | Mapping[str, PointCloud]
 """A frame: a cloud, a scan, or the scans or clouds of a rig by sensor name."""
+
+KINDS = "point clouds, scans or a scene"
+"""What can be shown, as errors name it."""
 
 SUFFIXES = (".png", ".jpg", ".gif", ".mp4", ".html")
 
@@ -130,12 +134,17 @@ def show(
         points in the sensor frame are to be shown in the world without a `pose`, or an argument is not one of the
         values above.
     """
-    if viewer not in {"pyvista", "open3d"}:
-        raise ArgumentValueError("viewer", "'pyvista' or 'open3d'", repr(viewer))
+    one_of("viewer", viewer, ("pyvista", "open3d"))
     if save is not None:
         check_save(save)
     width, height = checked_size(size)
     style = _style(limits, color_map, background)
+    view = checked_camera(camera)
+    if not isinstance(scene, Scene | None):
+        raise ArgumentTypeError("scene", "a Scene", shown(scene))
+    if point_size is not None:
+        point_size = real("point_size", point_size, above=0.0)
+    accumulate = flag("accumulate", accumulate)
     sensors: dict[str, int] = {}
     if isinstance(what, Scene):
         (shown_boxes,) = _boxes(boxes, 1)
@@ -143,9 +152,7 @@ def show(
         frames = _titles(title, [replace(_frame(_nothing(), np.eye(4)), boxes=shown_boxes)], None, ())
         rate, scene = 10.0, what
     else:
-        given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
-        if not given:
-            raise ArgumentValueError("what", "at least one frame", "none")
+        given = _given(what)
         poses = _poses(pose, len(given))
         _check_places(given, poses, scene, accumulate=accumulate)
         several = _boxes(boxes, len(given))
@@ -156,7 +163,7 @@ def show(
             title = together_title(len(given), starts or ())
         frames = _titles(title, frames, starts, given)
     picture = _picture(
-        frames, scene, color_by, class_names, sensors, camera=camera, rate=rate, starts=starts, style=style
+        frames, scene, color_by, class_names, sensors, camera=view, rate=rate, starts=starts, style=style
     )
     picture = replace(picture, of_points=what is not scene)
     if accumulate:
@@ -172,11 +179,22 @@ def show(
     return None
 
 
+def _given(what: Shown | Iterable[Shown]) -> list[Shown]:
+    """Return the frames, at least one."""
+    if isinstance(what, PointCloud | Scan | Mapping):
+        return [what]
+    if not isinstance(what, Iterable):
+        raise ArgumentTypeError("what", KINDS, shown(what))
+    several = list(what)
+    if not several:
+        raise ArgumentValueError("what", "at least one frame", "none")
+    return several
+
+
 def _style(limits: tuple[float, float] | None, color_map: str | None, background: str) -> Style:
-    if background not in THEMES:
-        raise ArgumentValueError("background", f"one of {', '.join(THEMES)}", repr(background))
-    if color_map is not None and color_map not in MAPS:
-        raise ArgumentValueError("color_map", f"one of {', '.join(MAPS)}", repr(color_map))
+    one_of("background", background, tuple(THEMES))
+    if color_map is not None:
+        one_of("color_map", color_map, tuple(MAPS))
     return Style(THEMES[background], color_map, checked_limits(limits))
 
 
@@ -205,7 +223,7 @@ def _titles(
             frame_title(number, place, count, time)
             for place, (number, time) in enumerate(zip(numbers, times, strict=True), 1)
         ]
-    titles = [title or ""] * count if title is None or isinstance(title, str) else list(title)
+    titles = [title or ""] * count if title is None or isinstance(title, str) else items("title", title, "texts")
     if len(titles) != count:
         raise ArgumentValueError("title", f"one for each of the {count} frames", len(titles))
     for text in titles:
@@ -232,7 +250,11 @@ def check_save(path: PathLike) -> None:
         If the suffix is unknown.
     OSError
         If the folder does not exist or is not writable.
+    TypeError
+        If it is no path.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise ArgumentTypeError("save", "a path", shown(path))
     check_suffix(path, SUFFIXES)
     check_folder(path)
 
@@ -245,7 +267,10 @@ def checked_size(size: tuple[int, int]) -> tuple[int, int]:
     TypeError, ValueError
         If they are not.
     """
-    width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(size))
+    given = items("size", size, "pixels")
+    if len(given) != 2:
+        raise ArgumentValueError("size", "a width and a height", counted(len(given), "number"))
+    width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(given))
     return width, height
 
 
@@ -282,7 +307,7 @@ def _check_places(
 def _boxes(boxes: Boxes | Sequence[Boxes | None] | None, count: int) -> Sequence[Boxes | None]:
     if boxes is None:
         return [None] * count
-    several = [boxes] if isinstance(boxes, Boxes) else list(boxes)
+    several = [boxes] if isinstance(boxes, Boxes) else items("boxes", boxes, "Boxes")
     for i, given in enumerate(several):
         if not isinstance(given, Boxes | None):
             raise ArgumentTypeError(f"boxes[{i}]", "Boxes or None", type(given).__name__)
@@ -310,7 +335,7 @@ def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: Mappi
     several = what if isinstance(what, Mapping) else {"": what}
     for scan in several.values():
         if not isinstance(scan, Scan | PointCloud):
-            raise ArgumentTypeError("what", "point clouds, scans or a scene", type(scan).__name__)
+            raise ArgumentTypeError("what", KINDS, type(scan).__name__)
     if not several:
         return replace(_frame(_nothing(), np.eye(4)), boxes=boxes)
     clouds = [scan if isinstance(scan, PointCloud) else scan.point_cloud("world") for scan in several.values()]
@@ -339,9 +364,9 @@ def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence
     if pose is None:
         return [None] * count
     several: Any = pose
-    if hasattr(pose, "as_matrix") or np.ndim(several) == 2:
+    if hasattr(pose, "as_matrix") or dimensions(several) == 2:
         return [_validation.pose("pose", several)] * count
-    poses = [_validation.pose(f"pose[{i}]", where) for i, where in enumerate(several)]
+    poses = [_validation.pose(f"pose[{i}]", where) for i, where in enumerate(items("pose", several, "poses"))]
     if len(poses) != count:
         raise ArgumentValueError("pose", f"one for each of the {count} frames", len(poses))
     return poses
@@ -359,7 +384,7 @@ def _starts(time: float | Sequence[float] | None, given: Sequence[Shown]) -> lis
         first = [next(iter(what.values()), None) if isinstance(what, Mapping) else what for what in given]
         known = [scan.time for scan in first if isinstance(scan, Scan)]
         return known if len(known) == len(given) else [0.0] if len(given) == 1 else None
-    if np.ndim(time) == 0:
+    if dimensions(time) == 0:
         return [real("time", time)] * len(given)
     times = [real(f"time[{i}]", moment) for i, moment in enumerate(time)]  # type: ignore[arg-type]
     if len(times) != len(given):
@@ -374,7 +399,7 @@ def _picture(
     class_names: Mapping[int, str] | None,
     sensors: Mapping[str, int],
     *,
-    camera: object,
+    camera: Camera | Floats,
     rate: float,
     starts: list[float] | None,
     style: Style,
@@ -399,7 +424,7 @@ def _picture(
         names["object_id"] = {item.id: item.name for item in scene}
         labels |= scene.class_names
         objects = objects_by_label(scene)
-    names["label"] = labels if class_names is None else class_names
+    names["label"] = labels if class_names is None else named_labels("class_names", class_names)
     others["label"] = used
     if color_by is None and scene is not None and not any(map(len, points)):
         color_by = "label"
@@ -420,7 +445,7 @@ def _picture(
         [surface for surface in found if surface.item.motion is None],
         places if np.ptp(places, axis=0).any() else np.empty((0, 3)),
         coloring([frame.cloud for frame in frames], color_by, known, style),
-        checked_camera(camera),
+        camera,
         rate,
         class_coloring(used, known, style.theme),
         style.theme,

@@ -135,8 +135,8 @@ def test_bad_boxes(given: Any, message: str) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"background": "pink"}, "background: expected one of dark, white, got 'pink'"),
-        ({"color_map": "jet"}, "color_map: expected one of magma, viridis, cividis, grey, got 'jet'"),
+        ({"background": "pink"}, "background: expected 'dark' or 'white', got 'pink'"),
+        ({"color_map": "jet"}, "color_map: expected 'magma', 'viridis', 'cividis' or 'grey', got 'jet'"),
         ({"limits": (3, 1)}, "limits: expected two numbers, the second greater, got 3 and 1"),
         ({"title": ["a", "b"]}, "title: expected one for each of the 1 frames, got 2"),
         ({"title": [3]}, "title: expected text, got int"),

@@ -20,6 +20,7 @@ from PIL import Image
 import lidarsim as ls
 from lidarsim._shown import plain
 from lidarsim._views import Looks
+from lidarsim.errors import ArgumentError
 from lidarsim.viewers import _display, html
 from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import MISSING, QUALITATIVE, coloring
@@ -272,12 +273,56 @@ def test_a_window_chooses_its_frame_by_a_slider(scans: list[ls.Scan], monkeypatc
         ({"pose": [np.eye(4)] * 2}, "pose: expected one for each of the 3 frames, got 2"),
         ({"color_by": "smell"}, "color_by: expected one of height, range, "),
         ({"save": "a.bmp"}, "a.bmp: unknown extension '.bmp', expected .gif, .html, .jpg, .mp4 or .png"),
+        ({"save": 3}, "save: expected a path, got 3"),
+        ({"scene": 3}, "scene: expected a Scene, got 3"),
+        ({"size": 5}, "size: expected a sequence of pixels, got 5"),
+        ({"size": (100,)}, "size: expected a width and a height, got 1 number"),
+        ({"size": (100, 100, 100)}, "size: expected a width and a height, got 3 numbers"),
+        ({"pose": 3}, "pose: expected a sequence of poses, got 3"),
+        ({"pose": [np.eye(4), np.eye(3), np.eye(4)]}, "pose[1]: expected shape (4, 4), got (3, 3)"),
+        ({"boxes": 3}, "boxes: expected a sequence of Boxes, got 3"),
+        ({"title": 3}, "title: expected a sequence of texts, got 3"),
+        ({"time": [[0], [0, 1], 2]}, "time[0]: expected a finite number, got [0]"),
+        ({"background": ["dark"]}, "background: expected 'dark' or 'white', got ['dark']"),
+        ({"color_map": ["magma"]}, "color_map: expected 'magma', 'viridis', 'cividis' or 'grey', got ['magma']"),
+        ({"viewer": ["pyvista"]}, "viewer: expected 'pyvista' or 'open3d', got ['pyvista']"),
+        ({"point_size": -1}, "point_size: expected a finite number > 0, got -1.0"),
+        ({"point_size": "x"}, "point_size: expected a finite number > 0, got 'x'"),
+        ({"class_names": 3}, "class_names: expected a mapping from labels to their names, got 3"),
+        ({"class_names": {"1": "car"}}, "class_names, its keys: expected an integer from 0 to 4294967295, got '1'"),
+        ({"accumulate": 2}, "accumulate: expected True or False, got 2"),
+        (
+            {"camera": np.zeros((3, 3))},
+            "camera: expected a target apart from the position and an up vector across the view, got others",
+        ),
+        (
+            {"camera": [[0, 0, 9], [0, 0, 0], [0, 0, 1]]},
+            "camera: expected a target apart from the position and an up vector across the view, got others",
+        ),
     ],
 )
-def test_bad_arguments(options: Any, message: str, scans: list[ls.Scan]) -> None:
-    with pytest.raises((ValueError, ls.errors.LidarsimError)) as caught:
-        ls.show([scan.point_cloud() for scan in scans], **{"save": "a.png", **options})
+@pytest.mark.parametrize("suffix", ["png", "html"])
+def test_bad_arguments(
+    options: Any, message: str, suffix: str, scans: list[ls.Scan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever draws the picture."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((ArgumentError, ls.errors.FileFormatError)) as caught:
+        ls.show([scan.point_cloud() for scan in scans], **{"save": f"a.{suffix}", **options})
     assert str(caught.value).startswith(message)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("what", [3, None])
+def test_what_cannot_be_shown(what: Any) -> None:
+    with pytest.raises(ArgumentError, match=f"^what: expected point clouds, scans or a scene, got {what}$"):
+        ls.show(what, save="a.png")
+
+
+def test_looks_are_checked_beside_a_scene_as_well(tmp_path: Path) -> None:
+    for options in ({"point_size": 0}, {"accumulate": None}, {"class_names": [1]}, {"camera": np.ones((3, 3))}):
+        with pytest.raises(ArgumentError, match=f"^{next(iter(options))}: expected "):
+            street().plot(save=tmp_path / "a.png", **options)
 
 
 def test_the_keywords_of_plot_are_those_of_show() -> None:
