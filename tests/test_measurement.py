@@ -1441,7 +1441,7 @@ def test_wrong_types_are_refused(parameters: dict[str, Any], message: str) -> No
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ls.Detection(0.0, 10.0), "reflectivity: expected a finite number > 0, got 0.0"),
+        (lambda: ls.Detection(0.0, 10.0), "reflectivity: expected a finite number > 0 and <= 1, got 0.0"),
         (lambda: ls.Detection(0.1, -1.0), "range: expected a finite number > 0, got -1.0"),
         (lambda: ls.Beam(-1e-3), "divergence_azimuth: expected a finite number from 0 to 0.1, got -0.001"),
         (lambda: ls.Beam(1e-3, math.inf), "divergence_elevation: expected a finite number from 0 to 0.1, got inf"),
