@@ -12,6 +12,7 @@ import stat
 import threading
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from secrets import token_hex
 from tempfile import gettempdir
@@ -37,6 +38,9 @@ _DEVICE = re.compile(r"CON|PRN|AUX|NUL|(?:COM|LPT)[0-9]", re.IGNORECASE)
 
 LONGEST = 1000
 """Maximum length of an error message, which may quote the content of a file."""
+
+_noting: ContextVar[tuple[set[Path], ...]] = ContextVar("_noting", default=())
+"""What the blocks of `noting_reads` around this place have noted."""
 
 
 def check_suffix(path: PathLike, known: Collection[str]) -> str:
@@ -76,10 +80,27 @@ def check_names(argument: str, names: Iterable[str]) -> None:
             raise ArgumentValueError(argument, "names that differ in more than case", f"{other!r} and {name!r}")
 
 
+@contextmanager
+def noting_reads() -> Iterator[set[Path]]:
+    """Note the real paths of the files that the block reads: every reader gives them to `check_regular` or `beside`."""
+    found: set[Path] = set()
+    token = _noting.set((*_noting.get(), found))
+    try:
+        yield found
+    finally:
+        _noting.reset(token)
+
+
+def _note(path: PathLike) -> None:
+    for found in _noting.get():
+        found.add(Path(os.path.realpath(path)))
+
+
 def check_regular(path: PathLike) -> None:
-    """Raise an error if `path` is a pipe or device, which may be endless and may not be readable twice."""
+    """Raise an error if `path`, a file to read, is a pipe or device: it may be endless and not be readable twice."""
     if _special(path):
         raise FileFormatError(f"{path}: expected a regular file, got a pipe or device")
+    _note(path)
 
 
 def check_folder(path: PathLike) -> None:
@@ -309,6 +330,7 @@ def beside(path: Path, name: str) -> Path:
     for folder in folders:
         file = (folder / place).resolve()
         if file.is_file() and any(file.is_relative_to(folder) for folder in folders):
+            _note(file)
             return file
     if any((folder / place).exists() for folder in folders):
         raise FileFormatError("it names something that is no regular file beside or below it")

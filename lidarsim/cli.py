@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 import re
 import signal
 import sys
@@ -37,7 +36,6 @@ from lidarsim.config import starter
 from lidarsim.errors import LidarsimError
 from lidarsim.io import packets, raster, rosbag
 from lidarsim.io._cuts import WORDS
-from lidarsim.io._storage import check_folder as check_bag_folder
 from lidarsim.io._storage import is_folder
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import is_point_cloud
@@ -241,7 +239,7 @@ def scan(
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
-    _check_outputs(run, config, place, screenshot)
+    run.check_places(place, screenshot)
     looks["scene"] = run.scene if surfaces else None
     totals = np.zeros(len(ls.Status), np.int64)
     notes: dict[str, None] = {}
@@ -922,26 +920,6 @@ def _check_screenshot(path: Path | None) -> None:
     if path:
         pyvista.check_screenshot(path)
         import_extra("pyvista", "pyvista", "--screenshot")
-
-
-def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None) -> None:
-    """Raise an error, before any work, unless each file of a scan can be written and has a unique path.
-
-    Paths that differ only in case are equal on some systems. Frame numbers cannot make different paths equal, so one
-    frame stands for all.
-    """
-    written = run.files_of_a_frame(output)
-    if screenshot:
-        written += [run.path_of(screenshot, name, run.frames.start) for name in run.lidars]
-    taken = {os.path.realpath(config).casefold(): config}
-    for path in written:
-        if is_folder(path):
-            check_bag_folder(path)
-        else:
-            check_folder(path)
-        other = taken.setdefault(os.path.realpath(path).casefold(), path)
-        if other is not path:
-            raise LidarsimError(f"{path}: expected a file of its own, got the place of {other}")
 
 
 def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float, int]]:

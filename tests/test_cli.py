@@ -38,6 +38,7 @@ scene:
   - {shape: sphere, center_m: [5, 0, 2], radius_m: 1, label: 7}
 """
 SMALL = ("--size", "320x200")
+TAKEN = "expected a file of its own, got that of {}, which the run reads"
 MOVING = """\
 frames: 2
 sensor: {preset: velodyne-vlp16}
@@ -380,7 +381,7 @@ def test_packets_that_cannot_be_are_refused_before_the_scan(
         assert error.count("\n") == 1
     Path("b.json").write_text(CONFIG, encoding="utf-8")
     assert lidarsim("scan", "b.json", "-o", "b.pcap", *OUSTER) == 2
-    assert capsys.readouterr().err == "lidarsim: b.json: expected a file of its own, got the place of b.json\n"
+    assert capsys.readouterr().err == f"lidarsim: b.json: {TAKEN.format(Path('b.json').resolve())}\n"
     assert set(Path().iterdir()) == before | {Path("b.json")}
 
 
@@ -1114,7 +1115,7 @@ def test_no_output_takes_the_place_of_another(capsys: pytest.CaptureFixture[str]
             "rig.yaml -o a.pcd",
             "rig.yaml:1: rig: sensors: expected names that differ in more than case, got 'top' and 'Top'",
         ),
-        ("run.pcd -o run.pcd", "run.pcd: expected a file of its own, got the place of run.pcd"),
+        ("run.pcd -o run.pcd", f"run.pcd: {TAKEN.format(Path('run.pcd').resolve())}"),
         ("run.yaml -o a.pcd --screenshot link.png", "link.png: expected a file of its own, got the place of a.pcd"),
         ("run.yaml -o b.pcd --frames 2", "b_poses.tum: expected a file to write, got a folder"),
     ):
