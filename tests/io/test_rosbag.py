@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 import tracemalloc
 from collections.abc import Callable
@@ -520,6 +521,43 @@ def test_saving_and_loading_one_cloud(cloud: PointCloud, tmp_path: Path) -> None
         PointCloud.load(tmp_path / "a.mcap")
     reason = "it holds several clouds: read them one by one with lidarsim.io.rosbag.read"
     assert str(caught.value) == f"{tmp_path / 'a.mcap'}: not a readable .mcap point cloud: {reason}"
+
+
+ODD = ["a%41.db3", "100%.db3", "really?.db3", "take#2.db3", "a b\nc.db3"]
+
+
+@pytest.mark.parametrize("name", ODD + ["a\udcff.db3"] * (sys.platform == "linux"))
+def test_names_that_mean_something_in_a_uri(
+    name: str, cloud: PointCloud, ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """rosbags opens the file ``a%41.db3`` as ``aA.db3``, which is another."""
+    monkeypatch.chdir(tmp_path)
+    PointCloud(xyz=[[9, 9, 9]]).save("aA.db3")
+    cloud.save(name)
+    shutil.copy(name, "plain.db3")
+    (message,) = messages(Path("plain.db3"), ros)["/lidar/points"]
+    assert message[1].width == COUNT
+    assert len(PointCloud.load(name)) == len(next(rosbag.read(tmp_path / name)).cloud) == COUNT
+
+    def refuse(*_: object) -> None:
+        raise OSError(1314, "A required privilege is not held by the client")
+
+    monkeypatch.setattr(Path, "symlink_to", refuse)
+    with pytest.raises(
+        FileFormatError, match=r"expected a name that ends in \.db3, without %, \? and #, since this sys"
+    ):
+        PointCloud.load(name)
+    assert len(PointCloud.load("plain.db3")) == COUNT
+
+
+@pytest.mark.parametrize(
+    ("suffix", "name"), [(".mcap", "a.bin"), (".mcap", "a.db3"), (".db3", "a.mcap"), (".db3", "a.xyz")]
+)
+def test_a_bag_is_known_by_its_signature(suffix: str, name: str, cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / f"b{suffix}")
+    (tmp_path / f"b{suffix}").rename(tmp_path / name)
+    assert len(PointCloud.load(tmp_path / name)) == COUNT
+    assert len(next(rosbag.read(tmp_path / name)).cloud) == COUNT
 
 
 def write_bag(path: Path, ros: Any, *entries: tuple[str, str, Any], compress: CompressionMode | None = None) -> Path:
