@@ -465,7 +465,8 @@ class PointCloud(Pickled, Plotted):
             If the file cannot be written.
         TypeError, ValueError
             If `fields` is not a sequence of field names, the pose is not rigid, `crs` is unknown, not projected or not
-            in metres, `start` has no time zone or is before the GPS epoch, or the format cannot hold `crs` or `start`.
+            in metres, `start` has no time zone or is before the GPS epoch, the format cannot hold `crs` or `start`, or
+            a coordinate is beyond the range of float32 that is asked for.
 
         Warns
         -----
@@ -479,6 +480,8 @@ class PointCloud(Pickled, Plotted):
         save, where = _format(path).save, None if pose is None else _validation.pose("pose", pose)
         known = _options(_format(path))
         if float32 is not None and _validation.flag("float32", float32):
+            if misfit := first_misfit("xyz", arrays["xyz"], np.float32):
+                raise ArgumentValueError("xyz", *misfit, "float32=False")
             arrays["xyz"] = arrays["xyz"].astype(np.float32)
         if crs is not None and self._in_sensor_frame:
             expected = "points in the world, with a coordinate reference system"
@@ -738,16 +741,28 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
         return np.ascontiguousarray(given)
     if given.dtype.kind not in "fiu":
         raise ArgumentTypeError(name, "real numbers", f"dtype {given.dtype}")
-    wrong = _misfits(given, dtype)
-    if wrong.any():
-        index = np.argwhere(wrong)[0]
-        where = "".join(f"[{i}]" for i in index)
-        if issubclass(dtype, np.integer):
-            kind = f"integers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
-        else:
-            kind = f"numbers that {np.dtype(dtype)} can hold"
-        raise ArgumentValueError(name, kind, f"{name}{where} = {given[tuple(index)]}")
+    if misfit := first_misfit(name, given, dtype):
+        raise ArgumentValueError(name, *misfit)
     return np.ascontiguousarray(given, dtype)
+
+
+def first_misfit(
+    name: str, given: npt.NDArray[Any], dtype: type[np.number[Any]], first: int = 0
+) -> tuple[str, str] | None:
+    """Return what is expected of numbers of a type, and the first that it cannot hold, for an error; None if all fit.
+
+    `first` is the number of the first point.
+    """
+    wrong = _misfits(given, dtype)
+    if not wrong.any():
+        return None
+    index = np.argwhere(wrong)[0]
+    where = "".join(f"[{i}]" for i in [*(index[:1] + first), *index[1:]])
+    if issubclass(dtype, np.integer):
+        kind = f"integers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
+    else:
+        kind = f"numbers that {np.dtype(dtype)} can hold"
+    return kind, f"{name}{where} = {given[tuple(index)]}"
 
 
 def _misfits(given: npt.NDArray[Any], dtype: type[np.number[Any]]) -> npt.NDArray[np.bool_]:

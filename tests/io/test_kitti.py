@@ -114,6 +114,20 @@ def test_numbers_that_are_of_other_columns(numbers: list[float], reason: str, tm
     assert str(caught.value).startswith(reason.partition(",")[0])
 
 
+@pytest.mark.parametrize("suffix", [".bin", ".pcd.bin"])
+def test_coordinates_beyond_float32(suffix: str, tmp_path: Path) -> None:
+    xyz = np.zeros((COUNT, 3))
+    xyz[-1, 2] = -1e39
+    with pytest.raises(
+        FileFormatError, match=rf"^z: expected numbers that float32 can hold, got z\[{COUNT - 1}\] = -1e\+39"
+    ):
+        PointCloud(xyz=xyz).save(tmp_path / f"a{suffix}")
+    assert not list(tmp_path.iterdir())
+    xyz[-1, 2] = -np.inf
+    PointCloud(xyz=xyz).save(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(PointCloud.load(tmp_path / f"a{suffix}").xyz, xyz)
+
+
 def test_what_is_brighter_than_the_greatest_remission_is_told(tmp_path: Path) -> None:
     cloud = PointCloud(xyz=np.zeros((3, 3)), intensity=[0.5, 49.99, np.inf])
     with pytest.warns(UserWarning, match="^intensity: KITTI's remission ends at 1; what is brighter is written as 1$"):

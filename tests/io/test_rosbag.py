@@ -291,7 +291,7 @@ def test_the_layout_stays_that_of_the_sensor_in_a_rig(ros: Any, tmp_path: Path) 
     [
         ("velodyne", {0: 0, 0.004: 0, 0.006: 1, 0.5: 50, 1: 100, 1.01: 101, 2: 200, 2.55: 255, 1000: 255}),
         ("hesai", {0: 0, 1: 100, 2.55: 255, np.inf: 255}),
-        ("ouster", {0: 0, 1: 100, 1.5: 150, 9: 255, np.nan: 0}),
+        ("ouster", {0: 0, 1: 100, 1.5: 150, 9: 255}),
         ("livox", {0: 0, 0.5: 75, 1: 150, 1.01: 152, 1.7: 255, 9: 255}),
     ],
 )
@@ -756,6 +756,22 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
     sensors = {"a": np.eye(4), "b": np.eye(4)}
     with pytest.raises(ValueError, match=message), rosbag.Writer(tmp_path / "a.mcap", sensors=sensors) as bag:
         use(cloud, bag)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("layout", rosbag.LAYOUTS)
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"xyz": [[1, 2, 3], [4, 1e39, 6]]}, r"y: expected numbers that float32 can hold, got y\[1\] = 1e\+39"),
+        ({"intensity": [1, np.nan]}, r"intensity: expected numbers from 0 to inf, got intensity\[1\] = nan"),
+        ({"intensity": [1, -0.5]}, r"intensity: expected numbers from 0 to inf, got intensity\[1\] = -0\.5"),
+    ],
+)
+def test_no_number_becomes_another_silently(layout: str, fields: dict[str, Any], message: str, tmp_path: Path) -> None:
+    lost = PointCloud({"xyz": [[1, 2, 3], [4, 5, 6]], **fields})
+    with pytest.raises(FileFormatError, match=message), rosbag.Writer(tmp_path / "a.mcap", layout=layout) as bag:
+        bag.write_cloud(lost)
     assert not list(tmp_path.iterdir())
 
 
