@@ -855,9 +855,12 @@ def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any
 
 
 def _columns(names: Sequence[str]) -> list[str]:
-    """Return column names after checking that x, y and z are among them and that none but "_" is repeated."""
+    """Return column names after checking that x, y and z are among them, none but "_" is repeated and none is empty."""
     if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
         raise ArgumentTypeError("columns", "a sequence of names", _validation.shown(names))
+    if "" in names:
+        expected = "names, and '_' for each column to skip"
+        raise ArgumentValueError("columns", expected, _validation.shown(list(names)))
     for name in (*"xyz", *names):
         if name != "_" and list(names).count(name) != 1:
             raise ArgumentValueError("columns", f"{name!r} once", _validation.shown(list(names)))

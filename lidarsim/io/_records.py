@@ -259,7 +259,8 @@ def number(word: str, what: str) -> float:
     if re.fullmatch(r"[+-]?\d{1,20}", word):
         return int(word)
     with suppress(ValueError):
-        return float(word)
+        if "_" not in word:  # which Python reads past
+            return float(word)
     if found := re.fullmatch(r"([+-]?)(?:1\.#(inf|ind|[qs]nan)|nan\(\w*\))\d*", word.lower()):
         return float(f"{found[1]}inf") if found[2] == "inf" else math.nan
     comma = " with a point, not a comma" if re.fullmatch(r"[+-]?\d+,\d+", word) else ""

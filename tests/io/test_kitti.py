@@ -80,6 +80,8 @@ def test_another_number_of_columns_is_recognised_and_read_by_name(
         np.testing.assert_array_equal(getattr(cloud, name), column)
     some = PointCloud.load(path, columns=[*names[:3], *"_" * (columns - 3)])
     assert (some.fields, len(some)) == (("xyz",), 840)
+    with pytest.raises(ValueError, match=r"^columns: expected names, and '_' for each column to skip, got \['x', "):
+        PointCloud.load(path, columns=[*names, ""])
 
 
 @pytest.mark.parametrize("turns", range(1, 7))
