@@ -43,7 +43,9 @@ NAMES = {
 """lidarsim's names by those of E57."""
 
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
-INVALID = ("cartesianInvalidState", "sphericalInvalidState")
+VALID = "cartesianInvalidState"
+"""0 for each point that is written: pye57 asks for it. A column of one value takes no space."""
+INVALID = (VALID, "sphericalInvalidState")
 
 
 def _library() -> Any:
@@ -58,6 +60,7 @@ def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
     columns |= {name: fields[name] for name in NAMES.values() if name in fields and name not in columns}
     if "return_number" in columns:
         columns["return_number"] = columns["return_number"].astype(np.int64) - 1
+    columns[VALID] = np.zeros(len(fields["xyz"]), np.int8)
     with TemporaryDirectory() as folder:
         path = str(Path(folder) / "cloud.e57")
         with library.E57(path, "w") as written:
@@ -84,7 +87,7 @@ def _write(e57: Any, written: Any, columns: Fields, pose: Floats) -> None:
             inner.set(name, e57.FloatNode(image, float(number)))
     buffers, kept = e57.VectorSourceDestBuffer(), []
     n = len(columns["x"])
-    for name, own in NAMES.items():
+    for name, own in (NAMES | {VALID: VALID}).items():
         if own not in columns:
             continue
         column = columns[own]
