@@ -526,15 +526,15 @@ class Run:
         Raises
         ------
         FileFormatError
-            If the suffix is unknown, the format cannot hold a cloud, a sensor has no packets, or an option is not one
-            of the format: `layout` and `cut` of bags, `variant` of packets, `fields` and `float32` of neither.
+            If the suffix is unknown, the format cannot hold a cloud, or a sensor has no packets.
         OSError
             If a file cannot be written.
         LidarsimError
             As in `check_places`.
         ValueError
-            If the trajectory does not cover the frames, or the points are in the sensor frame and the run has a
-            coordinate reference system.
+            If the trajectory does not cover the frames, the points are in the sensor frame and the run has a coordinate
+            reference system, or an option is not one of the format: `layout` and `cut` of bags, `variant` of packets,
+            `fields` and `float32` of neither.
         """
         output = checked_output(output)
         is_bag = _is_bag(output)
@@ -733,7 +733,7 @@ class Run:
         if self.cloud["frame"] != "world":
             raise FileFormatError(f"{output}: expected points in the world, with cloud.frame: world, for a strip")
         if float32:
-            raise FileFormatError(f"float32: expected a format with float32 coordinates, got the strip {output}")
+            raise ArgumentValueError("float32", "a format with float32 coordinates", f"the strip {output}")
         paths = {name: self._strip_path(output, name) for name in self.lidars}
         writers = {
             name: stack.enter_context(las.Writer(path, crs=self.crs, fields=fields)) for name, path in paths.items()
@@ -841,7 +841,7 @@ def _check_options(
         ("float32", float32 is not None, cloud, not (is_bag or is_packets)),
     ):
         if given and not fits:
-            raise FileFormatError(f"{argument}: expected {expected} as output, got {got}")
+            raise ArgumentValueError(argument, f"{expected} as output", got)
 
 
 def _place(path: Path) -> Path:
