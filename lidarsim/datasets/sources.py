@@ -19,6 +19,7 @@ from lidarsim.config.document import Node, entries, folder_of, read
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import raster
 from lidarsim.io.scenes import mjcf
+from lidarsim.io.scenes._mjcf import closed
 from lidarsim.io.scenes.mesh_files import image_name
 from lidarsim.io.trajectories.nuscenes import TABLES
 
@@ -135,7 +136,7 @@ def _named_in(path: Path) -> list[Path]:
             names = [name.decode().strip() for name in re.findall(rb"<(?:init_from|ref)>([^<]+)<", file.read())]
         elif mjcf.recognise(path):
             with noting_reads() as found:
-                mjcf.closed(path)
+                closed(path)
         elif file.read(4) not in raster.TIFF:  # a grid may have any suffix
             names = [quote(place.name) for place in raster.projections(path)]
     for name in names:
