@@ -15,15 +15,15 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from secrets import token_hex
-from tempfile import gettempdir
+from tempfile import TemporaryDirectory, gettempdir
 from typing import IO, Any, BinaryIO, NoReturn
 from urllib.parse import unquote
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import short
-from lidarsim.errors import ArgumentValueError, FileFormatError, LidarsimError, MissingExtraError
+from lidarsim._validation import short, shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, LidarsimError, MissingExtraError
 
 PathLike = str | os.PathLike[str]
 
@@ -192,6 +192,34 @@ def temporary_folder(parent: Path, naming: tuple[str, str] = TEMPORARY) -> Itera
                 shutil.rmtree(folder, ignore_errors=True)
             finally:
                 shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def linked(path: Path, name: str) -> Iterator[Path]:
+    """Yield a link of a plain name to a file, for libraries that cannot open every path.
+
+    Raises
+    ------
+    FileFormatError
+        If the system allows no links.
+    """
+    with TemporaryDirectory() as folder:
+        link = Path(folder, name)
+        try:
+            link.symlink_to(path.absolute())
+        except OSError as error:
+            expected = f"expected a plain path that ends in {link.suffix}, since links cannot be made"
+            raise FileFormatError(f"{expected}: {error.strerror}") from error
+        yield link
+
+
+def check_path(path: PathLike) -> Path:
+    """Return a path, after checking that it is one and that a file can have it."""
+    if not isinstance(path, str | os.PathLike):
+        raise ArgumentTypeError("path", "a path", shown(path))
+    if "\0" in os.fspath(path):
+        raise ArgumentValueError("path", "a path without null characters", shown(str(path)))
+    return Path(path)
 
 
 def _special(path: PathLike) -> bool:

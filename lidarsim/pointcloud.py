@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _validation
-from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular, check_suffix, parsing
+from lidarsim._files import PathLike, atomic_writer, check_folder, check_path, check_regular, check_suffix, parsing
 from lidarsim._pickling import Pickled
 from lidarsim._shown import html_table, text_table
 from lidarsim._validation import Transform, named_labels, shown
@@ -473,7 +473,7 @@ class PointCloud(Pickled, Plotted):
         UserWarning
             If `xyz` becomes float64 in a PCD file by default: the Point Cloud Library does not read that.
         """
-        arrays = self._arrays()
+        path, arrays = check_path(path), self._arrays()
         if fields is not None:
             arrays = {name: arrays[name] for name in ("xyz", *chosen(fields, self.fields))}
         check_output(path)
@@ -581,7 +581,7 @@ class PointCloud(Pickled, Plotted):
         TypeError, ValueError
             If `columns` is not a sequence of column names, or files of the format name their columns.
         """
-        path = Path(path)
+        path = check_path(path)
         options = {} if columns is None else {"columns": _columns(columns)}
         if path.is_dir():
             raise IsADirectoryError(f"{path}: expected a file, got a folder")

@@ -257,6 +257,14 @@ def test_a_float32_does_not_become_infinite() -> None:
         assert str(caught.value) == f"{name}: expected numbers that float32 can hold, got {name}{where} = 1e+39"
 
 
+def test_paths_that_no_file_can_have() -> None:
+    for use in (PointCloud.load, PointCloud(XYZ).save):
+        with pytest.raises(ValueError, match=r"^path: expected a path without null characters, got 'a\\x00\.npz'$"):
+            use("a\0.npz")
+        with pytest.raises(TypeError, match=r"^path: expected a path, got 5$"):
+            use(5)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".pcd", ".ply"])
 def test_coordinates_beyond_float32_are_not_written_as_infinite(suffix: str, tmp_path: Path) -> None:
     cloud = PointCloud(xyz=[[1, 2, 3], [4, np.inf, -1e39]])

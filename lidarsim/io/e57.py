@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
@@ -23,6 +24,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
+from lidarsim._files import linked
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_expansion, to_fields
@@ -114,7 +116,9 @@ def load(file: BinaryIO) -> Fields:
     """Read all scans."""
     library = _library()
     size = os.fstat(file.fileno()).st_size
-    with library.E57(file.name) as read:
+    path = Path(file.name)
+    plain = nullcontext(path) if file.name.isprintable() else linked(path, "cloud.e57")  # pye57 takes no other text
+    with plain as place, library.E57(str(place)) as read:
         count = read.scan_count
         columns = joined_lists(_scan(library, read, i, size) for i in range(count))
     if count < 2:

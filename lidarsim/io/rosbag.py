@@ -47,7 +47,7 @@ import re
 import shutil
 import struct
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
@@ -60,7 +60,7 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing
+from lidarsim._files import PathLike, check_name, check_regular, check_suffix, linked, parsing
 from lidarsim._georeference import START, unix_time
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
@@ -889,27 +889,11 @@ def _rows(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
             yield connection.topic, connection.msgtype, recorded, memoryview(data)
 
 
-@contextmanager
-def _plainly_named(path: Path) -> Iterator[Path]:
-    """Yield a path of the same file that means itself in a URI, as which rosbags gives it to SQLite, and ends in .db3.
-
-    Raises
-    ------
-    FileFormatError
-        If that takes a link, which the system does not allow.
-    """
+def _plainly_named(path: Path) -> AbstractContextManager[Path]:
+    """Return a path of the file that ends in .db3 and means itself in a URI, as which rosbags gives it to SQLite."""
     text = str(path)
-    if path.suffix == ".db3" and text.isprintable() and not text.startswith("//") and not set("%?#") & set(text):
-        yield path
-        return
-    with TemporaryDirectory() as folder:
-        link = Path(folder, "bag.db3")
-        try:
-            link.symlink_to(path.absolute())
-        except OSError as error:
-            expected = "expected a name that ends in .db3, without %, ? and #, since this system has no links"
-            raise FileFormatError(f"{expected}: {error.strerror}") from error
-        yield link
+    plain = path.suffix == ".db3" and text.isprintable() and not text.startswith("//") and not set("%?#") & set(text)
+    return nullcontext(path) if plain else linked(path, "bag.db3")
 
 
 def _parsed_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:

@@ -66,6 +66,12 @@ def test_pye57_reads_what_is_written(cloud: PointCloud, tmp_path: Path) -> None:
     np.testing.assert_allclose(theirs, world, rtol=0, atol=16 * 2.0**-53 * 1e6)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_name_that_is_not_unicode(cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / "a\udcff.e57")
+    np.testing.assert_array_equal(PointCloud.load(tmp_path / "a\udcff.e57").xyz, cloud.xyz)
+
+
 def test_scans_of_others_become_one_cloud_in_the_world(tmp_path: Path) -> None:
     path, rng = tmp_path / "a.e57", np.random.default_rng(1)
     points = rng.normal(size=(2, 50, 3))
