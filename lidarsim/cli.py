@@ -414,6 +414,8 @@ def stream(
     """
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     run.check_coverage()
+    if metadata:
+        run.check_unread(*run.pcap(metadata.with_suffix(".pcap"), variant=variant).files[1:])
     with packets.Sender(run.lidars, to, start=run.clock, variant=variant, fast=fast) as sender:
         if metadata:
             for path in (written := sender.save_metadata(metadata)):
@@ -518,6 +520,7 @@ def view(
     clouds: tuple[ls.PointCloud | Mapping[str, ls.PointCloud], ...]
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
+        run.check_unread(*saves)
         clouds, places, count = _scanned(path, run, wanted)
         looks |= {"scene": run.scene if surfaces else None, "class_names": names}
     else:

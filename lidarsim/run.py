@@ -586,7 +586,7 @@ class Run:
         OSError
             If the folder of a file does not exist or is not writable.
         """
-        taken = {_place(path): f"that of {path}, which the run reads" for path in self.sources}
+        taken = self._read
         names = [path.name for path in (*self.sources, *self.files(output, ()))]
         names += [name for path in (output, pictures) if path for name in _links_beside(path)]
         # Frames differ only in their numbers: those that are not in any of these names cannot meet them.
@@ -604,6 +604,28 @@ class Run:
             if got := taken.get(_place(path)):
                 raise LidarsimError(f"{path}: expected a file of its own, got {got}")
             taken[_place(path)] = f"the place of {path}"
+
+    def check_unread(self, *paths: Path) -> None:
+        """Check that no file that the caller writes is one of `sources`, also by way of links.
+
+        Parameters
+        ----------
+        *paths : Path
+            The files to write.
+
+        Raises
+        ------
+        LidarsimError
+            If a file is.
+        """
+        for path in paths:
+            if got := self._read.get(_place(path)):
+                raise LidarsimError(f"{path}: expected a file of its own, got {got}")
+
+    @property
+    def _read(self) -> dict[Path, str]:
+        """How errors call each of `sources`, by its place."""
+        return {_place(path): f"that of {path}, which the run reads" for path in self.sources}
 
     def files(self, output: Path, frames: Collection[int] | None = None) -> list[Path]:
         """Return the files that `write` makes; in a rig, a sensor may lack a scan in some frames.

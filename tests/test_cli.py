@@ -1132,6 +1132,21 @@ def test_no_output_takes_the_place_of_another(capsys: pytest.CaptureFixture[str]
     assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
 
 
+def test_no_picture_and_no_metadata_replaces_what_is_read(capsys: pytest.CaptureFixture[str]) -> None:
+    given = Path(__file__).parent / "data" / "sensors" / "ouster" / "2_1_2_os1-991913000010-64.json"
+    Path("os.json").write_bytes(given.read_bytes())
+    Path("run.yaml").write_text("sensor: {file: os.json}\nscene: {file: a.png}\n", encoding="utf-8")
+    Path("a.png").write_text("[{shape: sphere, center_m: [5, 0, 0], radius_m: 1}]", encoding="utf-8")
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    for arguments, name in (
+        ("stream run.yaml --metadata os.json", "os.json"),
+        ("view run.yaml --screenshot a.png", "a.png"),
+    ):
+        assert lidarsim(*arguments.split()) == 2
+        assert capsys.readouterr().err == f"lidarsim: {name}: {TAKEN.format(Path(name).resolve())}\n"
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
+
+
 def test_labelled_points_can_have_other_colours() -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.las") == 0
     for color in ("label", "range"):
