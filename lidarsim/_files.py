@@ -12,17 +12,18 @@ import stat
 import threading
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from secrets import token_hex
-from tempfile import gettempdir
+from tempfile import TemporaryDirectory, gettempdir
 from typing import IO, Any, BinaryIO, NoReturn
 from urllib.parse import unquote
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import short
-from lidarsim.errors import ArgumentValueError, FileFormatError, LidarsimError, MissingExtraError
+from lidarsim._validation import short, shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, LidarsimError, MissingExtraError
 
 PathLike = str | os.PathLike[str]
 
@@ -37,6 +38,9 @@ _DEVICE = re.compile(r"CON|PRN|AUX|NUL|(?:COM|LPT)[0-9]", re.IGNORECASE)
 
 LONGEST = 1000
 """Maximum length of an error message, which may quote the content of a file."""
+
+_noting: ContextVar[tuple[set[Path], ...]] = ContextVar("_noting", default=())
+"""What the blocks of `noting_reads` around this place have noted."""
 
 
 def check_suffix(path: PathLike, known: Collection[str]) -> str:
@@ -76,10 +80,27 @@ def check_names(argument: str, names: Iterable[str]) -> None:
             raise ArgumentValueError(argument, "names that differ in more than case", f"{other!r} and {name!r}")
 
 
+@contextmanager
+def noting_reads() -> Iterator[set[Path]]:
+    """Note the real paths of the files that the block reads: every reader gives them to `check_regular` or `beside`."""
+    found: set[Path] = set()
+    token = _noting.set((*_noting.get(), found))
+    try:
+        yield found
+    finally:
+        _noting.reset(token)
+
+
+def _note(path: PathLike) -> None:
+    for found in _noting.get():
+        found.add(Path(os.path.realpath(path)))
+
+
 def check_regular(path: PathLike) -> None:
-    """Raise an error if `path` is a pipe or device, which may be endless and may not be readable twice."""
+    """Raise an error if `path`, a file to read, is a pipe or device: it may be endless and not be readable twice."""
     if _special(path):
         raise FileFormatError(f"{path}: expected a regular file, got a pipe or device")
+    _note(path)
 
 
 def check_folder(path: PathLike) -> None:
@@ -171,6 +192,34 @@ def temporary_folder(parent: Path, naming: tuple[str, str] = TEMPORARY) -> Itera
                 shutil.rmtree(folder, ignore_errors=True)
             finally:
                 shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def linked(path: Path, name: str) -> Iterator[Path]:
+    """Yield a link of a plain name to a file, for libraries that cannot open every path.
+
+    Raises
+    ------
+    FileFormatError
+        If the system allows no links.
+    """
+    with TemporaryDirectory() as folder:
+        link = Path(folder, name)
+        try:
+            link.symlink_to(path.absolute())
+        except OSError as error:
+            expected = f"expected a plain path that ends in {link.suffix}, since links cannot be made"
+            raise FileFormatError(f"{expected}: {error.strerror}") from error
+        yield link
+
+
+def check_path(path: PathLike) -> Path:
+    """Return a path, after checking that it is one and that a file can have it."""
+    if not isinstance(path, str | os.PathLike):
+        raise ArgumentTypeError("path", "a path", shown(path))
+    if "\0" in os.fspath(path):
+        raise ArgumentValueError("path", "a path without null characters", shown(str(path)))
+    return Path(path)
 
 
 def _special(path: PathLike) -> bool:
@@ -309,6 +358,7 @@ def beside(path: Path, name: str) -> Path:
     for folder in folders:
         file = (folder / place).resolve()
         if file.is_file() and any(file.is_relative_to(folder) for folder in folders):
+            _note(file)
             return file
     if any((folder / place).exists() for folder in folders):
         raise FileFormatError("it names something that is no regular file beside or below it")

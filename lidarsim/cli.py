@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 import re
 import signal
 import sys
@@ -34,10 +33,9 @@ from lidarsim._terminal import facts, paragraph, print_line, say, standard_strea
 from lidarsim._validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.config import starter
-from lidarsim.errors import LidarsimError
+from lidarsim.errors import ArgumentError, LidarsimError
 from lidarsim.io import packets, raster, rosbag
 from lidarsim.io._cuts import WORDS
-from lidarsim.io._storage import check_folder as check_bag_folder
 from lidarsim.io._storage import is_folder
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import is_point_cloud
@@ -121,6 +119,20 @@ def _output(text: str) -> str:
     return text if _path(text) else ""
 
 
+def _integer(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise typer.BadParameter(f"expected an integer, got {shown(text)}") from None
+
+
+def _real(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"expected a number, got {shown(text)}") from None
+
+
 def _option(names: str, metavar: str, text: str, **more: Any) -> Any:
     return typer.Option(*names.split(), metavar=metavar, help=text, show_default=False, **more)
 
@@ -129,15 +141,31 @@ def _file(names: str, metavar: str, text: str) -> Any:
     return _option(names, metavar, text, parser=_path)
 
 
+OPTIONS = {
+    "color_by": "--color-by",
+    "cut": "--cut",
+    "fields": "--fields",
+    "float32": "--float32",
+    "layout": "--layout",
+    "limits": "--limits",
+    "max_duration": "--max-bag-duration",
+    "max_size": "--max-bag-size",
+    "pictures": "--pictures",
+    "sensor": "--sensor",
+    "size": "--size",
+    "variant": "--variant",
+}
+"""Options by the arguments that they become in Python, which its errors name."""
+
 Configuration = Annotated[
     Path, typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: demo, ahead.", parser=_path)
 ]
 Overrides = Annotated[
     list[str] | None, _option("--set", "KEY=VALUE", "Override a value in CONFIG, e.g. scene.0.radius_m=2.")
 ]
-Seed = Annotated[int | None, _option("--seed", "N", "Noise seed; overrides CONFIG.")]
-Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame; overrides CONFIG.")]
-Frames = Annotated[int | None, _option("--frames", "N", "Number of frames; overrides CONFIG.")]
+Seed = Annotated[int | None, _option("--seed", "N", "Noise seed; overrides CONFIG.", parser=_integer)]
+Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame; overrides CONFIG.", parser=_integer)]
+Frames = Annotated[int | None, _option("--frames", "N", "Number of frames; overrides CONFIG.", parser=_integer)]
 Screenshot = Annotated[Path | None, _file("--screenshot", "PNG|JPG", "Write a picture; needs no display.")]
 ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Colour the points by this field, or by height.")]
 Surfaces = Annotated[
@@ -214,10 +242,12 @@ def scan(
         ),
     ] = None,
     max_bag_size: Annotated[
-        int | None, _option("--max-bag-size", "BYTES", "Split a bag in a folder into files of about this size.")
+        int | None,
+        _option("--max-bag-size", "BYTES", "Split a bag in a folder into files of about this size.", parser=_integer),
     ] = None,
     max_bag_duration: Annotated[
-        float | None, _option("--max-bag-duration", "SECONDS", "Split a bag in a folder into files of this duration.")
+        float | None,
+        _option("--max-bag-duration", "SECONDS", "Split a bag in a folder into files of this duration.", parser=_real),
     ] = None,
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
@@ -237,11 +267,12 @@ def scan(
 
     place = checked_output(output)
     begins = _cut(cut)
+    chosen = _names(fields)
     _check_screenshot(screenshot)
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
-    _check_outputs(run, config, place, screenshot)
+    run.check_places(place, screenshot)
     looks["scene"] = run.scene if surfaces else None
     totals = np.zeros(len(ls.Status), np.int64)
     notes: dict[str, None] = {}
@@ -267,7 +298,6 @@ def scan(
             points += found
             progress.advance(task)
 
-        chosen = None if fields is None else list(filter(None, fields.split(",")))
         options: dict[str, Any] = {"layout": layout, "cut": begins, "max_size": max_bag_size}
         options |= {"max_duration": max_bag_duration, "variant": variant, "fields": chosen, "float32": float32}
         run.write(output, each=tell, **options)
@@ -296,7 +326,9 @@ def generate(
     ] = None,
     *,
     output: Annotated[str, _option("--output -o", "FOLDER|URL", "Output folder, or a URL such as s3://bucket/folder.")],
-    workers: Annotated[int | None, _option("--workers", "N", "Run N single-threaded processes.")] = None,
+    workers: Annotated[
+        int | None, _option("--workers", "N", "Run N single-threaded processes.", parser=_integer)
+    ] = None,
     scheduler: Annotated[
         str | None, _option("--scheduler", "ADDRESS", "Run on a Dask cluster, e.g. tcp://host:8786.")
     ] = None,
@@ -304,7 +336,9 @@ def generate(
     verify: Annotated[
         bool, typer.Option("--verify", help="Only check the existing files against the manifest.")
     ] = False,
-    pictures: Annotated[int, _option("--pictures", "N", "Number of frames to show in the data card; default 3.")] = 3,
+    pictures: Annotated[
+        int, _option("--pictures", "N", "Number of frames to show in the data card; default 3.", parser=_integer)
+    ] = 3,
     overrides: Annotated[
         list[str] | None, _option("--set", "KEY=VALUE", "Override a value in RECIPE, e.g. frames=100.")
     ] = None,
@@ -382,6 +416,8 @@ def stream(
     """
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     run.check_coverage()
+    if metadata:
+        run.check_unread(*run.pcap(metadata.with_suffix(".pcap"), variant=variant).files[1:])
     with packets.Sender(run.lidars, to, start=run.clock, variant=variant, fast=fast) as sender:
         if metadata:
             for path in (written := sender.save_metadata(metadata)):
@@ -488,6 +524,7 @@ def view(
     clouds: tuple[ls.PointCloud | Mapping[str, ls.PointCloud], ...]
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
+        run.check_unread(*saves)
         clouds, places, count = _scanned(path, run, wanted)
         looks |= {"scene": run.scene if surfaces else None, "class_names": names}
     else:
@@ -896,6 +933,9 @@ def _reason(error: BaseException) -> str:
     if hasattr(error, "format_message"):  # typer's errors about arguments, whichever module defines them
         return str(error.format_message())
     text = str(error) or type(error).__name__
+    if isinstance(error, ArgumentError):
+        option = OPTIONS.get(error.argument.partition("[")[0], error.argument)
+        return f"{option}{text.removeprefix(error.argument)}"
     if isinstance(error, MemoryError):
         return text if "memory" in text else f"out of memory: {text}"
     if isinstance(error, LidarsimError | OSError | ValueError | TypeError):
@@ -926,26 +966,6 @@ def _check_screenshot(path: Path | None) -> None:
     if path:
         pyvista.check_screenshot(path)
         import_extra("pyvista", "pyvista", "--screenshot")
-
-
-def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None) -> None:
-    """Raise an error, before any work, unless each file of a scan can be written and has a unique path.
-
-    Paths that differ only in case are equal on some systems. Frame numbers cannot make different paths equal, so one
-    frame stands for all.
-    """
-    written = run.files_of_a_frame(output)
-    if screenshot:
-        written += [run.path_of(screenshot, name, run.frames.start) for name in run.lidars]
-    taken = {os.path.realpath(config).casefold(): config}
-    for path in written:
-        if is_folder(path):
-            check_bag_folder(path)
-        else:
-            check_folder(path)
-        other = taken.setdefault(os.path.realpath(path).casefold(), path)
-        if other is not path:
-            raise LidarsimError(f"{path}: expected a file of its own, got the place of {other}")
 
 
 def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float, int]]:
@@ -1009,6 +1029,14 @@ def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
     """Yield the items, with a progress bar if stderr is a terminal."""
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         yield from progress.track(items, total=count, description="reading")
+
+
+def _names(text: str | None) -> list[str] | None:
+    """Parse names of fields with commas between them."""
+    names = None if text is None else list(filter(None, text.split(",")))
+    if names == []:
+        raise LidarsimError(f"--fields: expected names such as intensity,ring, or xyz alone, got {shown(text)}")
+    return names
 
 
 def _cut(text: str) -> Cut:

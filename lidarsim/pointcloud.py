@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _validation
-from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular, check_suffix, parsing
+from lidarsim._files import PathLike, atomic_writer, check_folder, check_path, check_regular, check_suffix, parsing
 from lidarsim._pickling import Pickled
 from lidarsim._shown import html_table, text_table
 from lidarsim._validation import Transform, as_array, named_labels, shown
@@ -479,20 +479,23 @@ class PointCloud(Pickled, Plotted):
             If the file cannot be written.
         TypeError, ValueError
             If `fields` is not a sequence of field names, the pose is not rigid, `crs` is unknown, not projected or not
-            in metres, `start` has no time zone or is before the GPS epoch, or the format cannot hold `crs` or `start`.
+            in metres, `start` has no time zone or is before the GPS epoch, the format cannot hold `crs` or `start`, or
+            a coordinate is beyond the range of float32 that is asked for.
 
         Warns
         -----
         UserWarning
             If `xyz` becomes float64 in a PCD file by default: the Point Cloud Library does not read that.
         """
-        arrays = self._arrays()
+        path, arrays = check_path(path), self._arrays()
         if fields is not None:
             arrays = {name: arrays[name] for name in ("xyz", *chosen(fields, self.fields))}
         check_output(path)
         save, where = _format(path).save, None if pose is None else _validation.pose("pose", pose)
         known = _options(_format(path))
         if float32 is not None and _validation.flag("float32", float32):
+            if misfit := first_misfit("xyz", arrays["xyz"], np.float32):
+                raise ArgumentValueError("xyz", *misfit, "float32=False")
             arrays["xyz"] = arrays["xyz"].astype(np.float32)
         if crs is not None and self._in_sensor_frame:
             expected = "points in the world, with a coordinate reference system"
@@ -592,7 +595,7 @@ class PointCloud(Pickled, Plotted):
         TypeError, ValueError
             If `columns` is not a sequence of column names, or files of the format name their columns.
         """
-        path = Path(path)
+        path = check_path(path)
         options = {} if columns is None else {"columns": _columns(columns)}
         if path.is_dir():
             raise IsADirectoryError(f"{path}: expected a file, got a folder")
@@ -749,16 +752,28 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
         return np.ascontiguousarray(given)
     if given.dtype.kind not in "fiu":
         raise ArgumentTypeError(name, "real numbers", f"dtype {given.dtype}")
-    wrong = _misfits(given, dtype)
-    if wrong.any():
-        index = np.argwhere(wrong)[0]
-        where = "".join(f"[{i}]" for i in index)
-        if issubclass(dtype, np.integer):
-            kind = f"integers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
-        else:
-            kind = f"numbers that {np.dtype(dtype)} can hold"
-        raise ArgumentValueError(name, kind, f"{name}{where} = {given[tuple(index)]}")
+    if misfit := first_misfit(name, given, dtype):
+        raise ArgumentValueError(name, *misfit)
     return np.ascontiguousarray(given, dtype)
+
+
+def first_misfit(
+    name: str, given: npt.NDArray[Any], dtype: type[np.number[Any]], first: int = 0
+) -> tuple[str, str] | None:
+    """Return what is expected of numbers of a type, and the first that it cannot hold, for an error; None if all fit.
+
+    `first` is the number of the first point.
+    """
+    wrong = _misfits(given, dtype)
+    if not wrong.any():
+        return None
+    index = np.argwhere(wrong)[0]
+    where = "".join(f"[{i}]" for i in [*(index[:1] + first), *index[1:]])
+    if issubclass(dtype, np.integer):
+        kind = f"integers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
+    else:
+        kind = f"numbers that {np.dtype(dtype)} can hold"
+    return kind, f"{name}{where} = {given[tuple(index)]}"
 
 
 def _misfits(given: npt.NDArray[Any], dtype: type[np.number[Any]]) -> npt.NDArray[np.bool_]:
@@ -851,9 +866,12 @@ def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any
 
 
 def _columns(names: Sequence[str]) -> list[str]:
-    """Return column names after checking that x, y and z are among them and that none but "_" is repeated."""
+    """Return column names after checking that x, y and z are among them, none but "_" is repeated and none is empty."""
     if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
         raise ArgumentTypeError("columns", "a sequence of names", _validation.shown(names))
+    if "" in names:
+        expected = "names, and '_' for each column to skip"
+        raise ArgumentValueError("columns", expected, _validation.shown(list(names)))
     for name in (*"xyz", *names):
         if name != "_" and list(names).count(name) != 1:
             raise ArgumentValueError("columns", f"{name!r} once", _validation.shown(list(names)))

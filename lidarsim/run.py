@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import copy
 import os
+import re
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
@@ -16,10 +17,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
 
-from lidarsim._files import atomic_writer
+from lidarsim._files import atomic_writer, check_folder
 from lidarsim._georeference import START, Georeference
 from lidarsim._validation import affine
-from lidarsim.errors import ArgumentValueError, ConfigError, FileFormatError
+from lidarsim.errors import ArgumentValueError, ConfigError, FileFormatError, LidarsimError
 from lidarsim.gnss import GnssFixes
 from lidarsim.io import las, packets, rosbag
 from lidarsim.io._storage import check_folder as check_bag_folder
@@ -143,6 +144,9 @@ class Run:
     legs : tuple of Leg
         The strips of a flight or the stations of a survey, in order of their frames. Default: none; `pose` is that of
         all frames.
+    sources : frozenset of Path
+        Real paths of the files that the configuration was read from, and of all that these name: `write` replaces none
+        of them.
     """
 
     scene: Scene
@@ -156,6 +160,7 @@ class Run:
     start: float | datetime = 0.0
     origin: tuple[float, float, float] | None = None
     legs: tuple[Leg, ...] = ()
+    sources: frozenset[Path] = frozenset()
 
     @property
     def parts(self) -> list[Run]:
@@ -521,13 +526,15 @@ class Run:
         Raises
         ------
         FileFormatError
-            If the suffix is unknown, the format cannot hold a cloud, a sensor has no packets, or an option is not one
-            of the format: `layout` and `cut` of bags, `variant` of packets, `fields` and `float32` of neither.
+            If the suffix is unknown, the format cannot hold a cloud, or a sensor has no packets.
         OSError
             If a file cannot be written.
+        LidarsimError
+            As in `check_places`.
         ValueError
-            If the trajectory does not cover the frames, or the points are in the sensor frame and the run has a
-            coordinate reference system.
+            If the trajectory does not cover the frames, the points are in the sensor frame and the run has a coordinate
+            reference system, or an option is not one of the format: `layout` and `cut` of bags, `variant` of packets,
+            `fields` and `float32` of neither.
         """
         output = checked_output(output)
         is_bag = _is_bag(output)
@@ -536,13 +543,13 @@ class Run:
         _check_options(output, **options)
         if _is_packets(output) and self.cloud != _RAW:
             return replace(self, cloud=_RAW).write(output, variant=variant, each=each)
+        self.check_places(output)
         if self.legs:
             self.check_coverage()
         written: dict[Path, None] = {}
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
-        parts = [(part, part.samples()) for part in self.parts]
-        for number, (part, samples) in zip([leg.number for leg in self.legs] or [0], parts, strict=True):
-            place = _named(output, str(number)) if number else output
+        parts = [(number, part, place, part.samples()) for number, part, place in self._placed(output)]
+        for number, part, place, samples in parts:
             with ExitStack() as stack:
                 save = part._saver(place, stack, number, samples, **options)
                 if not is_bag:
@@ -560,31 +567,106 @@ class Run:
                 written.update(dict.fromkeys(_save_track(output, name, track_of_it)))
         return list(written)
 
-    def files_of_a_frame(self, output: Path) -> list[Path]:
-        """Return the files that `write` makes for the first frame and for the run as a whole.
+    def check_places(self, output: Path, pictures: Path | None = None) -> None:
+        """Check, before any work, that each file of the run can be written, in a place of its own.
+
+        Paths that differ only in case are equal on some systems.
+
+        Parameters
+        ----------
+        output : Path
+            Output of `write`, as from `checked_output`.
+        pictures : Path, optional
+            Pictures of the frames, which the caller writes as `path_of` names them.
+
+        Raises
+        ------
+        LidarsimError
+            If a file would replace another one of the run or one of `sources`, also by way of links.
+        OSError
+            If the folder of a file does not exist or is not writable.
+        """
+        taken = self._read
+        names = [path.name for path in (*self.sources, *self.files(output, ()))]
+        names += [name for path in (output, pictures) if path for name in _links_beside(path)]
+        # Frames differ only in their numbers: those that are not in any of these names cannot meet them.
+        frames = {int(digits) for name in names for digits in re.findall("[0-9]+", name)}
+        frames |= {part.frames.start for part in self.parts}
+        written = self.files(output, frames)
+        if pictures:
+            written += [self.path_of(pictures, *of) for part in self.parts for of in part._clouds(frames)]
+        for path in written:
+            if is_folder(path):
+                check_bag_folder(path)
+                taken |= {_place(path): taken[_place(of)] for of in self.sources if _place(path) in _place(of).parents}
+            else:
+                check_folder(path)
+            if got := taken.get(_place(path)):
+                raise LidarsimError(f"{path}: expected a file of its own, got {got}")
+            taken[_place(path)] = f"the place of {path}"
+
+    def check_unread(self, *paths: Path) -> None:
+        """Check that no file that the caller writes is one of `sources`, also by way of links.
+
+        Parameters
+        ----------
+        *paths : Path
+            The files to write.
+
+        Raises
+        ------
+        LidarsimError
+            If a file is.
+        """
+        for path in paths:
+            if got := self._read.get(_place(path)):
+                raise LidarsimError(f"{path}: expected a file of its own, got {got}")
+
+    @property
+    def _read(self) -> dict[Path, str]:
+        """How errors call each of `sources`, by its place."""
+        return {_place(path): f"that of {path}, which the run reads" for path in self.sources}
+
+    def files(self, output: Path, frames: Collection[int] | None = None) -> list[Path]:
+        """Return the files that `write` makes; in a rig, a sensor may lack a scan in some frames.
 
         Parameters
         ----------
         output : Path
             As in `write`.
+        frames : collection of int, optional
+            Numbers of the frames whose point clouds are listed, if each has a file of its own. Default: all.
 
         Returns
         -------
         list of Path
-            The files; those of other frames differ only in their numbers.
+            The files.
         """
-        tracks = [path for name in self.lidars for path in _track_paths(output, name)]
-        first, place = (self.parts[0], _named(output, "1")) if self.legs else (self, output)
-        if _is_bag(output):
-            return [place]
-        if _is_packets(output):
-            files = self.pcap(place).files
-        elif self.legs and first._fits_strip(output):
-            files = [first._strip_path(place, name) for name in self.lidars]
-        else:
-            files = [first.path_of(place, name, first.frames.start) for name in self.lidars]
-        samples = [_samples_path(place, name) for name in [*self.imus, *self.receivers]]
-        return samples + files + (tracks if len(self.frames) > 1 else [])
+        found: list[Path] = []
+        for number, part, place in self._placed(output):
+            if _is_bag(output):
+                found.append(place)
+                continue
+            found += [_samples_path(place, name) for name in [*self.imus, *self.receivers]]
+            if _is_packets(output):
+                found += part.pcap(place).files
+            elif number and part._fits_strip(output):
+                found += [part._strip_path(place, name) for name in self.lidars]
+            else:
+                found += [part.path_of(place, *of) for of in part._clouds(frames)]
+        if len(self.frames) > 1 and not _is_bag(output):
+            found += [path for name in self.lidars for path in _track_paths(output, name)]
+        return found
+
+    def _clouds(self, frames: Collection[int] | None) -> Iterator[tuple[str, int]]:
+        """Yield the sensor and the number of each cloud of a run without legs, of all frames or of some."""
+        numbers = self.frames if frames is None else sorted(number for number in frames if number in self.frames)
+        return ((name, number) for number in numbers for name in self.lidars)
+
+    def _placed(self, output: Path) -> Iterator[tuple[int, Run, Path]]:
+        """Yield the number of each leg, its run and its output; 0, this run and `output` if there are no legs."""
+        for number, part in zip([leg.number for leg in self.legs] or [0], self.parts, strict=True):
+            yield number, part, _named(output, str(number)) if number else output
 
     def path_of(self, output: Path, name: str, number: int | str) -> Path:
         """Return the path of the output of one sensor and frame.
@@ -673,7 +755,7 @@ class Run:
         if self.cloud["frame"] != "world":
             raise FileFormatError(f"{output}: expected points in the world, with cloud.frame: world, for a strip")
         if float32:
-            raise FileFormatError(f"float32: expected a format with float32 coordinates, got the strip {output}")
+            raise ArgumentValueError("float32", "a format with float32 coordinates", f"the strip {output}")
         paths = {name: self._strip_path(output, name) for name in self.lidars}
         writers = {
             name: stack.enter_context(las.Writer(path, crs=self.crs, fields=fields)) for name, path in paths.items()
@@ -781,7 +863,19 @@ def _check_options(
         ("float32", float32 is not None, cloud, not (is_bag or is_packets)),
     ):
         if given and not fits:
-            raise FileFormatError(f"{argument}: expected {expected} as output, got {got}")
+            raise ArgumentValueError(argument, f"{expected} as output", got)
+
+
+def _place(path: Path) -> Path:
+    """Return what is equal for paths of the same file, also where case does not matter."""
+    return Path(os.path.realpath(path).casefold())
+
+
+def _links_beside(path: Path) -> list[str]:
+    """Return the names of the links in the folder of a path; none if there is no such folder."""
+    with suppress(OSError), os.scandir(path.parent) as entries:
+        return [entry.name for entry in entries if entry.is_symlink()]
+    return []
 
 
 def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]]) -> Iterator[Path]:

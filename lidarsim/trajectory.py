@@ -41,6 +41,9 @@ INTERPOLATIONS = ("linear", "spline")
 LARGEST = 2.0**980
 """Maximum of coordinates and velocities; up to it, nothing overflows in the core."""
 
+BOTH = "times, poses"
+"""Argument that errors name if times and poses do not go together."""
+
 CAMERA_TO_BODY = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From the axes of a camera (x to the right, y down, z ahead) to those of a body (x ahead, y to the left, z up)."""
 
@@ -136,7 +139,7 @@ class Trajectory(Immutable):
             length = rising[-1] - rising[0]
         if not (largest <= LARGEST and np.isfinite(length)):
             expected = "times, positions and velocities within the range of float64"
-            raise ArgumentValueError("times, poses", expected, "others")
+            raise ArgumentValueError(BOTH, expected, "others")
         rising.setflags(write=False)
         self._times = rising
         self._recipe: _Recipe = "knots", (rising, matrices.reshape(-1, 16), steps.reshape(-1, 18)), ()
@@ -256,7 +259,12 @@ class Trajectory(Immutable):
             poses = CAMERA_TO_BODY @ poses @ CAMERA_TO_BODY.T  # exact: coordinates change only place and sign
         if first is not None and len(stamps):
             stamps = stamps - stamps[0] + first
-        return cls(stamps, poses, interpolation=interpolation)
+        try:
+            return cls(stamps, poses, interpolation=interpolation)
+        except ArgumentValueError as error:
+            if error.argument != BOTH:  # one of this call, not what the file says
+                raise
+            raise FileFormatError(f"{path}: {error.problem}") from error
 
     @classmethod
     def strips(

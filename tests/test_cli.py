@@ -38,6 +38,7 @@ scene:
   - {shape: sphere, center_m: [5, 0, 2], radius_m: 1, label: 7}
 """
 SMALL = ("--size", "320x200")
+TAKEN = "expected a file of its own, got that of {}, which the run reads"
 MOVING = """\
 frames: 2
 sensor: {preset: velodyne-vlp16}
@@ -291,10 +292,10 @@ def test_the_layout_of_a_bag(capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert lidarsim("scan", "run.yaml", "-o", "b.mcap", "--layout", "pandar") == 2
     assert capsys.readouterr().err.startswith(
-        "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox, livox_cloud, laserscan"
+        "lidarsim: --layout: expected one of velodyne, ouster, hesai, autoware, livox, livox_cloud, laserscan"
     )
     assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--layout", "livox") == 2
-    assert capsys.readouterr().err == "lidarsim: layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
+    assert capsys.readouterr().err == "lidarsim: --layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
 
 
 OUSTER = ("--set", "sensor={preset: ouster-os1-64, mode: 512x20}")
@@ -364,13 +365,13 @@ def test_packets_that_cannot_be_are_refused_before_the_scan(
     for message, (config, output, *options) in {
         "model: expected one with a packet format (": ("run", "b.pcap", *grid),
         "left: model: expected one with a packet format (": ("rig", "b.pcap", "--set", top, "--set", left),
-        "variant: expected one of single, dual, low-data-rate, ": ("run", "b.pcap", "--variant", "quad", *OUSTER),
-        "layout: expected a bag (.mcap, .db3) as output, got the packets b": ("run", "b.pcap", "--layout", "ouster"),
-        "cut: expected a bag (.mcap, .db3) as output, got the packets b": ("run", "b.pcap", "--cut", "driver"),
-        "fields: expected a point cloud file as output, got the packets b": ("run", "b.pcap", "--fields", "ring"),
-        "float32: expected a point cloud file as output, got the packets b": ("run", "b.pcap", "--float32"),
-        "variant: expected packets (.pcap) as output, got the bag b.mcap": ("run", "b.mcap", "--variant", "dual"),
-        "variant: expected packets (.pcap) as output, got b.pcd": ("run", "b.pcd", "--variant", "dual"),
+        "--variant: expected one of single, dual, low-data-rate, ": ("run", "b.pcap", "--variant", "quad", *OUSTER),
+        "--layout: expected a bag (.mcap, .db3) as output, got the packets b": ("run", "b.pcap", "--layout", "ouster"),
+        "--cut: expected a bag (.mcap, .db3) as output, got the packets b": ("run", "b.pcap", "--cut", "driver"),
+        "--fields: expected a point cloud file as output, got the packets b": ("run", "b.pcap", "--fields", "ring"),
+        "--float32: expected a point cloud file as output, got the packets b": ("run", "b.pcap", "--float32"),
+        "--variant: expected packets (.pcap) as output, got the bag b.mcap": ("run", "b.mcap", "--variant", "dual"),
+        "--variant: expected packets (.pcap) as output, got b.pcd": ("run", "b.pcd", "--variant", "dual"),
         "a.json: expected a file to write, got a folder": ("run", "a.pcap", *OUSTER),
     }.items():
         both = options if config == "rig" or "sensor" in str(options) else [*options, *OUSTER]
@@ -380,7 +381,7 @@ def test_packets_that_cannot_be_are_refused_before_the_scan(
         assert error.count("\n") == 1
     Path("b.json").write_text(CONFIG, encoding="utf-8")
     assert lidarsim("scan", "b.json", "-o", "b.pcap", *OUSTER) == 2
-    assert capsys.readouterr().err == "lidarsim: b.json: expected a file of its own, got the place of b.json\n"
+    assert capsys.readouterr().err == f"lidarsim: b.json: {TAKEN.format(Path('b.json').resolve())}\n"
     assert set(Path().iterdir()) == before | {Path("b.json")}
 
 
@@ -402,7 +403,7 @@ def test_where_the_messages_of_a_bag_begin(capsys: pytest.CaptureFixture[str]) -
         wanted = f"--cut: expected pattern, driver or -360 to 360 degrees, got {cut!r}"
         assert capsys.readouterr().err == f"lidarsim: {wanted}\n"
     assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--cut", "driver") == 2
-    assert capsys.readouterr().err == "lidarsim: cut: expected a bag (.mcap, .db3) as output, got b.pcd\n"
+    assert capsys.readouterr().err == "lidarsim: --cut: expected a bag (.mcap, .db3) as output, got b.pcd\n"
 
 
 def test_many_frames_give_ten_rows_and_their_totals(capsys: pytest.CaptureFixture[str]) -> None:
@@ -755,10 +756,18 @@ MISTAKES = {
         "remove it or choose another name"
     ),
     "scan run.yaml -o a.mcap --max-bag-size 1000": (
-        "max_size: expected the folder of a bag, which ends in /, as output, got the bag a.mcap"
+        "--max-bag-size: expected the folder of a bag, which ends in /, as output, got the bag a.mcap"
     ),
-    "scan run.yaml -o a/ --max-bag-duration 0": "max_duration: expected a finite number > 0, got 0.0",
-    "scan run.yaml -o a/ --fields label": "fields: expected a point cloud file as output, got the bag a",
+    "scan run.yaml -o a/ --max-bag-duration 0": "--max-bag-duration: expected a finite number > 0, got 0.0",
+    "scan run.yaml -o a/ --fields label": "--fields: expected a point cloud file as output, got the bag a",
+    "scan run.yaml -o a.pcd --fields ,": ("--fields: expected names such as intensity,ring, or xyz alone, got ','"),
+    "scan run.yaml -o a.pcd --fields smell": (
+        f"--fields: expected fields of this point cloud (xyz, {FIELDS.replace('inc', 'normal, inc')}), got 'smell'"
+    ),
+    "scan run.yaml -o a.pcd --seed 1.5": "Invalid value for '--seed': expected an integer, got '1.5'",
+    "scan run.yaml -o a/ --max-bag-duration x": "Invalid value for '--max-bag-duration': expected a number, got 'x'",
+    "scan run.yaml -o a.pcd --size 0x0": "--size: expected an integer from 16 to 16384, got 0",
+    "generate detection -o made --pictures -1": "--pictures: expected an integer >= 0, got -1",
     "scan run.yaml -o gone/a.pcd": "gone/a.pcd: the folder gone does not exist",
     "scan run.yaml -o run.yaml/a.pcd": "run.yaml/a.pcd: run.yaml is not a folder",
     "scan run.yaml -o folder.pcd": "folder.pcd: expected a file to write, got a folder",
@@ -767,7 +776,7 @@ MISTAKES = {
     "scan run.yaml -o a.pcd --screenshot gone/a.png": "gone/a.png: the folder gone does not exist",
     # views
     "view gone.pcd --screenshot a.png": "gone.pcd: no such file",
-    "view run.yaml --screenshot a.png --color-by smell": f"color_by: expected one of height, {FIELDS}, got 'smell'",
+    "view run.yaml --screenshot a.png --color-by smell": f"--color-by: expected one of height, {FIELDS}, got 'smell'",
     "view run.yaml --with open3d --screenshot a.png": (
         "--with open3d: Open3D only opens windows; leave it out with --screenshot, --html, --gif or --mp4"
     ),
@@ -1114,13 +1123,28 @@ def test_no_output_takes_the_place_of_another(capsys: pytest.CaptureFixture[str]
             "rig.yaml -o a.pcd",
             "rig.yaml:1: rig: sensors: expected names that differ in more than case, got 'top' and 'Top'",
         ),
-        ("run.pcd -o run.pcd", "run.pcd: expected a file of its own, got the place of run.pcd"),
+        ("run.pcd -o run.pcd", f"run.pcd: {TAKEN.format(Path('run.pcd').resolve())}"),
         ("run.yaml -o a.pcd --screenshot link.png", "link.png: expected a file of its own, got the place of a.pcd"),
         ("run.yaml -o b.pcd --frames 2", "b_poses.tum: expected a file to write, got a folder"),
     ):
         assert lidarsim("scan", *arguments.split()) == 2
         assert capsys.readouterr().err == f"lidarsim: {message}\n"
     assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
+
+
+def test_no_picture_and_no_metadata_replaces_what_is_read(capsys: pytest.CaptureFixture[str]) -> None:
+    given = Path(__file__).parent / "data" / "sensors" / "ouster" / "2_1_2_os1-991913000010-64.json"
+    Path("os.json").write_bytes(given.read_bytes())
+    Path("run.yaml").write_text("sensor: {file: os.json}\nscene: {file: a.png}\n", encoding="utf-8")
+    Path("a.png").write_text("[{shape: sphere, center_m: [5, 0, 0], radius_m: 1}]", encoding="utf-8")
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    for arguments, name in (
+        ("stream run.yaml --metadata os.json", "os.json"),
+        ("view run.yaml --screenshot a.png", "a.png"),
+    ):
+        assert lidarsim(*arguments.split()) == 2
+        assert capsys.readouterr().err == f"lidarsim: {name}: {TAKEN.format(Path(name).resolve())}\n"
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
 
 
 def test_labelled_points_can_have_other_colours() -> None:
@@ -1155,7 +1179,7 @@ def test_the_looks_of_a_view(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
         assert lidarsim("view", "moving.yaml", "--screenshot", "c.png", "--limits", wrong) == 2
         assert f"--limits: expected LOW,HIGH, such as 0,50, got {wrong!r}" in capsys.readouterr().err
     assert lidarsim("view", "moving.yaml", "--screenshot", "c.png", "--limits", "5,1") == 2
-    assert "limits: expected two numbers, the second greater, got 5 and 1" in capsys.readouterr().err
+    assert "--limits: expected two numbers, the second greater, got 5 and 1" in capsys.readouterr().err
     assert not Path("c.png").exists()
 
 

@@ -902,7 +902,7 @@ def test_the_command_prints_the_table(folders: tuple[Path, Path], capsys: pytest
     ("arguments", "message"),
     [
         (("real", "nowhere.npz"), "nowhere.npz: no such file"),
-        (("real", "sim", "--sensor", "os1"), "sensor: expected a Lidar or one of"),
+        (("real", "sim", "--sensor", "os1"), "--sensor: expected a Lidar or one of"),
         (("real", "sim", "-o", "r.pdf"), "r.pdf: unknown extension '.pdf', expected .html"),
         (("real", "sim", "--json", "no/r.json"), "the folder no does not exist"),
         (("real",), "Missing argument"),

@@ -304,6 +304,26 @@ def test_a_float32_does_not_become_infinite() -> None:
         assert str(caught.value) == f"{name}: expected numbers that float32 can hold, got {name}{where} = 1e+39"
 
 
+def test_paths_that_no_file_can_have() -> None:
+    for use in (PointCloud.load, PointCloud(XYZ).save):
+        with pytest.raises(ValueError, match=r"^path: expected a path without null characters, got 'a\\x00\.npz'$"):
+            use("a\0.npz")
+        with pytest.raises(TypeError, match=r"^path: expected a path, got 5$"):
+            use(5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".pcd", ".ply"])
+def test_coordinates_beyond_float32_are_not_written_as_infinite(suffix: str, tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=[[1, 2, 3], [4, np.inf, -1e39]])
+    with pytest.raises(
+        ValueError, match=r"^xyz: expected numbers that float32 can hold, got xyz\[1\]\[2\] = -1e\+39; float32=F"
+    ):
+        cloud.save(tmp_path / f"a{suffix}", float32=True)
+    assert not list(tmp_path.iterdir())
+    cloud.save(tmp_path / f"a{suffix}", float32=False)
+    np.testing.assert_array_equal(PointCloud.load(tmp_path / f"a{suffix}").xyz, cloud.xyz)
+
+
 def test_names_of_columns_become_names_of_fields_each_another() -> None:
     names = [
         "a b",

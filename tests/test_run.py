@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import lidarsim as ls
 from lidarsim.cli import main
-from lidarsim.errors import ConfigError, FileFormatError
+from lidarsim.errors import ConfigError, FileFormatError, LidarsimError
 from lidarsim.run import RunFrame
 from tests.io.packets.captures import datagrams
 
@@ -60,11 +60,90 @@ def test_python_writes_what_the_command_line_writes(config: str, suffix: str) ->
             assert path.read_bytes() == Path("cli", path.name).read_bytes()
 
 
+TRIANGLE = """\
+ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+5 -5 -5
+5 5 -5
+5 0 5
+3 0 1 2
+"""
+MESH = RUN.replace("scene: [", "scene: [{shape: mesh, file: a_0002.ply}, ")
+FROM_FILE = RUN.replace("{position_m: [0, 0, 1], linear_m_per_s: [5, 0, 0]}", "{file: drive_poses.tum}")
+INCLUDED = "frames: 3\nsensor: {file: lidar.yaml}\nscene: {file: things_0001.pcd}\npose: {position_m: [0, 0, 1]}\n"
+
+
+@pytest.mark.parametrize(
+    ("config", "output", "at_risk"),
+    [
+        (FROM_FILE, "drive.pcd", "drive_poses.tum"),
+        (FROM_FILE, "DRIVE.pcd", "DRIVE_poses.tum"),  # the same place on some systems
+        (FROM_FILE, "linked.pcd", "linked_poses.tum"),
+        (MESH, "a.ply", "a_0002.ply"),
+        (MESH, "b.ply", "b_0001.ply"),  # a link
+        (INCLUDED, "things.pcd", "things_0001.pcd"),
+        (RUN.replace("scene: [", "scene: [{shape: surfels, file: bag/bag_0.mcap, neighbours: 3}, "), "bag/", "bag"),
+    ],
+)
+def test_nothing_that_a_run_reads_is_replaced(
+    config: str, output: str, at_risk: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Poses, meshes and documents: by way of files that the user did not name, and of links, too."""
+    ls.Trajectory(np.arange(3.0), np.tile(np.eye(4), (3, 1, 1))).save("drive_poses.tum")
+    ls.config.load("run.yaml", ["frames=1"]).write("bag/")
+    Path("a_0002.ply").write_text(TRIANGLE, encoding="ascii")
+    pattern, scene = (RUN.split(f"{key}: ", 1)[1].splitlines()[0] for key in ("pattern", "scene"))
+    Path("lidar.yaml").write_text(f"pattern: {pattern[:-1]}\n", encoding="utf-8")
+    Path("things_0001.pcd").write_text(scene, encoding="utf-8")
+    Path("linked_poses.tum").symlink_to("drive_poses.tum")
+    Path("b_0001.ply").symlink_to("a_0002.ply")
+    Path("run.yaml").write_text(config, encoding="utf-8")
+    run = ls.config.load("run.yaml")
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    with pytest.raises(LidarsimError, match=f"^{at_risk}: expected a file of its own, got that of .*, which the run "):
+        run.write(output)
+    with pytest.raises(SystemExit):
+        main(["scan", "run.yaml", "-o", output])
+    assert capsys.readouterr().err.startswith(f"lidarsim: {at_risk}: expected a file of its own, got that of /")
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+    run.write("new.npz")
+
+
+def test_a_run_knows_all_that_it_read() -> None:
+    Path("tri.obj").write_text("mtllib tri.mtl\nv 5 -5 -5\nv 5 5 -5\nv 5 0 5\nusemtl a\nf 1 2 3\n", encoding="ascii")
+    Path("tri.mtl").write_text("newmtl a\nKd 1 1 1\n", encoding="ascii")
+    item = "{shape: scene_file, file: tri.obj, reflectivity: color}"
+    Path("run.yaml").write_text(RUN.replace("scene: [", f"scene: [{item}, "), encoding="utf-8")
+    assert ls.config.load("run.yaml").sources == {Path(name).resolve() for name in ("run.yaml", "tri.obj", "tri.mtl")}
+
+
+def test_no_cloud_replaces_the_samples_of_an_imu() -> None:
+    """The third cloud of `low` has the name of the samples of the IMU `low_0002`."""
+    imu = RIG.replace("rig: {", "rig: {low_0002: {imu: {rate_hz: 100}}, ", 1)
+    Path("imu.yaml").write_text(imu, encoding="utf-8")
+    before = {*Path().iterdir()}
+    run = ls.config.load("imu.yaml")
+    with pytest.raises(
+        LidarsimError, match=r"^a_low_0002\.csv: expected a file of its own, got the place of a_low_0002"
+    ):
+        run.write("a.csv")
+    assert {*Path().iterdir()} == before
+    assert {*run.write("a.pcd")} <= {*run.files(Path("a.pcd"))}
+    assert len(ls.ImuSamples.load("a_low_0002.csv").time) == 11
+
+
 def test_samples_of_an_imu_are_written_beside_the_clouds_or_into_the_bag() -> None:
     Path("imu.yaml").write_text(RIG.replace("rig: {", "rig: {box: {imu: {rate_hz: 100}}, ", 1), encoding="utf-8")
     run = ls.config.load("imu.yaml")
     names = [path.name for path in run.write("a.pcd")]
-    assert names == [path.name for path in run.files_of_a_frame(Path("a.pcd"))][:1] + names[1:]
+    assert names == [path.name for path in run.files(Path("a.pcd"))][:1] + names[1:]
     samples = ls.ImuSamples.load("a_box.csv")
     assert names[0] == "a_box.csv"
     assert run.span == (0.0, 0.1)  # the first frame of one sensor, and three of the other, at 50 Hz
@@ -87,7 +166,7 @@ def test_fixes_of_a_receiver_are_written_beside_the_clouds_or_into_a_bag() -> No
     assert run.origin == (np.radians(48.0), np.radians(11.0), 500.0)
     assert list(run.sensor) == ["top", "low"]
     written = run.write("a.pcd")
-    assert run.files_of_a_frame(Path("a.pcd"))[0] == written[0] == Path("a_gnss.csv")
+    assert run.files(Path("a.pcd"))[0] == written[0] == Path("a_gnss.csv")
     fixes = ls.GnssFixes.load("a_gnss.csv")
     np.testing.assert_array_equal(fixes.time, [0.0, 0.05, 0.1])  # 0.1 s are three frames of the faster lidar
     (again,) = run.fixes().values()
@@ -188,9 +267,7 @@ def test_options_of_the_files(tmp_path: Path) -> None:
     run.write(tmp_path / "a.ply", fields=["label"], float32=True)
     assert ls.PointCloud.load(tmp_path / "a.ply").fields == ("xyz", "label")
     assert b"property float32 x" in (tmp_path / "a.ply").read_bytes()[:2000]
-    with pytest.raises(
-        FileFormatError, match=r"^float32: expected a point cloud file as output, got the bag .*a\.mcap$"
-    ):
+    with pytest.raises(ValueError, match=r"^float32: expected a point cloud file as output, got the bag .*a\.mcap$"):
         run.write(tmp_path / "a.mcap", float32=True)
     assert not (tmp_path / "a.mcap").exists()
 
@@ -367,7 +444,7 @@ def test_a_strip_in_las_is_in_the_world(strips: Path) -> None:
     run = ls.config.load(strips, ["cloud.frame=sensor", "georeference={}"])
     with pytest.raises(FileFormatError, match=r"^d_1.las: expected points in the world, with cloud.frame: world"):
         run.write("d.las")
-    with pytest.raises(FileFormatError, match=r"^float32: expected a format with float32 coordinates"):
+    with pytest.raises(ValueError, match=r"^float32: expected a format with float32 coordinates"):
         ls.config.load(strips).write("d.las", float32=True)
     assert not list(Path().glob("d*"))
     ls.config.load(strips).write("e.las", fields=["intensity", "scan_angle"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace as changed
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 import pydantic
 import yaml
 
+from lidarsim._files import noting_reads
 from lidarsim._validation import shown
 from lidarsim.config import recognise
 from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
@@ -56,7 +58,9 @@ def load(path: Path, overrides: Sequence[str]) -> Run:
     for i, text in enumerate(overrides):
         if not isinstance(text, str):
             raise ArgumentTypeError("overrides", "texts such as 'frames=2'", f"overrides[{i}] = {shown(text)}")
-    return built(whole(read(configuration(path)), [assigned(text) for text in overrides]))
+    with noting_reads() as sources:
+        run = built(whole(read(configuration(path)), [assigned(text) for text in overrides]))
+    return changed(run, sources=frozenset(sources))
 
 
 def whole(root: Node, changes: Iterable[Change] = ()) -> Node:

@@ -10,12 +10,16 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
+from urllib.parse import quote
 
 import yaml
 
-from lidarsim._files import beside
+from lidarsim._files import beside, noting_reads
 from lidarsim.config.document import Node, entries, folder_of, read
 from lidarsim.errors import ConfigError, FileFormatError
+from lidarsim.io import raster
+from lidarsim.io.scenes import mjcf
+from lidarsim.io.scenes._mjcf import closed
 from lidarsim.io.scenes.mesh_files import image_name
 from lidarsim.io.trajectories.nuscenes import TABLES
 
@@ -91,7 +95,8 @@ def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
     """Return the SHA-256 of each file that documents name, by its path from `folder`.
 
     Files that these name in turn are included: those in YAML, the buffers and images of glTF, the materials of OBJ and
-    their images, the images of COLLADA, and the tables beside poses of nuScenes.
+    their images, the images of COLLADA, all that a model of MuJoCo names but its textures, the projection of an ASCII
+    grid, and the tables beside poses of nuScenes.
     """
     found: dict[str, str] = {}
     documents = list(nodes)
@@ -110,8 +115,9 @@ def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
 
 
 def _named_in(path: Path) -> list[Path]:
-    """Return the files that a mesh file names, resolved as its reader does; empty if the reader refuses the file."""
+    """Return the files that a file names, resolved as its reader does; empty if the reader refuses the file."""
     names: list[str] = []
+    found: set[Path] = set()
     suffix = path.suffix.lower()
     with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError), path.open("rb") as file:
         if path.name == TABLES[-1]:
@@ -129,13 +135,16 @@ def _named_in(path: Path) -> list[Path]:
             names = [image_name(words[1].decode()) for words in lines if len(words) == 2]
         elif suffix == ".dae":
             names = [name.decode().strip() for name in re.findall(rb"<(?:init_from|ref)>([^<]+)<", file.read())]
-    folder = path.parent.resolve()
-    files = []
+        elif mjcf.recognise(path):
+            with noting_reads() as found:
+                closed(path)
+        elif file.read(4) not in raster.TIFF:  # a grid may have any suffix
+            names = [quote(place.name) for place in raster.projections(path)]
     for name in names:
         with suppress(AttributeError, FileFormatError, OSError, TypeError, ValueError):
-            file_there = beside(path, name)
-            inside = file_there.is_relative_to(folder)
-            files.append(path.parent / file_there.relative_to(folder) if inside else file_there)
+            found.add(beside(path, name))
+    folder = path.parent.resolve()
+    files = [path.parent / file.relative_to(folder) if file.is_relative_to(folder) else file for file in sorted(found)]
     return files + [image for file in files if file.suffix.lower() == ".mtl" for image in _named_in(file)]
 
 

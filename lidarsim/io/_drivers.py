@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim.io._records import to_fields
+from lidarsim.io._records import check_plausible, put, to_fields
 from lidarsim.io._times import NAMES, since_stamp
 from lidarsim.io._units import fitting, reflectivity, vendor_range
 from lidarsim.pointcloud import Fields, PointCloud, adopted
@@ -75,6 +75,7 @@ class _Points(NamedTuple):
 
     @property
     def reflectivity(self) -> npt.NDArray[np.uint8]:
+        check_plausible({"intensity": self.fields["intensity"]}, np.inf, 0)
         return reflectivity(self.fields["intensity"], 150 if self.layout.startswith("livox") else 100)
 
     def whole(self, name: str, values: npt.NDArray[Any], column: str) -> npt.NDArray[Any]:
@@ -141,7 +142,7 @@ def to_layout(cloud: PointCloud, layout: str, lidar: Sensor | None, stamp: int) 
     points = _Points(fields, lidar, stamp, layout)
     records = np.zeros(len(fields["xyz"]), LAYOUTS[layout])
     for name in LAYOUTS[layout].names or ():
-        records[name] = _COLUMNS[name](points)
+        put(records, name, _COLUMNS[name](points))
     return records, int(max(points.nanoseconds.max(initial=0), 0))
 
 

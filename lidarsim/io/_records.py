@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from lidarsim._validation import UINT32, short
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import CANONICAL, Fields, field_names, held
+from lidarsim.pointcloud import CANONICAL, Fields, field_names, first_misfit, held
 
 BLOCK = 1 << 14
 """Points converted at a time."""
@@ -75,11 +75,18 @@ def record_of(columns: Fields) -> np.dtype[np.void]:
 
 def to_records(columns: Fields, dtype: np.dtype[np.void]) -> Iterator[npt.NDArray[np.void]]:
     """Yield the columns as records of `dtype`, a block at a time; names without a column are 0."""
-    for block in blocks(columns):
+    for number, block in enumerate(blocks(columns)):
         records = np.zeros(len(block["x"]), dtype)
         for name, column in block.items():
-            records[name] = column
+            put(records, name, column, number * BLOCK)
         yield records
+
+
+def put(records: npt.NDArray[np.void], name: str, column: npt.NDArray[Any], first: int = 0) -> None:
+    """Set a column of records, after checking that its type holds the numbers; `first` is the number of the first."""
+    if misfit := first_misfit(name, column, records.dtype[name].type, first):
+        raise FileFormatError("{}: expected {}, got {}".format(name, *misfit))
+    records[name] = column
 
 
 def from_records(file: BinaryIO, dtype: np.dtype[np.void], points: int | None = None) -> Iterator[Fields]:
@@ -252,7 +259,8 @@ def number(word: str, what: str) -> float:
     if re.fullmatch(r"[+-]?\d{1,20}", word):
         return int(word)
     with suppress(ValueError):
-        return float(word)
+        if "_" not in word:  # which Python reads past
+            return float(word)
     if found := re.fullmatch(r"([+-]?)(?:1\.#(inf|ind|[qs]nan)|nan\(\w*\))\d*", word.lower()):
         return float(f"{found[1]}inf") if found[2] == "inf" else math.nan
     comma = " with a point, not a comma" if re.fullmatch(r"[+-]?\d+,\d+", word) else ""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
@@ -23,6 +24,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
+from lidarsim._files import linked
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_expansion, to_fields
@@ -43,7 +45,9 @@ NAMES = {
 """lidarsim's names by those of E57."""
 
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
-INVALID = ("cartesianInvalidState", "sphericalInvalidState")
+VALID = "cartesianInvalidState"
+"""0 for each point that is written: pye57 asks for it. A column of one value takes no space."""
+INVALID = (VALID, "sphericalInvalidState")
 
 
 def _library() -> Any:
@@ -58,6 +62,7 @@ def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
     columns |= {name: fields[name] for name in NAMES.values() if name in fields and name not in columns}
     if "return_number" in columns:
         columns["return_number"] = columns["return_number"].astype(np.int64) - 1
+    columns[VALID] = np.zeros(len(fields["xyz"]), np.int8)
     with TemporaryDirectory() as folder:
         path = str(Path(folder) / "cloud.e57")
         with library.E57(path, "w") as written:
@@ -84,7 +89,7 @@ def _write(e57: Any, written: Any, columns: Fields, pose: Floats) -> None:
             inner.set(name, e57.FloatNode(image, float(number)))
     buffers, kept = e57.VectorSourceDestBuffer(), []
     n = len(columns["x"])
-    for name, own in NAMES.items():
+    for name, own in (NAMES | {VALID: VALID}).items():
         if own not in columns:
             continue
         column = columns[own]
@@ -111,7 +116,9 @@ def load(file: BinaryIO) -> Fields:
     """Read all scans."""
     library = _library()
     size = os.fstat(file.fileno()).st_size
-    with library.E57(file.name) as read:
+    path = Path(file.name)
+    plain = nullcontext(path) if file.name.isprintable() else linked(path, "cloud.e57")  # pye57 takes no other text
+    with plain as place, library.E57(str(place)) as read:
         count = read.scan_count
         columns = joined_lists(_scan(library, read, i, size) for i in range(count))
     if count < 2:

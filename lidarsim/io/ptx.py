@@ -3,8 +3,8 @@
 A line has x, y, z in m, at full precision, in the frame of the scanner, intensity from 0 to 1, and red, green, blue if
 the cloud has these fields. The grid is that of `column` and `ring`, if the cloud has them, each pair occurs once and at
 least one place in 16 has a point; else it is a single row. Places without a point are ``0 0 0 0.5``, so that a point at
-the origin is refused. All other fields are lost, and `PointCloud.save` warns of intensity beyond 1, which is written as
-1. The pose of `PointCloud.save` becomes the matrix of the header.
+the origin is refused, and so is an intensity that is negative or NaN. All other fields are lost, and `PointCloud.save`
+warns of intensity beyond 1, which is written as 1. The pose of `PointCloud.save` becomes the matrix of the header.
 
 When a file is read, the points are transformed by that matrix, into the world. Places without a point are left out;
 `column` and `ring` are those of the grid, unless it is a single row or column, and `scan` counts the scans of a file of
@@ -22,8 +22,8 @@ import numpy as np
 
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
+from lidarsim.io._records import check_plausible, to_fields
 from lidarsim.io._records import number as number_of
-from lidarsim.io._records import to_fields
 from lidarsim.io._scanners import (
     COLOURS,
     check_finite,
@@ -55,9 +55,10 @@ def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
     if (at_origin := ~xyz.any(axis=1)).any():
         i = int(np.argmax(at_origin))
         raise FileFormatError(f"xyz: expected no point at the origin, where PTX has none, got xyz[{i}] = [0, 0, 0]")
-    warn_above(1.0, fields.get("intensity"), "the intensity of PTX")
-    intensity = np.nan_to_num(fields.get("intensity", np.full(n, MISSING, np.float32)))
-    points = {"xyz": xyz, "intensity": np.clip(intensity, np.float32(0.0), np.float32(1.0)), **coloured(fields)}
+    intensity = fields.get("intensity", np.full(n, MISSING, np.float32))
+    check_plausible({"intensity": intensity}, np.inf, 0)
+    warn_above(1.0, intensity, "the intensity of PTX")
+    points = {"xyz": xyz, "intensity": np.minimum(intensity, np.float32(1.0)), **coloured(fields)}
     columns, rows, places = _grid(fields)
     whole = {name: np.zeros((columns * rows, *part.shape[1:]), part.dtype) for name, part in points.items()}
     whole["intensity"][:] = MISSING

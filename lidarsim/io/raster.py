@@ -145,13 +145,18 @@ def _reading(path: Path) -> Iterator[None]:
         sys.unraisablehook, sys.excepthook = report, show
 
 
+def projections(path: Path) -> list[Path]:
+    """Return where GDAL looks for the projection of an ASCII grid."""
+    return [path.with_suffix(suffix) for suffix in (".prj", ".PRJ")]
+
+
 @contextmanager
 def _opened(path: Path, rasterio: Any) -> Iterator[Any]:
     with path.open("rb") as head:
         tiff = head.read(4) in TIFF
     if not tiff:
-        for suffix in (".prj", ".PRJ"):  # GDAL reads it
-            check_regular(path.with_suffix(suffix))
+        for file in projections(path):
+            check_regular(file)
     kind = {"driver": "GTiff"} if tiff else {"driver": "AAIGrid", "DATATYPE": "Float64"}
     with warnings.catch_warnings():  # of a missing geotransform, which `_check` refuses
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)

@@ -47,7 +47,7 @@ import re
 import shutil
 import struct
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
@@ -60,7 +60,7 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing
+from lidarsim._files import PathLike, check_name, check_regular, check_suffix, linked, parsing
 from lidarsim._georeference import START, unix_time
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
@@ -85,7 +85,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "PointCloud2", "Writer", "point_cloud2", "read", "static_mounts"]
 
-SUFFIXES = (".mcap", ".db3")
+SIGNATURES = {".mcap": _mcap.MAGIC, ".db3": b"SQLite format 3\0"}
+SUFFIXES = (*SIGNATURES,)
 OLDEST = 0, 11
 """Oldest supported version of rosbags."""
 
@@ -873,16 +874,26 @@ def _read(paths: list[Path], topic: str | None) -> Iterator[Message]:
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
-    """Yield topic, type, recording time (ns) and data of each message of a file."""
-    return _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path)
+    """Yield topic, type, recording time (ns) and data of each message of a file, by its signature or else its name."""
+    with path.open("rb") as file:
+        head = file.read(max(map(len, SIGNATURES.values())))
+    told = next((suffix for suffix, signature in SIGNATURES.items() if head.startswith(signature)), path.suffix.lower())
+    return _mcap.messages(path) if told == ".mcap" else _rows(path)
 
 
 def _rows(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
     """Yield topic, type, recording time (ns) and data of each message of a bag in SQLite storage."""
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
-    with rosbag2.Reader(path) as bag:
+    with _plainly_named(path) as place, rosbag2.Reader(place) as bag:
         for connection, recorded, data in bag.messages(bag.connections):
             yield connection.topic, connection.msgtype, recorded, memoryview(data)
+
+
+def _plainly_named(path: Path) -> AbstractContextManager[Path]:
+    """Return a path of the file that ends in .db3 and means itself in a URI, as which rosbags gives it to SQLite."""
+    text = str(path)
+    plain = path.suffix == ".db3" and text.isprintable() and not text.startswith("//") and not set("%?#") & set(text)
+    return nullcontext(path) if plain else linked(path, "bag.db3")
 
 
 def _parsed_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:
@@ -1042,5 +1053,5 @@ def _velocity(trajectory: Trajectory, time: float) -> tuple[list[float], list[fl
     return trajectory.at(time).rotation.inv().apply(linear).tolist(), angular.tolist()
 
 
-for _suffix, _signature in zip(SUFFIXES, (_mcap.MAGIC, b"SQLite format 3\0"), strict=True):
+for _suffix, _signature in SIGNATURES.items():
     register_format(_suffix, save=partial(save, suffix=_suffix), load=load, signature=_signature)

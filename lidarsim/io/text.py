@@ -5,9 +5,9 @@ digits that restore it. Text has no types: fields that lidarsim knows get their 
 float64 or, if they are integers and one is beyond 2⁵³, as int64 or uint64.
 
 Files from other programs may have commas, semicolons, tabs or blanks between the numbers, comments that begin with # or
-//, empty lines, and empty cells, which become NaN. Column names come from the first line that is not a comment or, if
-that has numbers, from the last comment that names x, y and z. Numbers need a decimal point: a decimal comma is refused.
-Columns without names get those of `columns` in `PointCloud.load`, or else:
+//, empty lines, separators at the ends of lines, and empty cells, which become NaN. Column names come from the first
+line that is not a comment or, if that has numbers, from the last comment that names x, y and z. Numbers need a decimal
+point: a decimal comma is refused. Columns without names get those of `columns` in `PointCloud.load`, or else:
 
 =======  ==============================================================================================================
 columns  fields
@@ -46,6 +46,7 @@ NORMAL = ("nx", "ny", "nz")
 CODES = {"b1", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 COLOURS = ("red", "green", "blue")
 COMMENTS = ("#", "//")
+COMMENT = re.compile(r"(?:^|(?<=[\s,;]))(?:#|//)")
 DECIMAL = r"[+-]?\d+,\d+"
 """A number with a decimal comma."""
 
@@ -83,6 +84,8 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
             raise FileFormatError(f"its first line has no column names, and there are {head.columns} columns")
         lines = itertools.chain(head.first, _lines(text, head.first[0][0] if head.first else 0))
         read = _joined(_parsed(lines, names, head.between))
+        count = _count(head, names, read)
+        names, read = names[:count], read[:count]
     finally:
         text.detach()
     found = len(read[0]) if read else 0
@@ -106,6 +109,7 @@ class _Head(NamedTuple):
     columns: int  # 0: no line has numbers
     between: str | None  # separator; None: blanks
     first: list[tuple[int, str]]  # first line of numbers, with its line number
+    is_open: bool  # the first line of numbers ends with a separator
 
 
 def _head(text: TextIO) -> _Head:
@@ -117,10 +121,11 @@ def _head(text: TextIO) -> _Head:
         if words.startswith(COMMENTS):
             comments.append(words.lstrip("#/"))
         elif words:
-            between = _separator(words)
-            cells = words.split(between)
-            if not above and points is None and len(cells) == 1 and words.isdecimal():
-                points = int(words)
+            told = _uncommented(words)
+            between = _separator(told)
+            cells = told.split(between)
+            if not above and points is None and len(cells) == 1 and told.isdecimal():
+                points = int(told)
             elif not above and points is None and not _numeric(cells):
                 above = words
             else:
@@ -131,7 +136,7 @@ def _head(text: TextIO) -> _Head:
     if names is None:
         candidates = (_names(comment, columns) for comment in reversed(comments))
         names = next((found for found in candidates if {name.lower() for name in found} >= set("xyz")), None)
-    return _Head(names, points, columns or 0, between, first)
+    return _Head(names, points, columns or 0, between, first, bool(first) and not cells[-1])
 
 
 def _lines(text: TextIO, last: int) -> Iterator[tuple[int, str]]:
@@ -154,7 +159,16 @@ def _names(line: str, columns: int | None = None) -> list[str]:
     names = [] if between is None else next(csv.reader([line], delimiter=between, skipinitialspace=True))
     if between is None or (columns not in {None, len(names)} and len(line.split()) == columns):
         names = line.split()
+    if len(names) - 1 == columns and not _bare(names[-1]):
+        names.pop()  # a comma at the end
     return [_bare(name) or f"unnamed {i}" for i, name in enumerate(names, 1)]
+
+
+def _count(head: _Head, names: list[str], read: list[npt.NDArray[Any]]) -> int:
+    """Return the number of columns without that after a separator at the end, which has neither name nor numbers."""
+    count = len(names)
+    is_nothing = head.is_open and names[-1] in {f"unnamed {count}", f"column {count}"} and np.isnan(read[-1]).all()
+    return count - 1 if is_nothing else count
 
 
 def _layout(columns: list[npt.NDArray[Any]], *, scanner: bool) -> list[str]:
@@ -208,8 +222,13 @@ def _parsed(
         yield columns
 
 
+def _uncommented(line: str) -> str:
+    """Return a line without the comment at its end."""
+    return COMMENT.split(line)[0].strip(" ")
+
+
 def _cells(line: str, between: str | None) -> list[str]:
-    return list(map(_bare, line.strip(None if between is None else " \r\n").split(between)))
+    return list(map(_bare, _uncommented(line).strip(None if between is None else " \r\n").split(between)))
 
 
 def _bare(cell: str) -> str:
@@ -219,7 +238,7 @@ def _bare(cell: str) -> str:
 
 def _numbers(line: str, at: int, names: list[str], between: str | None) -> list[float]:
     """Return the numbers of a line that NumPy cannot parse, with empty cells as NaN; `at` is its line number."""
-    cells = list(itertools.takewhile(lambda cell: not cell.startswith(COMMENTS), _cells(line, between)))
+    cells = _cells(line, between)
     if len(cells) == len(names) + 1 and not cells[-1]:
         cells.pop()  # a comma at the end
     if len(cells) != len(names):

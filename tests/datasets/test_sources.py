@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 import trimesh
 
@@ -37,6 +38,27 @@ def text(content: str) -> Callable[[Path], None]:
     return lambda path: path.write_text(content) and None
 
 
+def projection(path: Path) -> None:
+    path.write_text(pyproj.CRS("EPSG:25832").to_wkt("WKT1_ESRI"))
+
+
+TIP = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+MJCF = "run: {scene: [{shape: scene_file, file: a.xml}]}"
+MODEL = {
+    "a.xml": text(
+        """<mujoco><compiler meshdir="deep"/><include file="deep/part.xml"/>
+        <asset><model name="other" file="other.xml"/></asset>
+        <worldbody><geom type="mesh" mesh="tip"/><body><attach model="other" body="b" prefix="o"/></body></worldbody>
+        </mujoco>"""
+    ),
+    "deep/part.xml": text('<mujoco><asset><mesh name="tip" file="tip.obj"/></asset></mujoco>'),
+    "deep/tip.obj": text(TIP),
+    "other.xml": text('<mujoco><worldbody><body name="b"><geom type="sphere" size="1"/></body></worldbody></mujoco>'),
+}
+URDF = """<robot name="r"><link name="a">
+<collision><geometry><mesh filename="deep/tip.obj"/></geometry></collision>
+</link></robot>"""
+GRID = "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 9\n1 1\n1 1\n"
 GLTF = "run: {scene: [{shape: mesh, file: a.gltf}]}"
 OBJ = "mtllib my colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 GROUND = "{shape: plane, normal: [0, 0, 1], name: g}"
@@ -117,6 +139,19 @@ RECIPES: dict[str, tuple[str, Files, str]] = {
         "run: {scene: [{shape: mesh, file: a.obj}]}",
         {"a.obj": text(OBJ), "my colours.mtl": text("newmtl a\n")},
         "my colours.mtl",
+    ),
+    "the mesh of an included part of MJCF": (MJCF, MODEL, "deep/tip.obj"),
+    "an included part of MJCF": (MJCF, MODEL, "deep/part.xml"),
+    "a model that MJCF attaches": (MJCF, MODEL, "other.xml"),
+    "the mesh of a URDF": (
+        "run: {scene: [{shape: scene_file, file: a.urdf}]}",
+        {"a.urdf": text(URDF), "deep/tip.obj": text(TIP)},
+        "deep/tip.obj",
+    ),
+    "the projection of a grid": (
+        "run: {scene: [{shape: raster, file: a.asc}]}",
+        {"a.asc": text(GRID), "a.prj": projection},
+        "a.prj",
     ),
 }
 

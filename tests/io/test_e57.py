@@ -53,16 +53,23 @@ def test_pye57_reads_what_is_written(cloud: PointCloud, tmp_path: Path) -> None:
         header, raw = file.get_header(0), file.read_scan_raw(0, ignore_unsupported_fields=True)
         np.testing.assert_array_equal(header.translation, POSE[:3, 3])
         np.testing.assert_allclose(header.rotation_matrix, POSE[:3, :3], rtol=0, atol=8 * 2.0**-53)  # by a quaternion
-        placed = file.read_scan(0, ignore_missing_fields=True)
+        placed = file.read_scan(0, intensity=True, colors=True, row_column=True)
     for column, axis in zip(cloud.xyz.T, "XYZ", strict=True):
         np.testing.assert_array_equal(raw[f"cartesian{axis}"], column)
     np.testing.assert_array_equal(raw["intensity"], cloud.intensity)
     np.testing.assert_array_equal(raw["colorGreen"], cloud.green)
+    np.testing.assert_array_equal(placed["rowIndex"], cloud.ring)
     world, read = cloud.transformed(POSE).xyz, PointCloud.load(path).xyz
     theirs = np.stack([placed[f"cartesian{axis}"] for axis in "XYZ"], axis=1)
     # Rounding of sums of four terms up to 1e6, of a quaternion that is off by a few ulps.
     np.testing.assert_allclose(read, world, rtol=0, atol=16 * 2.0**-53 * 1e6)
     np.testing.assert_allclose(theirs, world, rtol=0, atol=16 * 2.0**-53 * 1e6)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_name_that_is_not_unicode(cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / "a\udcff.e57")
+    np.testing.assert_array_equal(PointCloud.load(tmp_path / "a\udcff.e57").xyz, cloud.xyz)
 
 
 def test_scans_of_others_become_one_cloud_in_the_world(tmp_path: Path) -> None:

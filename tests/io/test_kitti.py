@@ -80,6 +80,8 @@ def test_another_number_of_columns_is_recognised_and_read_by_name(
         np.testing.assert_array_equal(getattr(cloud, name), column)
     some = PointCloud.load(path, columns=[*names[:3], *"_" * (columns - 3)])
     assert (some.fields, len(some)) == (("xyz",), 840)
+    with pytest.raises(ValueError, match=r"^columns: expected names, and '_' for each column to skip, got \['x', "):
+        PointCloud.load(path, columns=[*names, ""])
 
 
 @pytest.mark.parametrize("turns", range(1, 7))
@@ -112,6 +114,20 @@ def test_numbers_that_are_of_other_columns(numbers: list[float], reason: str, tm
     with pytest.raises(FileFormatError) as caught:
         PointCloud(xyz=cloud.xyz, intensity=cloud.other).save(path)
     assert str(caught.value).startswith(reason.partition(",")[0])
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".pcd.bin"])
+def test_coordinates_beyond_float32(suffix: str, tmp_path: Path) -> None:
+    xyz = np.zeros((COUNT, 3))
+    xyz[-1, 2] = -1e39
+    with pytest.raises(
+        FileFormatError, match=rf"^z: expected numbers that float32 can hold, got z\[{COUNT - 1}\] = -1e\+39"
+    ):
+        PointCloud(xyz=xyz).save(tmp_path / f"a{suffix}")
+    assert not list(tmp_path.iterdir())
+    xyz[-1, 2] = -np.inf
+    PointCloud(xyz=xyz).save(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(PointCloud.load(tmp_path / f"a{suffix}").xyz, xyz)
 
 
 def test_what_is_brighter_than_the_greatest_remission_is_told(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 import tracemalloc
 from collections.abc import Callable
@@ -290,7 +291,7 @@ def test_the_layout_stays_that_of_the_sensor_in_a_rig(ros: Any, tmp_path: Path) 
     [
         ("velodyne", {0: 0, 0.004: 0, 0.006: 1, 0.5: 50, 1: 100, 1.01: 101, 2: 200, 2.55: 255, 1000: 255}),
         ("hesai", {0: 0, 1: 100, 2.55: 255, np.inf: 255}),
-        ("ouster", {0: 0, 1: 100, 1.5: 150, 9: 255, np.nan: 0}),
+        ("ouster", {0: 0, 1: 100, 1.5: 150, 9: 255}),
         ("livox", {0: 0, 0.5: 75, 1: 150, 1.01: 152, 1.7: 255, 9: 255}),
     ],
 )
@@ -522,6 +523,41 @@ def test_saving_and_loading_one_cloud(cloud: PointCloud, tmp_path: Path) -> None
     assert str(caught.value) == f"{tmp_path / 'a.mcap'}: not a readable .mcap point cloud: {reason}"
 
 
+ODD = ["a%41.db3", "100%.db3", "really?.db3", "take#2.db3", "a b\nc.db3"]
+
+
+@pytest.mark.parametrize("name", ODD + ["a\udcff.db3"] * (sys.platform == "linux"))
+def test_names_that_mean_something_in_a_uri(
+    name: str, cloud: PointCloud, ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """rosbags opens the file ``a%41.db3`` as ``aA.db3``, which is another."""
+    monkeypatch.chdir(tmp_path)
+    PointCloud(xyz=[[9, 9, 9]]).save("aA.db3")
+    cloud.save(name)
+    shutil.copy(name, "plain.db3")
+    (message,) = messages(Path("plain.db3"), ros)["/lidar/points"]
+    assert message[1].width == COUNT
+    assert len(PointCloud.load(name)) == len(next(rosbag.read(tmp_path / name)).cloud) == COUNT
+
+    def refuse(*_: object) -> None:
+        raise OSError(1314, "A required privilege is not held by the client")
+
+    monkeypatch.setattr(Path, "symlink_to", refuse)
+    with pytest.raises(FileFormatError, match=r"expected a plain path that ends in \.db3, since links cannot be made"):
+        PointCloud.load(name)
+    assert len(PointCloud.load("plain.db3")) == COUNT
+
+
+@pytest.mark.parametrize(
+    ("suffix", "name"), [(".mcap", "a.bin"), (".mcap", "a.db3"), (".db3", "a.mcap"), (".db3", "a.xyz")]
+)
+def test_a_bag_is_known_by_its_signature(suffix: str, name: str, cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / f"b{suffix}")
+    (tmp_path / f"b{suffix}").rename(tmp_path / name)
+    assert len(PointCloud.load(tmp_path / name)) == COUNT
+    assert len(next(rosbag.read(tmp_path / name)).cloud) == COUNT
+
+
 def write_bag(path: Path, ros: Any, *entries: tuple[str, str, Any], compress: CompressionMode | None = None) -> Path:
     """Write messages by rosbags alone, and return the file."""
     plugin = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
@@ -718,6 +754,22 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
     sensors = {"a": np.eye(4), "b": np.eye(4)}
     with pytest.raises(ValueError, match=message), rosbag.Writer(tmp_path / "a.mcap", sensors=sensors) as bag:
         use(cloud, bag)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("layout", rosbag.LAYOUTS)
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"xyz": [[1, 2, 3], [4, 1e39, 6]]}, r"y: expected numbers that float32 can hold, got y\[1\] = 1e\+39"),
+        ({"intensity": [1, np.nan]}, r"intensity: expected numbers from 0 to inf, got intensity\[1\] = nan"),
+        ({"intensity": [1, -0.5]}, r"intensity: expected numbers from 0 to inf, got intensity\[1\] = -0\.5"),
+    ],
+)
+def test_no_number_becomes_another_silently(layout: str, fields: dict[str, Any], message: str, tmp_path: Path) -> None:
+    lost = PointCloud({"xyz": [[1, 2, 3], [4, 5, 6]], **fields})
+    with pytest.raises(FileFormatError, match=message), rosbag.Writer(tmp_path / "a.mcap", layout=layout) as bag:
+        bag.write_cloud(lost)
     assert not list(tmp_path.iterdir())
 
 

@@ -122,6 +122,8 @@ def test_intensity_beyond_1(tmp_path: Path) -> None:
     [
         (".pts", {"xyz": [[1.0, np.nan, 2]]}, "xyz: expected finite coordinates, got xyz[0] = [1.0, nan, 2.0]"),
         (".ptx", {"xyz": [[1.0, np.inf, 2]]}, "xyz: expected finite coordinates, got xyz[0] = [1.0, inf, 2.0]"),
+        (".ptx", {"xyz": [[1.0, 1, 2]], "intensity": [np.nan]}, "intensity: expected numbers from 0 to inf, got inten"),
+        (".ptx", {"xyz": [[1.0, 1, 2]], "intensity": [-1]}, "intensity: expected numbers from 0 to inf, got inten"),
         (".ptx", {"xyz": [[1.0, 1, 2], [0, 0, 0]]}, "xyz: expected no point at the origin, where PTX has none"),
         (
             ".pts",

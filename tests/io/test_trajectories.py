@@ -161,6 +161,17 @@ def test_bad_files(tmp_path: Path, content: str | bytes, message: str) -> None:
         ls.Trajectory.load(path)
 
 
+@pytest.mark.parametrize("place", ["1e308 0 0", "-1e308 0 0"])
+def test_places_beyond_all_numbers(place: str, tmp_path: Path) -> None:
+    path = tmp_path / "poses"
+    path.write_text(f"0 {POSE}1 {place} 0 0 0 1\n")
+    expected = f"{path}: expected times, positions and velocities within the range of float64, got others"
+    with pytest.raises(FileFormatError, match=f"^{re.escape(expected)}$"):
+        ls.Trajectory.load(path)
+    with pytest.raises(ValueError, match=r"^interpolation: expected 'linear' or 'spline', got 'x'"):
+        ls.Trajectory.load(path, interpolation="x")  # type: ignore[arg-type]
+
+
 def test_long_files_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_LINES", 3)
     path = tmp_path / "poses"
