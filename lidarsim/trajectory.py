@@ -643,7 +643,7 @@ class Trajectory(Immutable):
         errors = sigmas * _gauss_markov(times, scale, seed)
         # Between its poses, it is the body that moves as interpolated. It turns about the sensor that it carries.
         poses, carried = _built((kind, arguments, ())).at(times), _built(("still", (np.eye(4).tolist(),), mounts))
-        sensor = carried.at(np.zeros(1))[0]
+        sensor: Floats = carried.at(np.zeros(1))[0]
         turns = product(sensor[:3, :3], product(Rotation.from_rotvec(errors[:, 3:]).as_matrix(), sensor[:3, :3].T))
         shifts = sensor[:3, 3:] - product(turns, sensor[:3, 3:])
         poses[:, :3, 3] += errors[:, :3] + product(poses[:, :3, :3], shifts)[..., 0]
