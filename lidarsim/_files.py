@@ -40,7 +40,7 @@ LONGEST = 1000
 """Maximum length of an error message, which may quote the content of a file."""
 
 _noting: ContextVar[tuple[set[Path], ...]] = ContextVar("_noting", default=())
-"""What the blocks of `noting_reads` around this place have noted."""
+"""The paths noted by each enclosing `noting_reads`."""
 
 
 def check_suffix(path: PathLike, known: Collection[str]) -> str:
@@ -196,7 +196,7 @@ def temporary_folder(parent: Path, naming: tuple[str, str] = TEMPORARY) -> Itera
 
 @contextmanager
 def linked(path: Path, name: str) -> Iterator[Path]:
-    """Yield a link of a plain name to a file, for libraries that cannot open every path.
+    """Yield a symbolic link to a file under a plain name, for libraries that cannot open every path.
 
     Raises
     ------

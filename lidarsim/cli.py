@@ -155,7 +155,7 @@ OPTIONS = {
     "size": "--size",
     "variant": "--variant",
 }
-"""Options by the arguments that they become in Python, which its errors name."""
+"""Options by the Python arguments that they set: errors of the command line name the option."""
 
 Configuration = Annotated[
     Path, typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: demo, ahead.", parser=_path)

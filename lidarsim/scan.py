@@ -914,7 +914,7 @@ def _check_span(path: Trajectory, pulses: Pulses, start: float, period: float) -
 
 
 def _rounded_on(end: float) -> float:
-    """Return the latest moment that may be the end of a trajectory, s.
+    """Return the latest time that counts as the end of a trajectory, s.
 
     The start of a frame, its period, their sum and the end are each rounded by at most half an ulp of the largest.
     """

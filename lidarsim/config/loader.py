@@ -44,7 +44,7 @@ M = TypeVar("M", bound=Model)
 
 # These keys choose what a document includes, so they are overridden first, and all others once it is complete.
 ALTERNATIVES = {"columns": "column_period_us", "column_period_us": "columns"}
-"""Keys of a pattern that tell the same: a change to one takes the place of the other."""
+"""Keys of a pattern that state the same quantity: a change to one replaces the other."""
 CHOICES = re.compile(r"rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(preset|file|mode|noise)|scene(\.file)?")
 
 Change = tuple[list[str], Node]
@@ -236,8 +236,8 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
         base = _variant(base, mode, noise)
     if difference is None:
         return base
-    changed = entries(difference)
-    for key in entries(changed["pattern"][1]) if "pattern" in changed else ():
+    own = entries(difference)
+    for key in entries(own["pattern"][1]) if "pattern" in own else ():
         base = _without_alternative(base, ["pattern", key])
     return merge(base, difference)
 

@@ -132,7 +132,7 @@ FEW = 12
 CATEGORIES = {"label", "object_id", "instance", "sensor", "return_number", "return_count", "source"}
 SOURCES = {source.value: source.name.replace("_", " ") for source in Source}
 UNLABELLED = "#909090"
-"""Colour of label 0, which echoes of the air have, too, where other labels have names and it has none."""
+"""Colour of an unnamed label 0 beside named labels; echoes of the air have this label by default."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

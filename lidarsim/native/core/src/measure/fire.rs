@@ -121,8 +121,8 @@ impl<C: Caster> Scan<'_, C> {
         legal
     }
 
-    /// Places the origins of up to eight pulses by their poses, the first of which is number `first` of the
-    /// batch. False if one is not finite.
+    /// Places the origins of up to eight pulses by their poses. `first` is the number of the first pulse in
+    /// the batch. False if an origin is not finite.
     #[inline(always)]
     fn place<I: Isa>(
         &self,

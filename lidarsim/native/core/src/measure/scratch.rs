@@ -33,7 +33,7 @@ pub(super) struct Scratch {
 /// Rays in the world.
 #[derive(Default)]
 pub(super) struct RayArrays {
-    /// One for each ray, or one for all.
+    /// One per ray, or a common one.
     pub(super) origins: Vec<Point>,
     pub(super) directions: Vec<Point>,
     /// Empty if no surface moves.
@@ -49,7 +49,7 @@ impl RayArrays {
         }
     }
 
-    /// Makes room for rays that start elsewhere than these.
+    /// Gives each ray an origin of its own, so that rays from elsewhere can follow.
     pub(super) fn separate_origins(&mut self) {
         if let [origin] = self.origins[..] {
             resize(&mut self.origins, self.directions.len(), origin);
