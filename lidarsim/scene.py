@@ -484,14 +484,14 @@ class Scene(Pickled, Plotted):
         Parameters
         ----------
         path : path-like
-            A scene file: glTF 2.0 (GLB or glTF), COLLADA (DAE) or 3MF; a mesh file: OBJ, OFF, PLY or STL; a model of
-            MuJoCo, MJCF or URDF, as `lidarsim.mujoco.World` shows it at first; another format that trimesh reads; an
-            elevation model that `TriangleMesh.from_raster` reads; or a scene in YAML, as in configurations. The last
-            two take no options. Files that it refers to are read only if they are beside or below it.
+            A scene file: glTF 2.0 (GLB or glTF) or COLLADA (DAE); a mesh file: OBJ, OFF, PLY or STL; a model of MuJoCo,
+            MJCF or URDF, as `lidarsim.mujoco.World` shows it at first; an elevation model that
+            `TriangleMesh.from_raster` reads; or a scene in YAML, as in configurations. The last two take no options.
+            Files that it refers to are read only if they are beside or below it.
         up : {"y", "z"}, optional
             The axis of the file that points up. Default: as the file declares (glTF: y; DAE: its own), else z.
         unit : float, optional
-            Unit of length of the file, m. Default: as the file declares (glTF: 1; 3MF and DAE: their own), else 1.
+            Unit of length of the file, m. Default: as the file declares (glTF: 1; DAE: its own), else 1.
         rules : sequence of Rule
             What becomes of the parts of the file: of those rules that match a part, the first decides.
         reflectivity : float, Material or "color", optional

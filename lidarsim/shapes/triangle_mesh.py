@@ -140,8 +140,8 @@ class TriangleMesh(Shape):
         ----------
         path : str or path-like
             A mesh file, whose numbers are taken as they are, in metres; or a scene file as in `Scene.from_file` (glTF,
-            COLLADA, 3MF), of which all objects are read as one mesh, in metres with z up whatever its units and axes.
-            Of the files that it names, only those beside or below it are read.
+            COLLADA), of which all objects are read as one mesh, in metres with z up whatever its units and axes. Of the
+            files that it names, only those beside or below it are read.
         transform : array_like, shape (4, 4), or RigidTransform, optional
             Affine map applied to the mesh.
 

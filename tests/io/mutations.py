@@ -13,7 +13,6 @@ import sys
 import tempfile
 import time
 import warnings
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -40,12 +39,12 @@ from lidarsim.patterns import Table
 
 sys.path.append(str(Path(__file__).parents[2]))
 from tests.io.scenes.gltf_files import Gltf
-from tests.io.scenes.test_formats import BOUND, COLORED, collada, threemf
+from tests.io.scenes.test_formats import BOUND, COLORED, collada
 
 ROOM = 1 << 30
 LONGEST = 2000  # characters of an error, path and place included
 ROOT = Path(__file__).parents[2]
-BESIDE = ("scene_file.yaml", "damaged.3mf", "heightfield.yaml", "Angle_Correction", "Firetime_Correction")
+BESIDE = ("scene_file.yaml", "heightfield.yaml", "Angle_Correction", "Firetime_Correction")
 """Files that are read with a damaged one, and may be blamed."""
 NUMBERS = (0, 1, 2, 255, 65_535, 2**31 - 1, 2**31, 2**32 - 1, 10**12, 2**63 - 1, 2**64 - 1)
 
@@ -231,13 +230,6 @@ def scenes(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]
     path = folder / "scene.dae"
     path.write_text(collada(BOUND, more=COLORED.format("<color>0.5 0.25 1 1</color>")), encoding="utf-8")
     yield "scene .dae", path, load_colored
-    (folder / "3mf").mkdir()
-    archive = threemf(folder / "3mf")
-    yield "scene .3mf", archive, load_colored
-    with zipfile.ZipFile(archive) as file:
-        (folder / "3dmodel.model").write_bytes(file.read("3D/3dmodel.model"))
-        relations = file.read("_rels/.rels")
-    yield "scene model of .3mf", folder / "3dmodel.model", partial(load_model, relations)
     path = folder / "scene.obj"
     path.write_text(
         "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 1\no a\nusemtl m\nf 1/1 2/2 -1/-1\n", encoding="utf-8"
@@ -280,14 +272,6 @@ def load_colored(path: Path) -> Scene:
     if path.name == "damaged.gltf":
         path.with_name("scene.bin").write_bytes(all_of_gltf().data)
     return Scene.from_file(path, reflectivity="color", rules=[Rule(node="a*", label=1), Rule(material="m", instance=2)])
-
-
-def load_model(relations: bytes, path: Path) -> Scene:
-    archive = path.with_name("damaged.3mf")
-    with zipfile.ZipFile(archive, "w") as file:
-        file.writestr("_rels/.rels", relations)
-        file.writestr("3D/3dmodel.model", path.read_bytes())
-    return load_colored(archive)
 
 
 def with_firing_times(angles: Path, path: Path) -> Lidar:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Literal
 
 from lidarsim.io.meshes import SUFFIXES
-from lidarsim.io.scenes import mjcf, others
+from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._build import Imported, Reader, imported, mesh_of, scene_of
+from lidarsim.io.scenes.others import CONVERTERS
 from lidarsim.rules import Appearance, Options, Rule
 from lidarsim.scene import Scene, register_scene_reader
 from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
@@ -19,20 +20,20 @@ __all__ = ["Imported", "Load"]
 MODULES = {
     **dict.fromkeys((".glb", ".gltf"), "gltf"),
     **dict.fromkeys((".dae", ".zae"), "dae"),
-    ".3mf": "threemf",
     **dict.fromkeys(SUFFIXES, "mesh_files"),
+    **dict.fromkeys(CONVERTERS, "others"),
 }
-"""Modules by suffix, imported with the first file, since pydantic takes long; trimesh reads what else it knows."""
+"""Modules by suffix, imported with the first file, since pydantic takes long."""
 
 
 def _reader(path: Path) -> Reader:
-    name = MODULES.get(path.suffix.lower(), "others")
-    read: Reader = importlib.import_module(f"lidarsim.io.scenes.{name}").read
+    module = importlib.import_module(f"lidarsim.io.scenes.{MODULES[path.suffix.lower()]}")
+    read: Reader = module.read
     return read
 
 
 def _recognise(path: Path, _head: bytes = b"") -> bool:
-    return path.suffix.lower() in MODULES or others.known(path)
+    return path.suffix.lower() in MODULES
 
 
 def _read(

@@ -1,19 +1,16 @@
-"""Formats that are not read, with a program that converts them, and the rest of those that trimesh reads."""
+"""Formats that are not read, each with a program that converts it."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
-import numpy as np
-
-from lidarsim._files import beside
 from lidarsim.errors import FileFormatError
-from lidarsim.io.scenes._model import Names, Node, Part, SceneFile
 
 CONVERTERS = {
     ".3ds": ("3DS", "GLB with assimp"),
+    ".3dxml": ("3DXML", "GLB with trimesh"),
+    ".3mf": ("3MF", "OBJ with PrusaSlicer"),
     ".blend": ("Blender", "GLB with Blender"),
     ".cityjson": ("CityJSON", "OBJ or GLB with cjio"),
     ".fbx": ("FBX", "GLB with Blender or FBX2glTF"),
@@ -32,67 +29,13 @@ CONVERTERS = {
     ".x3d": ("X3D", "GLB with Blender"),
     ".x3db": ("X3D", "GLB with Blender"),
     ".x3dv": ("X3D", "GLB with Blender"),
+    ".xaml": ("XAML", "GLB with trimesh"),
     ".xodr": ("OpenDRIVE", "OBJ with libOpenDRIVE"),
 }
 """Names of formats that are not read, and what to convert them to, with which program."""
 
-CONTAINERS = {"bz2", "gz", "tar.bz2", "tar.gz", "zip"}
-"""What trimesh unpacks, to read files of any format in it without lidarsim's checks."""
 
-
-class Beside:
-    """Resolver through which trimesh reads the files beside a file."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def get(self, name: str) -> bytes:
-        """Return the bytes of the file `name`; see `lidarsim._files.beside`."""
-        return beside(self._path, name).read_bytes()
-
-    __getitem__ = get
-
-
-def known(path: Path) -> bool:
-    """Return whether the suffix of a file is one of trimesh's, or of a format that has a converter."""
-    if path.suffix.lower() in CONVERTERS:
-        return True
-    import trimesh
-
-    return path.suffix.lower().removeprefix(".") in trimesh.available_formats() - CONTAINERS
-
-
-def read(path: Path) -> SceneFile:
-    """Read a file by trimesh, in its units and axes: the nodes in its order, by its names.
-
-    Raises
-    ------
-    FileFormatError
-        For a format that is not read; it names a converter.
-    Exception
-        Any error that a parser of trimesh raises.
-    """
-    suffix = path.suffix.lower()
-    if suffix in CONVERTERS:
-        name, how = CONVERTERS[suffix]
-        raise FileFormatError(f"{name} is not read; convert it to {how}")
-    import trimesh
-
-    with path.open("rb") as opened:
-        options: dict[str, Any] = {"resolver": Beside(path), "process": False}
-        loaded = trimesh.load_scene(opened, file_type=suffix.removeprefix("."), **options)
-    parts = {name: (_part(mesh),) for name, mesh in loaded.geometry.items() if isinstance(mesh, trimesh.Trimesh)}
-    file = SceneFile()
-    for number, node in enumerate(loaded.graph.nodes_geometry):
-        transform, mesh = loaded.graph[node]
-        if mesh in parts:
-            key = number, 0
-            file.add(
-                Node(Names(re.sub(r"\s+", " ", str(node))), np.array(transform, np.float64), parts[mesh], key, key, key)
-            )
-    return file
-
-
-def _part(mesh: Any) -> Part:
-    faces = np.asarray(mesh.faces, np.int64)
-    return Part(np.asarray(mesh.vertices, np.float64), faces.ravel(), np.full(len(faces), 3))
+def read(path: Path) -> NoReturn:
+    """Raise an error that names the format of a file and a program that converts it."""
+    name, how = CONVERTERS[path.suffix.lower()]
+    raise FileFormatError(f"{name} is not read; convert it to {how}")

@@ -1,4 +1,4 @@
-"""COLLADA, 3MF, OBJ and the formats that are not read: against other readers and by hand."""
+"""COLLADA, OBJ and the formats that are not read: against other readers and by hand."""
 
 from __future__ import annotations
 
@@ -360,6 +360,15 @@ def test_collada_in_an_archive(tmp_path: Path) -> None:
     assert refusal(path) == "expected one COLLADA document in the archive, got 0"
 
 
+def test_archives_that_are_bombs_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.zae"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.dae", " " * (1 << 27))
+    assert refusal(path) == "'a.dae': expected at most 100 bytes for each that it takes in the archive"
+    path.write_bytes(path.read_bytes()[:-30])
+    assert "not a zip file" in refusal(path)
+
+
 WRONG_COLLADA = {
     "no XML": ("<COLLADA", "the file is damaged XML: line 1"),
     "entities": (
@@ -422,129 +431,6 @@ def test_wrong_collada(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "a.dae"
     path.write_text(text, encoding="utf-8")
     assert refusal(path).startswith(message)
-
-
-# 3MF
-
-CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-TETRAHEDRON = """<mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/><vertex x="0" y="1" z="0"/>
-<vertex x="0" y="0" z="1"/></vertices><triangles><triangle v1="0" v2="2" v3="1"/><triangle v1="0" v2="1" v3="3"/>
-<triangle v1="1" v2="2" v3="3" pid="5" p1="1"/><triangle v1="2" v2="0" v3="3"/></triangles></mesh>"""
-BASES = """<basematerials id="5"><base name="red" displaycolor="#FF0000"/><base name="grey" displaycolor="#808080FF"/>
-</basematerials>"""
-OBJECTS = f"""{BASES}<object id="1" name="part" pid="5" pindex="0">{TETRAHEDRON}</object>
-<object id="2" name="pair"><components><component objectid="1"/>
-<component objectid="1" transform="1 0 0 0 1 0 0 0 1 10 20 30"/></components></object>"""
-BUILD = '<item objectid="2" transform="0 1 0 -1 0 0 0 0 1 0 0 0"/><item objectid="1" partnumber="p7"/>'
-
-
-def threemf(folder: Path, objects: str = OBJECTS, build: str = BUILD, head: str = "", **others: str) -> Path:
-    path = folder / "a.3mf"
-    kind = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
-    rels = "http://schemas.openxmlformats.org/package/2006/relationships"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        relation = f'<Relationship Target="/3D/3dmodel.model" Id="r" Type="{kind}"/>'
-        archive.writestr("_rels/.rels", f'<Relationships xmlns="{rels}">{relation}</Relationships>')
-        for name, (text, items) in {
-            "3D/3dmodel.model": (objects, build),
-            **{k: (v, "") for k, v in others.items()},
-        }.items():
-            resources = f"<resources>{text}</resources><build>{items}</build>"
-            archive.writestr(name, f'<model xmlns="{CORE}" xmlns:p="{PRODUCTION}" {head}>{resources}</model>')
-    return path
-
-
-UNITS = {
-    "": 0.001,
-    "micron": 1e-6,
-    "millimeter": 1e-3,
-    "centimeter": 0.01,
-    "inch": 0.0254,
-    "foot": 0.3048,
-    "meter": 1.0,
-}
-
-
-@pytest.mark.parametrize(("unit", "metres"), UNITS.items())
-def test_3mf_has_a_unit(unit: str, metres: float, tmp_path: Path) -> None:
-    path = threemf(tmp_path, build='<item objectid="1"/>', head=unit and f'unit="{unit}"')
-    # Bounds are widened by the rounding of a transform.
-    np.testing.assert_allclose(ls.Scene.from_file(path).bounds[1], metres, rtol=16 * ROUNDING)
-    np.testing.assert_allclose(ls.TriangleMesh.from_file(path).vertices.max(), metres, rtol=4 * ROUNDING)
-    np.testing.assert_allclose(ls.Scene.from_file(path, unit=3.0).bounds[1], 3.0, rtol=16 * ROUNDING)
-
-
-def test_3mf_objects(tmp_path: Path) -> None:
-    scene = ls.Scene.from_file(threemf(tmp_path), unit=1.0)
-    assert [(item.name, item.instance) for item in scene] == [("part", 1)] * 4 + [("part", 5)] * 2
-    matrix = scene[2].transform
-    assert matrix is not None
-    assert matrix[:3].tolist() == [[0, -1, 0, -20], [1, 0, 0, 10], [0, 0, 1, 30]]
-    assert [len(item.shape) for item in scene] == [3, 1, 3, 1, 3, 1]  # type: ignore[arg-type]
-    path = tmp_path / "a.3mf"
-    loaded = trimesh.load_scene(path)
-    near = 16 * ROUNDING * np.abs(loaded.bounds).max()
-    np.testing.assert_allclose(scene.bounds, loaded.bounds, rtol=0, atol=near)
-    mesh = ls.TriangleMesh.from_file(path)
-    assert len(mesh) == sum(len(loaded.geometry[loaded.graph[node][1]].faces) for node in loaded.graph.nodes_geometry)
-
-
-def test_3mf_materials(tmp_path: Path) -> None:
-    path = threemf(tmp_path, build='<item objectid="1"/>')
-    red, grey = ls.Scene.from_file(path, reflectivity="color")
-    assert red.material.reflectivity == pytest.approx(0.2126, rel=4 * ROUNDING)
-    assert grey.material.reflectivity == pytest.approx(float(decoded(128 / 255)), rel=4 * ROUNDING)
-    rules = [ls.Rule(material="red", skip=True), ls.Rule(label=3)]
-    (item,) = ls.Scene.from_file(path, rules=rules)
-    assert (item.label, len(item.shape)) == (3, 1)  # type: ignore[arg-type]
-
-
-def test_3mf_models_of_the_production_extension(tmp_path: Path) -> None:
-    component = '<component p:path="/3D/more.model" objectid="1"/>'
-    objects = f'<object id="9"><components>{component}</components></object>'
-    other = {"3D/more.model": f'<object id="1" name="there">{TETRAHEDRON}</object>'}
-    path = threemf(tmp_path, objects, '<item objectid="9"/>', 'requiredextensions="p"', **other)
-    assert {item.name for item in ls.Scene.from_file(path)} == {"there"}
-
-
-LATTICE = "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02"
-WRONG_3MF: dict[str, tuple[dict[str, str], str]] = {
-    "extension": (
-        {"head": f'xmlns:b="{LATTICE}" requiredextensions="b"'},
-        f"it requires the extension '{LATTICE}', which is not supported",
-    ),
-    "unit": ({"head": 'unit="parsec"'}, "unit: expected one of micron, millimeter"),
-    "object": ({"build": '<item objectid="7"/>'}, "expected the id of an object, got '7'"),
-    "twice": ({"objects": OBJECTS + '<object id="1"/>'}, "object '1': expected each id once"),
-    "cycle": (
-        {"objects": '<object id="1"><components><component objectid="1"/></components></object>'},
-        "expected at most 1000 components in line",
-    ),
-    "index": ({"objects": OBJECTS.replace('v1="0"', 'v1="4"')}, "object '1': faces: expected indices from 0 to 3, got"),
-    "missing": ({"objects": OBJECTS.replace('v1="0"', "")}, "object '1', triangles: expected integers >= 0"),
-    "infinite": (
-        {"objects": OBJECTS.replace('x="1"', 'x="inf"')},
-        "object '1': vertices: expected finite numbers, got",
-    ),
-    "number": ({"objects": OBJECTS.replace('x="1"', 'x="one"')}, "object '1', vertices: expected numbers"),
-    "transform": ({"build": '<item objectid="1" transform="1 0"/>'}, "transform: expected 12 numbers, got 2"),
-    "material": ({"objects": OBJECTS.replace('p1="1"', 'p1="2"')}, "object '1': expected a material below 2, got 2"),
-    "nothing": ({"build": ""}, "it holds no triangles"),
-}
-
-
-@pytest.mark.parametrize(("changes", "message"), WRONG_3MF.values(), ids=WRONG_3MF)
-def test_wrong_3mf(changes: dict[str, str], message: str, tmp_path: Path) -> None:
-    changes = {"build": '<item objectid="1"/>', **changes}
-    assert refusal(threemf(tmp_path, **changes)).startswith(message)
-
-
-def test_3mf_bombs_are_refused(tmp_path: Path) -> None:
-    path = threemf(tmp_path, objects=" " * (1 << 27))
-    assert refusal(path) == "'3D/3dmodel.model': expected at most 100 bytes for each that it takes in the archive"
-    path.write_bytes(path.read_bytes()[:-30])
-    assert "not a zip file" in refusal(path)
 
 
 # OBJ and other mesh files
