@@ -12,28 +12,31 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns
 from lidarsim import viewers as viewers  # registers views
-from lidarsim._georeference import Georeference
-from lidarsim.atmosphere import Atmosphere
-from lidarsim.batch import ScanBatch, scan_many
-from lidarsim.boxes import Boxes
-from lidarsim.cells import Cells
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
-from lidarsim.gnss import Gnss, GnssFixes
-from lidarsim.imu import Imu, ImuErrors, ImuSamples
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
-from lidarsim.laser_scan import LaserScan
+from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.live import stream
 from lidarsim.materials import Material, Texture
-from lidarsim.measurement import Beam, Detection, Measurement
-from lidarsim.occupancy_grid import OccupancyGrid, occupancy
-from lidarsim.pointcloud import PointCloud, register_format
+from lidarsim.motion.georeference import Georeference
+from lidarsim.motion.trajectory import Trajectory, register_trajectory_format
 from lidarsim.rig import Rig, RigSensor
-from lidarsim.rules import Rule
-from lidarsim.scan import Scan, Source, Status
-from lidarsim.scene import Scene, SceneObject, register_scene_reader
-from lidarsim.sensor import Lidar, register_lidar_reader
-from lidarsim.shapes import (
+from lidarsim.scan.batch import ScanBatch, scan_many
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.cells import Cells
+from lidarsim.scan.laser_scan import LaserScan
+from lidarsim.scan.occupancy_grid import OccupancyGrid, occupancy
+from lidarsim.scan.pointcloud import PointCloud, register_format
+from lidarsim.scan.scan import Scan, Source, Status
+from lidarsim.scan.waveforms import Waveforms
+from lidarsim.sensor.gnss import Gnss, GnssFixes
+from lidarsim.sensor.imu import Imu, ImuErrors, ImuSamples
+from lidarsim.sensor.measurement import Beam, Detection, Measurement
+from lidarsim.viewers import show
+from lidarsim.world.atmosphere import Atmosphere
+from lidarsim.world.rules import Rule
+from lidarsim.world.scene import Scene, SceneObject, register_scene_reader
+from lidarsim.world.shapes import (
     Box,
     Capsule,
     Cylinder,
@@ -49,9 +52,6 @@ from lidarsim.shapes import (
     Triangle,
     TriangleMesh,
 )
-from lidarsim.trajectory import Trajectory, register_trajectory_format
-from lidarsim.viewers import show
-from lidarsim.waveforms import Waveforms
 
 __all__ = [
     "Atmosphere",

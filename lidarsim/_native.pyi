@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import disjoint_base
 
-from lidarsim import shapes
 from lidarsim.materials import Material
-from lidarsim.trajectory import Trajectory
+from lidarsim.motion.trajectory import Trajectory
+from lidarsim.world import shapes
 
 __all__ = [
     "Affine",

@@ -26,28 +26,28 @@ from typer.main import get_command
 
 import lidarsim as ls
 from lidarsim import _native as core
-from lidarsim._extras import import_extra
-from lidarsim._files import check_folder, check_suffix
-from lidarsim._shown import counted, plain
-from lidarsim._terminal import facts, paragraph, print_line, say, standard_streams, table
-from lidarsim._validation import integer, shown
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import check_folder, check_suffix
+from lidarsim._base.shown import counted, plain
+from lidarsim._base.terminal import facts, paragraph, print_line, say, standard_streams, table
+from lidarsim._base.validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.config import starter
 from lidarsim.errors import ArgumentError, LidarsimError
 from lidarsim.io import packets, raster, rosbag
 from lidarsim.io._cuts import WORDS
 from lidarsim.io._storage import is_folder
+from lidarsim.lidar import preset_path
 from lidarsim.patterns import describe
-from lidarsim.pointcloud import is_point_cloud
-from lidarsim.scene import is_scene_file
-from lidarsim.sensor import preset_path
+from lidarsim.scan.pointcloud import is_point_cloud
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._show import check_save, checked_size, frame_title, together_title
 from lidarsim.viewers.live import FOXGLOVE_PORT
+from lidarsim.world.scene import is_scene_file
 
 if TYPE_CHECKING:
-    from lidarsim._validation import Floats
+    from lidarsim._base.validation import Floats
     from lidarsim.io._cuts import Cut
     from lidarsim.io.scenes import Imported
     from lidarsim.run import Run, RunFrame

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from lidarsim import _validation
-from lidarsim._files import PathLike
+from lidarsim._base import validation
+from lidarsim._base.files import PathLike
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.run import Run
-from lidarsim.scan import Scan
-from lidarsim.scene import Scene
+from lidarsim.scan.scan import Scan
 from lidarsim.viewers.live import Painter, viewer
+from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
     from lidarsim.viewers.live import Viewer
@@ -83,12 +83,12 @@ def stream(
     the sensor, since viewers use float32; in Rerun, the property ``origin`` of ``world`` tells them.
     """
     if not isinstance(scene, Scene | None):
-        raise ArgumentTypeError("scene", "a Scene", _validation.shown(scene))
+        raise ArgumentTypeError("scene", "a Scene", validation.shown(scene))
     if class_names is not None:
-        class_names = _validation.named_labels("class_names", class_names)
-    boxes, surfaces = _validation.flag("boxes", boxes), _validation.flag("surfaces", surfaces)
+        class_names = validation.named_labels("class_names", class_names)
+    boxes, surfaces = validation.flag("boxes", boxes), validation.flag("surfaces", surfaces)
     if each is not None and not callable(each):
-        raise ArgumentTypeError("each", "a function of the number of frames", _validation.shown(each))
+        raise ArgumentTypeError("each", "a function of the number of frames", validation.shown(each))
     if isinstance(what, Run):
         scene = what.scene if scene is None else scene
         what.check_coverage()

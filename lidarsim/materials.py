@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._pickling import Value
-from lidarsim._validation import Floats, angle, array, as_array, frozen, in_order, one_of, real, shown
+from lidarsim._base.pickling import Value
+from lidarsim._base.validation import Floats, angle, array, as_array, frozen, in_order, one_of, real, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = [

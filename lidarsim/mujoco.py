@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._files import PathLike
-from lidarsim._pickling import Pickled
-from lidarsim._validation import Floats, array, as_array, flag, integer, shown
+from lidarsim._base.files import PathLike
+from lidarsim._base.pickling import Pickled
+from lidarsim._base.validation import Floats, array, as_array, flag, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._build import report, scene_with
 from lidarsim.materials import Material
-from lidarsim.rules import Options, Rule
+from lidarsim.world.rules import Options, Rule
 
 if TYPE_CHECKING:
     import mujoco

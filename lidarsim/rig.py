@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from lidarsim import _validation
-from lidarsim._pickling import Pickled
-from lidarsim._validation import Floats, Instances, Transform, frames, integer, items, real, short
+from lidarsim._base import validation
+from lidarsim._base.pickling import Pickled
+from lidarsim._base.validation import Floats, Instances, Transform, frames, integer, items, real, short
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.gnss import Gnss, GnssFixes
-from lidarsim.imu import Imu, ImuSamples
-from lidarsim.scan import check_coverage, sensor_id
-from lidarsim.sensor import Lidar
-from lidarsim.trajectory import Trajectory, mounted
+from lidarsim.lidar import Lidar
+from lidarsim.motion.trajectory import Trajectory, mounted
+from lidarsim.scan.scan import check_coverage, sensor_id
+from lidarsim.sensor.gnss import Gnss, GnssFixes
+from lidarsim.sensor.imu import Imu, ImuSamples
 
 if TYPE_CHECKING:
-    from lidarsim._georeference import Georeference
-    from lidarsim.scan import Scan
-    from lidarsim.scene import Scene
+    from lidarsim.motion.georeference import Georeference
+    from lidarsim.scan.scan import Scan
+    from lidarsim.world.scene import Scene
 
     Part: TypeAlias = tuple[Lidar | Imu | Gnss, Transform | None] | tuple[Lidar, Transform | None, float]
 
@@ -433,7 +433,7 @@ def _member(name: str, parts: Part) -> RigSensor | Imu | Gnss:
 
 
 def _pose(name: str, value: Transform | None) -> Floats:
-    return np.eye(4) if value is None else _validation.pose(name, value)
+    return np.eye(4) if value is None else validation.pose(name, value)
 
 
 def _what(value: object) -> str:

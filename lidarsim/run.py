@@ -17,30 +17,30 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
 
-from lidarsim._files import atomic_writer, check_folder
-from lidarsim._georeference import START, Georeference
-from lidarsim._validation import affine
+from lidarsim._base.files import atomic_writer, check_folder
+from lidarsim._base.validation import affine
 from lidarsim.errors import ArgumentValueError, ConfigError, FileFormatError, LidarsimError
-from lidarsim.gnss import GnssFixes
 from lidarsim.io import las, packets, rosbag
 from lidarsim.io._storage import check_folder as check_bag_folder
 from lidarsim.io._storage import is_folder
-from lidarsim.pointcloud import check_output
+from lidarsim.motion.georeference import START, Georeference
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
-from lidarsim.scan import check_coverage, moment_and_pose
-from lidarsim.trajectory import Trajectory
+from lidarsim.scan.pointcloud import check_output
+from lidarsim.scan.scan import check_coverage, moment_and_pose
+from lidarsim.sensor.gnss import GnssFixes
 
 if TYPE_CHECKING:
-    from lidarsim._files import PathLike
-    from lidarsim._validation import Floats
-    from lidarsim.gnss import Gnss
-    from lidarsim.imu import Imu, ImuSamples
+    from lidarsim._base.files import PathLike
+    from lidarsim._base.validation import Floats
     from lidarsim.io._cuts import Cut
     from lidarsim.io.scenes import Imported
-    from lidarsim.pointcloud import PointCloud
-    from lidarsim.scan import Scan
-    from lidarsim.scene import Scene
-    from lidarsim.sensor import Lidar
+    from lidarsim.lidar import Lidar
+    from lidarsim.scan.pointcloud import PointCloud
+    from lidarsim.scan.scan import Scan
+    from lidarsim.sensor.gnss import Gnss
+    from lidarsim.sensor.imu import Imu, ImuSamples
+    from lidarsim.world.scene import Scene
 
 __all__ = ["CloudArguments", "Deskew", "Leg", "Run", "RunFrame", "checked_output"]
 

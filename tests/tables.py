@@ -17,7 +17,7 @@ from pathlib import Path
 
 from exact import accuracy
 
-from lidarsim._files import atomic_writer
+from lidarsim._base.files import atomic_writer
 from lidarsim.bench import report
 
 PAGE = Path(__file__).parents[1] / "lidarsim" / "bench" / "README.md"

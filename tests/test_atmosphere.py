@@ -20,7 +20,7 @@ from scipy import integrate, stats
 
 import lidarsim as ls
 from lidarsim import _native
-from lidarsim.scan import scan as fire
+from lidarsim.scan.scan import scan as fire
 
 LIGHT = 299_792_458.0
 FOG = ls.Atmosphere.fog(50.0, label=7)

@@ -15,8 +15,8 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
-from lidarsim.batch import _COLUMNS
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.scan.batch import _COLUMNS
 
 ALL = tuple(_COLUMNS)
 

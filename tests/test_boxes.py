@@ -15,7 +15,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 from lidarsim.patterns import Pulses
-from lidarsim.scan import scan as fire
+from lidarsim.scan.scan import scan as fire
 
 PARTS = 5
 

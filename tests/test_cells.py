@@ -15,8 +15,8 @@ import pytest
 import rasterio
 
 import lidarsim as ls
-from lidarsim.cells import STATISTICS, Statistic
 from lidarsim.errors import FileFormatError
+from lidarsim.scan.cells import STATISTICS, Statistic
 
 UTM = np.array([500_000.0, 5_400_000.0, 300.0])
 

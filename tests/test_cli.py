@@ -18,7 +18,7 @@ from PIL import Image
 from rich.cells import cell_len
 
 import lidarsim as ls
-from lidarsim._shown import plain
+from lidarsim._base.shown import plain
 from lidarsim.cli import main
 from tests.io.packets.captures import datagrams
 

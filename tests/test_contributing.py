@@ -122,8 +122,8 @@ SHAPE = Toy(
     {
         f"{CORE}/core/src/shapes/ball.rs": twin(f"{CORE}/core/src/shapes/sphere.rs", *SPHERE),
         f"{CORE}/core/src/shapes/mod.rs": beside(*SPHERE),
-        "lidarsim/shapes/ball.py": twin("lidarsim/shapes/sphere.py", *SPHERE),
-        "lidarsim/shapes/__init__.py": beside(*SPHERE),
+        "lidarsim/world/shapes/ball.py": twin("lidarsim/world/shapes/sphere.py", *SPHERE),
+        "lidarsim/world/shapes/__init__.py": beside(*SPHERE),
         "lidarsim/__init__.py": beside(*SPHERE),
         "tests/exact/oracle.py": at_end("class Ball(Sphere):\n    pass"),
         "tests/conformance/samples.py": after(
@@ -155,7 +155,7 @@ FORMAT = Toy(
     {
         "lidarsim/io/tsv.py": as_new(
             '"""Tab-separated text."""\n\nfrom functools import partial\n\nfrom lidarsim.io import text\n'
-            "from lidarsim.pointcloud import register_format\n\n"
+            "from lidarsim.scan.pointcloud import register_format\n\n"
             'register_format(".tsv", save=partial(text.save, head="", between="\\t"), load=text.load)\n'
         ),
         "lidarsim/io/__init__.py": after("    text,", "    tsv,"),
@@ -261,12 +261,12 @@ def test_the_guide_lists_files_that_exist(what: str) -> None:
 
 def test_a_shape_needs_its_checklist_alone(copy: Copy) -> None:
     copy.make(SHAPE)
-    borrowed(copy.folder / "lidarsim/shapes/ball.py")
+    borrowed(copy.folder / "lidarsim/world/shapes/ball.py")
     suites = "tests/conformance", "tests/viewers/test_surfaces.py", "tests/hard/test_cases.py"
     passed, failed = copy.test(*suites, "-k", "ball or Ball")
     assert (passed > 100, failed) == (True, 0)
     assert copy.test(*WHOLE)[1] == 0
-    assert copy.test("lidarsim/shapes/ball.py", "tests/config/test_loader.py", "-k", "ball or bad_value")[1] == 0
+    assert copy.test("lidarsim/world/shapes/ball.py", "tests/config/test_loader.py", "-k", "ball or bad_value")[1] == 0
 
 
 def test_a_pattern_needs_its_checklist_alone(copy: Copy) -> None:
@@ -305,8 +305,8 @@ def test_what_is_left_out_is_noticed(what: str, tmp_path: Path, slow: bool) -> N
     for number, file in enumerate(toy.edits if slow else list(toy.edits)[-1:]):
         copy = Copy(tmp_path / str(number))
         copy.make(toy, without=file)
-        if what == "shape" and file != "lidarsim/shapes/ball.py":
-            borrowed(copy.folder / "lidarsim/shapes/ball.py")
+        if what == "shape" and file != "lidarsim/world/shapes/ball.py":
+            borrowed(copy.folder / "lidarsim/world/shapes/ball.py")
         said = copy.run("-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *toy.tests)
         assert re.search(r"\d+ (failed|error)|Error", said), f"{file}: {said[-2000:]}"
         assert "exit code 0" not in said, file

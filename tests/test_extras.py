@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarsim._extras import import_extra
+from lidarsim._base.extras import import_extra
 from lidarsim.errors import MissingExtraError
 
 

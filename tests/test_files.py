@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim._files import atomic_writer, unquoted
+from lidarsim._base.files import atomic_writer, unquoted
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 
 
 def write(path: Path) -> None:

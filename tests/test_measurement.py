@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim import _native
-from lidarsim.scan import scan as fire
+from lidarsim.scan.scan import scan as fire
 
 Floats = npt.NDArray[np.float64]
 

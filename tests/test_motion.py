@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim import _native
-from lidarsim.scan import scan as scan_pulses
+from lidarsim.scan.scan import scan as scan_pulses
 
 ROUNDING = 2.0**-53
 """Largest relative error of a float64 that is rounded once."""

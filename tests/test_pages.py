@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from lidarsim import pointcloud
 from lidarsim.config import schema
 from lidarsim.datasets.layouts import LAYOUTS
-from lidarsim.measurement import Measurement
+from lidarsim.scan import pointcloud
+from lidarsim.sensor.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
 CONFIGS = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
@@ -62,7 +62,7 @@ def test_each_format_has_its_row() -> None:
     assert pointcloud._FORMATS.keys() - named == set()
 
 
-@pytest.mark.parametrize("package", ["shapes", "patterns", "io", "io/vendors", "io/trajectories"])
+@pytest.mark.parametrize("package", ["world/shapes", "patterns", "io", "io/vendors", "io/trajectories"])
 def test_each_module_is_loaded_so_that_it_registers_itself(package: str) -> None:
     code = "import lidarsim, sys; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim import _pickling
+from lidarsim._base import pickling
 
 POSE = np.array([[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 2.5], [0.0, 0.0, 0.0, 1.0]])
 SHEAR = np.array([[1.0, 0.25, 0.0, 3.0], [0.0, 1.0, 0.5, -1.0], [0.0, 0.0, 2.0, 0.1], [0.0, 0.0, 0.0, 1.0]])
@@ -133,7 +133,7 @@ def parts(thing: object) -> Iterator[object]:
     """Yield what an object is made of, down to numbers, texts and arrays."""
     if isinstance(thing, ls.Scene):
         yield from parts([thing._next, dict(thing.class_names), list(thing)])
-    elif isinstance(thing, _pickling.Pickled):
+    elif isinstance(thing, pickling.Pickled):
         yield type(thing)
         yield from parts(thing._contents())
     elif isinstance(thing, dict):
@@ -343,7 +343,7 @@ def contents() -> dict[str, set[str]]:
     waiting: list[Any] = list(THINGS.values())
     while waiting:
         thing = waiting.pop()
-        if isinstance(thing, _pickling.Pickled):
+        if isinstance(thing, pickling.Pickled):
             held = thing._contents()
             found.setdefault(type(thing).__name__, set()).update(held)
             waiting.extend(held.values())
@@ -354,25 +354,25 @@ def contents() -> dict[str, set[str]]:
 
 def test_every_public_class_is_pickled_here() -> None:
     public = [getattr(module, name) for module in (ls, ls.patterns) for name in module.__all__]
-    classes = {c.__name__ for c in public if isinstance(c, type) and issubclass(c, _pickling.Pickled)}
+    classes = {c.__name__ for c in public if isinstance(c, type) and issubclass(c, pickling.Pickled)}
     assert len(classes) > 40
     assert classes - {"Shape"} <= contents().keys()
 
 
 def test_the_format_number_is_raised_with_the_contents() -> None:
     """New contents need a new `FORMAT`, a default for older pickles, which lack them, and then a new table here."""
-    assert _pickling.FORMAT == 2
+    assert pickling.FORMAT == 2
     found = contents()
     assert {name: set(names.split()) for name, names in CONTENTS.items()} == found
 
 
-def of_format(number: int, thing: _pickling.Pickled, lacks: set[str], **more: Any) -> bytes:
+def of_format(number: int, thing: pickling.Pickled, lacks: set[str], **more: Any) -> bytes:
     """Return the pickle of a thing in another format, whose contents lack these names."""
     kept = {name: value for name, value in thing._contents().items() if name not in lacks}
 
     class Older:
         def __reduce__(self) -> tuple[Any, ...]:
-            return _pickling._restore, (number, type(thing), kept | more)
+            return pickling._restore, (number, type(thing), kept | more)
 
     return pickle.dumps(Older())
 
@@ -396,7 +396,7 @@ def test_older_pickles_have_the_defaults_of_what_they_lack(name: str) -> None:
 
 
 def test_pickles_of_formats_that_cannot_be_read_say_so() -> None:
-    now = _pickling.FORMAT
+    now = pickling.FORMAT
     refused = (
         rf"^pickle of a {{}}: expected format {now} of this version of lidarsim, got format {{}} of {{}} version; "
     )

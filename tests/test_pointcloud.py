@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import CANONICAL, PointCloud, check_output, field_names
+from lidarsim.scan.pointcloud import CANONICAL, PointCloud, check_output, field_names
 
 assert io, "the formats register themselves on import"
 

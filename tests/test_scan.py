@@ -25,7 +25,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim import _native
 from lidarsim.patterns import Pulses
-from lidarsim.scan import scan as scan_pulses
+from lidarsim.scan.scan import scan as scan_pulses
 
 ROUNDING = 2.0**-53
 """Largest relative error of a float64 that is rounded once."""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim import sensor
+from lidarsim import lidar
 from lidarsim.errors import FileFormatError
 
 PATTERN = ls.patterns.Spinning([0.0, 0.1], columns=8)
@@ -161,14 +161,14 @@ def test_foreign_file_is_named(tmp_path: Path, content: bytes | None, message: s
 
 
 def test_reader_is_one_registration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sensor, "_readers", dict(sensor._readers))
+    monkeypatch.setattr(lidar, "_readers", dict(lidar._readers))
     given: list[object] = []
 
     def read(path: Path, *, gain: float = 1.0) -> ls.Lidar:
         given.extend([path, gain])
         return ls.Lidar(PATTERN, name="mine")
 
-    sensor.register_lidar_reader("my format", lambda path, text: path.suffix == ".bin" and text == "MINE\ufffd", read)
+    lidar.register_lidar_reader("my format", lambda path, text: path.suffix == ".bin" and text == "MINE\ufffd", read)
     path = tmp_path / "a.bin"
     path.write_bytes(b"\xef\xbb\xbfMINE\xff")
     assert ls.Lidar.from_file(str(path), gain=2.0).name == "mine"

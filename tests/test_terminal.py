@@ -10,8 +10,8 @@ import warnings
 import pytest
 from rich.cells import cell_len
 
-from lidarsim import _terminal
-from lidarsim._shown import plain
+from lidarsim._base import terminal
+from lidarsim._base.shown import plain
 from lidarsim.errors import LidarsimError
 
 ODD = [
@@ -57,13 +57,13 @@ def test_a_text_may_have_a_greatest_length() -> None:
 def test_tables_keep_their_columns(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
     raw = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding=encoding))
-    _terminal.table(("name", "angle °"), [(name, "END") for name in ODD], left=("name",))
+    terminal.table(("name", "angle °"), [(name, "END") for name in ODD], left=("name",))
     rows = [line for line in raw.getvalue().decode(encoding).splitlines() if "END" in line]
     assert len(rows) == len(ODD)
     assert len({cell_len(row[: row.index("END")]) for row in rows}) == 1
     for name, row in zip(ODD, rows, strict=True):
         assert row.isprintable()
-        escaped = plain(name).translate(_terminal.ASCII).encode(encoding, "backslashreplace").decode(encoding)
+        escaped = plain(name).translate(terminal.ASCII).encode(encoding, "backslashreplace").decode(encoding)
         assert plain(name) in row or escaped in row
 
 
@@ -74,20 +74,20 @@ def test_paragraphs_wrap_between_words_where_the_width_is_known(
     texts = ("one two three four five", f"  in {path} and 道路道路道路", "- one two three four five", "")
     monkeypatch.setenv("COLUMNS", "16")
     for text in texts:
-        _terminal.paragraph(text)
+        terminal.paragraph(text)
     assert capsys.readouterr().out.splitlines() == [
         "one two three", "four five", "  in", f"  {path}", "  and", "  道路道路道路", "- one two three", "  four five",
         "",
     ]  # fmt: skip
     monkeypatch.delenv("COLUMNS")
     for text in texts:
-        _terminal.paragraph(text)
+        terminal.paragraph(text)
     assert capsys.readouterr().out.splitlines() == list(texts)  # a pipe gets whole lines
 
 
 def test_a_message_is_one_line_of_a_bounded_length(capsys: pytest.CaptureFixture[str]) -> None:
-    _terminal.say("a.yaml: no such\n   file\n\x1b[31m")
-    _terminal.say(f"begin {'9' * 10_000} end")
+    terminal.say("a.yaml: no such\n   file\n\x1b[31m")
+    terminal.say(f"begin {'9' * 10_000} end")
     first, second = capsys.readouterr().err.splitlines()
     assert first == r"lidarsim: a.yaml: no such file \x1b[31m"
     assert second.startswith("lidarsim: begin 999")
@@ -109,20 +109,20 @@ class Broken(io.StringIO):
 
 def test_a_full_disk_is_an_error_and_a_closed_pipe_is_one_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", Broken(OSError, 28))
-    for write in (_terminal.print_line, _terminal.paragraph, lambda text: _terminal.table(("a",), [(text,)])):
+    for write in (terminal.print_line, terminal.paragraph, lambda text: terminal.table(("a",), [(text,)])):
         with pytest.raises(LidarsimError, match=r"^standard output: cannot be written: No space left on device$"):
             write("text")
     monkeypatch.setattr(sys, "stdout", Broken(BrokenPipeError, 32))
     with pytest.raises(BrokenPipeError):
-        _terminal.print_line("text")
+        terminal.print_line("text")
     monkeypatch.setattr(sys, "stderr", Broken(OSError, 28))
-    _terminal.say("nobody hears this")
+    terminal.say("nobody hears this")
 
 
 def test_warnings_and_logs_are_messages(capsys: pytest.CaptureFixture[str]) -> None:
-    with _terminal.standard_streams():
+    with terminal.standard_streams():
         warnings.simplefilter("always")
         warnings.warn("odd \x1b[31m", UserWarning, stacklevel=1)
         logging.getLogger("lidarsim").warning("%s: flat", "a\x1b[2J.ply")
     assert capsys.readouterr().err == "lidarsim: warning: odd \\x1b[31m\nlidarsim: warning: a\\x1b[2J.ply: flat\n"
-    assert not any(isinstance(handler, _terminal._Log) for handler in logging.getLogger().handlers)
+    assert not any(isinstance(handler, terminal._Log) for handler in logging.getLogger().handlers)

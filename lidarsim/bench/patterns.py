@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import lidarsim as ls
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 
 __all__ = ["PRESETS", "calls", "over"]
 

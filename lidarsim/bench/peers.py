@@ -89,7 +89,7 @@ class Lidarsim(Caster):
         """Import nothing."""
 
     def __init__(self, world: World, threads: int) -> None:
-        from lidarsim.scene import Scene
+        from lidarsim.world.scene import Scene
 
         os.environ["LIDARSIM_THREADS"] = str(threads)
         self.by_triangle = world.mesh is not None

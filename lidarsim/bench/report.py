@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarsim import _native
-from lidarsim._files import atomic_writer
+from lidarsim._base.files import atomic_writer
 from lidarsim.bench import presets
 from lidarsim.bench.peers import ABSENT, FAILING
 from lidarsim.viewers import _plots as plots

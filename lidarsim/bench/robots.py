@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.bench import scenes
 from lidarsim.bench.peers import CASTERS
 from lidarsim.bench.scenes import Rays

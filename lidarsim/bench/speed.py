@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._terminal import paragraph
+from lidarsim._base.extras import import_extra
+from lidarsim._base.terminal import paragraph
 from lidarsim.bench import building, exact, in_plane, motion, patterns, presets, report, robots, scenes
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept

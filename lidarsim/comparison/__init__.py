@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from lidarsim._shown import counted
-from lidarsim._validation import shown
+from lidarsim._base.shown import counted
+from lidarsim._base.validation import shown
 from lidarsim.comparison._frame import Frame
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
 from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, reasons, values
 from lidarsim.comparison._sources import Given, Source, intensity_unit, source
 from lidarsim.comparison._statistics import Estimate, Units, critical, estimate, interval
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.pointcloud import PointCloud
-from lidarsim.scan import Scan
-from lidarsim.sensor import Lidar
+from lidarsim.lidar import Lidar
+from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.scan.scan import Scan
 
 __all__ = [
     "Cell",

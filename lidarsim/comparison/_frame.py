@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.comparison._inferred import ELEVATIONS, TURN, NoRingsError, circular_mean, columns_of, rings_of
 from lidarsim.comparison._statistics import BLOCKS, Indices
-from lidarsim.pointcloud import PointCloud
-from lidarsim.scan import Scan, Sensor
+from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.scan.scan import Scan, Sensor
 
 Mask = npt.NDArray[np.bool_]
 Kind = TypeVar("Kind", bound=np.generic)

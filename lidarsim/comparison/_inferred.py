@@ -10,10 +10,10 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.comparison._statistics import Indices
 from lidarsim.patterns._pulses import pulses_of
-from lidarsim.scan import Sensor
+from lidarsim.scan.scan import Sensor
 
 TURN = 2.0 * math.pi
 ORDER, ELEVATIONS = "the order of the points", "the elevations of the points"

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.comparison._frame import ROUGH, Frame, Image, Mask
 from lidarsim.comparison._statistics import (
     Histogram,

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, overload
 
-from lidarsim._files import PathLike, atomic_writer, check_suffix
-from lidarsim._pickling import Immutable
-from lidarsim._shown import counted, text_table
-from lidarsim._validation import shown
+from lidarsim._base.files import PathLike, atomic_writer, check_suffix
+from lidarsim._base.pickling import Immutable
+from lidarsim._base.shown import counted, text_table
+from lidarsim._base.validation import shown
 
 Verdict = Literal["alike", "differs", "not measured"]
 Interval = tuple[float, float]

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarsim._validation import shown
+from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentTypeError, FileFormatError
 from lidarsim.io import rosbag
-from lidarsim.pointcloud import PointCloud, is_point_cloud
-from lidarsim.scan import Scan
+from lidarsim.scan.pointcloud import PointCloud, is_point_cloud
+from lidarsim.scan.scan import Scan
 
 Given = PointCloud | Scan | str | os.PathLike[str] | Iterable[PointCloud | Scan | str | os.PathLike[str]]
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidarsim.scene import Scene, register_scene_reader
-from lidarsim.sensor import Lidar, register_lidar_reader
+from lidarsim.lidar import Lidar, register_lidar_reader
+from lidarsim.world.scene import Scene, register_scene_reader
 
 if TYPE_CHECKING:
     from lidarsim.run import Run

@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 
 import yaml
 
-from lidarsim._files import check_regular, told
-from lidarsim._validation import short, shown
+from lidarsim._base.files import check_regular, told
+from lidarsim._base.validation import short, shown
 from lidarsim.errors import ArgumentError, ArgumentTypeError, ConfigError, FileFormatError, LidarsimError
 
 Node = yaml.Node

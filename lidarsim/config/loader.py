@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, TypeVar, cast
 import pydantic
 import yaml
 
-from lidarsim._files import noting_reads
-from lidarsim._validation import shown
+from lidarsim._base.files import noting_reads
+from lidarsim._base.validation import shown
 from lidarsim.config import recognise
 from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
 from lidarsim.config.schema import (
@@ -31,10 +31,10 @@ from lidarsim.config.schema import (
 from lidarsim.config.starter import configuration
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import Imported
+from lidarsim.lidar import HEAD, PRESETS, Lidar, preset_path
 from lidarsim.rig import Rig
 from lidarsim.run import Leg, Run
-from lidarsim.scene import Scene
-from lidarsim.sensor import HEAD, PRESETS, Lidar, preset_path
+from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails

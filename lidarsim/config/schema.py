@@ -24,35 +24,37 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_mo
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
-from lidarsim import _validation, patterns, shapes
-from lidarsim._files import check_names, load_array, name_problem
-from lidarsim._georeference import Georeference as OnEarth
-from lidarsim._georeference import gps_time, projected
-from lidarsim._shown import plain
-from lidarsim._validation import pose as rigid
-from lidarsim.atmosphere import Atmosphere
-from lidarsim.gnss import Gnss
-from lidarsim.imu import GRAVITY, Imu, ImuErrors
+from lidarsim import patterns
+from lidarsim._base import validation
+from lidarsim._base.files import check_names, load_array, name_problem
+from lidarsim._base.shown import plain
+from lidarsim._base.validation import pose as rigid
 from lidarsim.io import raster, scenes
+from lidarsim.lidar import Lidar
 from lidarsim.materials import Material, named
-from lidarsim.measurement import Measurement
-from lidarsim.pointcloud import PointCloud
+from lidarsim.motion.georeference import Georeference as OnEarth
+from lidarsim.motion.georeference import gps_time, projected
+from lidarsim.motion.trajectory import Trajectory, mounted
 from lidarsim.rig import Rig
-from lidarsim.rules import Options, Rule
 from lidarsim.run import CloudArguments, Leg
-from lidarsim.sensor import Lidar
-from lidarsim.trajectory import Trajectory, mounted
+from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.sensor.gnss import Gnss
+from lidarsim.sensor.imu import GRAVITY, Imu, ImuErrors
+from lidarsim.sensor.measurement import Measurement
+from lidarsim.world import shapes
+from lidarsim.world.atmosphere import Atmosphere
+from lidarsim.world.rules import Options, Rule
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy.typing as npt
 
-    from lidarsim._validation import Floats
+    from lidarsim._base.validation import Floats
     from lidarsim.config.document import Place
     from lidarsim.patterns import Pattern
-    from lidarsim.scene import Scene
-    from lidarsim.shapes import Shape
+    from lidarsim.world.scene import Scene
+    from lidarsim.world.shapes import Shape
 
 __all__ = ["PATTERNS", "SHAPES", "Config", "Sensor", "VendorSensor"]
 
@@ -283,9 +285,9 @@ _KINDS: dict[Any, Any] = {
     tuple[float, float]: Pair,
     float | list[float]: Numbers,
     float | list[tuple[float, float]]: SigmaTable,
-    _validation.Vector: Vector,
-    list[_validation.Vector]: list[Vector],
-    _validation.Vector | list[_validation.Vector]: Vectors,
+    validation.Vector: Vector,
+    list[validation.Vector]: list[Vector],
+    validation.Vector | list[validation.Vector]: Vectors,
 }
 """Type in a model for each type that a `configuration` may declare."""
 
@@ -937,7 +939,7 @@ class Cloud(Model):
     def _name(cls, value: object) -> object:
         if not isinstance(value, bool) and value not in ("start", "middle", "end"):
             expected = "expected true, false, start, middle, end, or seconds as deskew_s, got {got}"
-            raise PydanticCustomError("deskew", expected, {"got": _validation.shown(value)})
+            raise PydanticCustomError("deskew", expected, {"got": validation.shown(value)})
         return value
 
     def build(self, place: Place) -> CloudArguments:
@@ -983,7 +985,7 @@ class Georeference(Model):
         try:
             start = datetime.fromisoformat(self.start)
         except ValueError:
-            got = _validation.shown(self.start)
+            got = validation.shown(self.start)
             raise (place / "start").error(f"expected a moment such as 2026-05-01T10:00:00+02:00, got {got}") from None
         with place.refusals({"start": ("start", "")}):
             gps_time(start)
@@ -993,7 +995,7 @@ class Georeference(Model):
 def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
     """Return class names by integer label."""
     for label in names:
-        if re.fullmatch(r"0|[1-9][0-9]{0,9}", label) is None or int(label) > _validation.UINT32:
+        if re.fullmatch(r"0|[1-9][0-9]{0,9}", label) is None or int(label) > validation.UINT32:
             raise (place / label).error("expected a label, 0 to 4294967295")
     return {int(label): name for label, name in names.items()}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from lidarsim._files import PathLike, writing
-from lidarsim._shown import plain
+from lidarsim._base.files import PathLike, writing
+from lidarsim._base.shown import plain
 from lidarsim.errors import ConfigError, LidarsimError
 
 __all__ = ["STARTER", "configuration", "files", "names", "new_project"]

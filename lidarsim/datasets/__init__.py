@@ -13,21 +13,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from lidarsim._shown import counted
-from lidarsim._validation import integer, named_labels, one_of, shown
+from lidarsim._base.shown import counted
+from lidarsim._base.validation import integer, named_labels, one_of, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 
 if TYPE_CHECKING:
     import numpy as np
     from distributed import Client
 
-    from lidarsim._files import PathLike
-    from lidarsim._validation import Transform
+    from lidarsim._base.files import PathLike
+    from lidarsim._base.validation import Transform
+    from lidarsim.lidar import Lidar
+    from lidarsim.motion.trajectory import Trajectory
     from lidarsim.rig import Rig
     from lidarsim.run import Deskew
-    from lidarsim.scene import Scene
-    from lidarsim.sensor import Lidar
-    from lidarsim.trajectory import Trajectory
+    from lidarsim.world.scene import Scene
 
     MakeRun = Callable[[np.random.Generator, int], tuple[Scene, Lidar | Rig, Trajectory | Transform | None]]
 
@@ -159,7 +159,7 @@ def generate(
     from lidarsim.datasets import recipe as recipes
     from lidarsim.datasets.layouts import layout_of
     from lidarsim.datasets.run import run
-    from lidarsim.scan import moment_of
+    from lidarsim.scan.scan import moment_of
 
     if not callable(recipe) and not isinstance(recipe, str | os.PathLike):
         raise ArgumentTypeError("recipe", "a path or a function", shown(recipe))

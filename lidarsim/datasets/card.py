@@ -10,15 +10,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from lidarsim._shown import counted
-from lidarsim._validation import short
+from lidarsim._base.shown import counted
+from lidarsim._base.validation import short
 from lidarsim.datasets.engine import RANGES
 from lidarsim.datasets.layouts import class_name
 from lidarsim.datasets.statistics import POINTS, VISIBILITY, BoxStatistics, box_statistics
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
 from lidarsim.rig import Rig
-from lidarsim.scan import moment_of
+from lidarsim.scan.scan import moment_of
 from lidarsim.viewers import show
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from lidarsim.datasets.layouts import Summary
     from lidarsim.datasets.layouts._layout import BoxFilter
     from lidarsim.datasets.recipe import Recipe
+    from lidarsim.lidar import Lidar
     from lidarsim.run import Run
-    from lidarsim.sensor import Lidar
 
 __all__ = ["write"]
 

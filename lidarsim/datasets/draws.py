@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from lidarsim import _native
-from lidarsim._validation import shown
+from lidarsim._base.validation import shown
 from lidarsim.config.schema import Model, Pair, either
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._validation import integer, shown
+from lidarsim._base.extras import import_extra
+from lidarsim._base.validation import integer, shown
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
 from lidarsim.datasets.samples import RANGES, Record, samples

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._files import told
+from lidarsim._base.files import told
 from lidarsim.errors import ArgumentTypeError
 
 __all__ = ["fingerprint", "name_of"]

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from lidarsim._shown import counted
-from lidarsim._validation import short
+from lidarsim._base.shown import counted
+from lidarsim._base.validation import short
 from lidarsim.datasets.samples import RANGES, Record
 from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError, LidarsimError

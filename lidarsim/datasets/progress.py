@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from lidarsim._terminal import say
+from lidarsim._base.terminal import say
 
 __all__ = ["Progress"]
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 import numpy as np
 from pydantic import Field
 
-from lidarsim._files import told
-from lidarsim._validation import pose as validated
-from lidarsim._validation import shown
+from lidarsim._base.files import told
+from lidarsim._base.validation import pose as validated
+from lidarsim._base.validation import shown
 from lidarsim.config.document import (
     Loaded,
     Node,
@@ -42,14 +42,14 @@ from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.datasets.sources import hashes, located, paths
 from lidarsim.datasets.splits import Splits, check_splits
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.lidar import Lidar
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
 from lidarsim.run import CloudArguments, Deskew, Run
-from lidarsim.scene import Scene
-from lidarsim.sensor import Lidar
-from lidarsim.trajectory import Trajectory
+from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
-    from lidarsim._validation import Transform
+    from lidarsim._base.validation import Transform
 
 __all__ = ["Recipe", "from_function", "load"]
 

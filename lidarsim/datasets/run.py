@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidarsim._validation import integer
+from lidarsim._base.validation import integer
 from lidarsim.datasets import Generated, card, manifest
 from lidarsim.datasets.engine import RANGES, Made, Plan, make
 from lidarsim.datasets.layouts import Files, Summary, class_name
@@ -20,7 +20,7 @@ from lidarsim.errors import FileFormatError, LidarsimError
 if TYPE_CHECKING:
     from distributed import Client
 
-    from lidarsim._files import PathLike
+    from lidarsim._base.files import PathLike
     from lidarsim.datasets.recipe import Recipe
 
 __all__ = ["run"]

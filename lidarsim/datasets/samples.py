@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from lidarsim._files import check_name
-from lidarsim._validation import UINT32, Floats
-from lidarsim.scan import moment_and_pose, moment_of
+from lidarsim._base.files import check_name
+from lidarsim._base.validation import UINT32, Floats
+from lidarsim.scan.scan import moment_and_pose, moment_of
 
 if TYPE_CHECKING:
-    from lidarsim.boxes import Boxes
     from lidarsim.datasets.recipe import Recipe
-    from lidarsim.pointcloud import PointCloud
     from lidarsim.run import Deskew, Run
-    from lidarsim.scan import Scan
+    from lidarsim.scan.boxes import Boxes
+    from lidarsim.scan.pointcloud import PointCloud
+    from lidarsim.scan.scan import Scan
 
 __all__ = ["RANGES", "Annotation", "Record", "Sample", "samples"]
 

@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import yaml
 
-from lidarsim._files import beside, noting_reads
+from lidarsim._base.files import beside, noting_reads
 from lidarsim.config.document import Node, entries, folder_of, read
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import raster

@@ -16,9 +16,9 @@ from functools import cached_property
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
-from lidarsim._files import check_names
-from lidarsim._shown import counted
-from lidarsim._validation import shown
+from lidarsim._base.files import check_names
+from lidarsim._base.shown import counted
+from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentValueError
 
 if TYPE_CHECKING:

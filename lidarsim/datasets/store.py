@@ -20,10 +20,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, Protocol
 
-from lidarsim import _files
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, told
-from lidarsim._validation import short
+from lidarsim._base import files
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, told
+from lidarsim._base.validation import short
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, LidarsimError
 
 if sys.platform == "win32":
@@ -117,7 +117,7 @@ class Folder:
         """Yield the path of a local file to write."""
         with self._written(name) as (path, target):
             yield path
-            _files.sync(path)
+            files.sync(path)
             path.replace(target)
 
     def create(self, name: str, data: bytes) -> bool:
@@ -128,7 +128,7 @@ class Folder:
         """
         with self._written(name) as (path, target):
             path.write_bytes(data)
-            _files.sync(path)
+            files.sync(path)
             try:
                 os.link(path, target)
             except FileExistsError:
@@ -147,7 +147,7 @@ class Folder:
     def batch(self) -> Iterator[Store]:
         """Yield a store whose files are flushed to disk and moved to their places when the block ends."""
         with ExitStack() as stack:
-            with _files.writing(self.root):
+            with files.writing(self.root):
                 folder = stack.enter_context(self._temporary())
             batch = _Batch(self.root, folder)
             yield batch
@@ -157,7 +157,7 @@ class Folder:
     def _written(self, name: str) -> Iterator[tuple[Path, Path]]:
         """Yield the paths of a temporary file and of the file `name`, whose folder is created."""
         target = self._path(name)
-        with _files.writing(target), self._temporary() as folder:
+        with files.writing(target), self._temporary() as folder:
             target.parent.mkdir(parents=True, exist_ok=True)
             yield folder / "written", target
 
@@ -165,7 +165,7 @@ class Folder:
     def _temporary(self) -> Iterator[Path]:
         """Make a temporary folder for the block, with its lock."""
         self.root.mkdir(parents=True, exist_ok=True)
-        with _files.temporary_folder(self.root, TEMPORARY) as folder, _locked(folder / LOCK, "xb"):
+        with files.temporary_folder(self.root, TEMPORARY) as folder, _locked(folder / LOCK, "xb"):
             try:
                 yield folder
             finally:
@@ -256,7 +256,7 @@ class _Batch(Folder):
     def writing(self, name: str) -> Iterator[Path]:
         """Yield the path of a local file to write."""
         target = self._path(name)
-        with _files.writing(target):
+        with files.writing(target):
             target.parent.mkdir(parents=True, exist_ok=True)
             path = self.temporary / f"{len(self.files)}"
             self.files.append((path, target))
@@ -272,14 +272,14 @@ class _Batch(Folder):
             for file in self.files:
                 self._sync(file)
         for path, target in self.files:
-            with _files.writing(target):
+            with files.writing(target):
                 path.replace(target)
 
     @staticmethod
     def _sync(file: tuple[Path, Path]) -> None:
         path, target = file
-        with _files.writing(target):
-            _files.sync(path)
+        with files.writing(target):
+            files.sync(path)
 
 
 def _empty(folder: Path) -> None:

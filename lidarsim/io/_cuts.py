@@ -23,13 +23,13 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from lidarsim._validation import angle, shown
+from lidarsim._base.validation import angle, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns import Spinning
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Sensor
+    from lidarsim.scan.scan import Sensor
 
 Cut: TypeAlias = Literal["pattern", "driver"] | float
 """Where messages begin: with each frame of the pattern, where the layout's driver cuts, or at an azimuth, rad."""

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from lidarsim.io._records import check_plausible, put, to_fields
 from lidarsim.io._times import NAMES, since_stamp
 from lidarsim.io._units import fitting, reflectivity, vendor_range
-from lidarsim.pointcloud import Fields, PointCloud, adopted
+from lidarsim.scan.pointcloud import Fields, PointCloud, adopted
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Sensor
+    from lidarsim.scan.scan import Sensor
 
 _XYZ = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 LAYOUTS: dict[str, np.dtype[np.void]] = {

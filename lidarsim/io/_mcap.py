@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from lidarsim._extras import import_extra
+from lidarsim._base.extras import import_extra
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_expansion
 

@@ -23,9 +23,9 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import UINT32, short
+from lidarsim._base.validation import UINT32, short
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import CANONICAL, Fields, field_names, first_misfit, held
+from lidarsim.scan.pointcloud import CANONICAL, Fields, field_names, first_misfit, held
 
 BLOCK = 1 << 14
 """Points converted at a time."""

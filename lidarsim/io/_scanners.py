@@ -11,11 +11,11 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarsim._validation import short
+from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import blocks, joined, parsed
 from lidarsim.io._units import fitting
-from lidarsim.pointcloud import Fields
+from lidarsim.scan.pointcloud import Fields
 
 COLOURS = ("red", "green", "blue")
 TYPES = {**dict.fromkeys("xyz", "f8"), "intensity": "f4", **dict.fromkeys(COLOURS, "u1")}

@@ -18,8 +18,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, parsing, replacing, sync, temporary_folder, writing
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, parsing, replacing, sync, temporary_folder, writing
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
 

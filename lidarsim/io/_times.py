@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 
 NAMES = ("time", "t", "time_stamp", "offset_time", "timestamp", "timeStamp", "time_offset")

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import Fields
+from lidarsim.scan.pointcloud import Fields
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Sensor
+    from lidarsim.scan.scan import Sensor
 
 
 def warn_above(most: float, intensity: npt.NDArray[np.float32] | None, where: str) -> None:

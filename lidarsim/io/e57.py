@@ -22,15 +22,15 @@ from uuid import uuid4
 
 import numpy as np
 
-from lidarsim import _validation
-from lidarsim._extras import import_extra
-from lidarsim._files import linked
-from lidarsim._validation import Floats
+from lidarsim._base import validation
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import linked
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_expansion, to_fields
 from lidarsim.io._scanners import COLOURS, check_finite, coloured, joined_lists
-from lidarsim.pointcloud import Fields, held, register_format
-from lidarsim.trajectory import product
+from lidarsim.motion.trajectory import product
+from lidarsim.scan.pointcloud import Fields, held, register_format
 
 NAMES = {
     **{f"cartesian{axis.upper()}": axis for axis in "xyz"},
@@ -166,7 +166,7 @@ def _placed(xyz: Floats, header: Any) -> Fields:
 
     quaternion, shift = np.array(header.rotation, float), np.array(header.translation, float)
     length = float(np.linalg.norm(quaternion))
-    if not (abs(length - 1.0) <= _validation.NEARLY_RIGID and np.isfinite(shift).all()):
+    if not (abs(length - 1.0) <= validation.NEARLY_RIGID and np.isfinite(shift).all()):
         raise FileFormatError(f"the pose of a scan has a quaternion of length {length:.6g}, expected 1")
     rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     if not (np.array_equal(rotation, np.eye(3)) and not shift.any()):

@@ -58,15 +58,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix, parsing
-from lidarsim._georeference import gps_time, projected
-from lidarsim._validation import flag, short, shown
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, atomic_writer, check_regular, check_suffix, parsing
+from lidarsim._base.validation import flag, short, shown
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io._flight import flight_fields
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
 from lidarsim.io._units import fitting, warn_above
-from lidarsim.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, chosen, register_format
+from lidarsim.motion.georeference import gps_time, projected
+from lidarsim.scan.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, chosen, register_format
 
 if TYPE_CHECKING:
     import pyproj

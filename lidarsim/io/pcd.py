@@ -24,8 +24,8 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._validation import Floats, short
+from lidarsim._base.extras import import_extra
+from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
     HEADER,
@@ -44,7 +44,7 @@ from lidarsim.io._records import (
     to_fields,
     to_records,
 )
-from lidarsim.pointcloud import Fields, register_format
+from lidarsim.scan.pointcloud import Fields, register_format
 
 NORMAL = ("normal_x", "normal_y", "normal_z")
 CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}

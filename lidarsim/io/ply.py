@@ -18,8 +18,8 @@ from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 
-from lidarsim._extras import import_extra
-from lidarsim._validation import short
+from lidarsim._base.extras import import_extra
+from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
     HEADER,
@@ -35,7 +35,7 @@ from lidarsim.io._records import (
     to_fields,
     to_records,
 )
-from lidarsim.pointcloud import Fields, narrowed, register_format
+from lidarsim.scan.pointcloud import Fields, narrowed, register_format
 
 NORMAL = ("nx", "ny", "nz")
 CODES = {"f4", "f8", "i4", "u1", "u2"}

@@ -21,16 +21,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._files import atomic_writer, check_regular, check_suffix, unquoted
-from lidarsim._georeference import projected
-from lidarsim._validation import Floats, array, integer, short
-from lidarsim._views import register_view
-from lidarsim.cells import Cells
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import atomic_writer, check_regular, check_suffix, unquoted
+from lidarsim._base.validation import Floats, array, integer, short
+from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentError, ArgumentValueError, FileFormatError, MissingExtraError
-from lidarsim.scene import Scene, register_scene_reader
-from lidarsim.shapes import TriangleMesh
-from lidarsim.shapes.triangle_mesh import Raster
+from lidarsim.motion.georeference import projected
+from lidarsim.scan.cells import Cells
+from lidarsim.world.scene import Scene, register_scene_reader
+from lidarsim.world.shapes import TriangleMesh
+from lidarsim.world.shapes.triangle_mesh import Raster
 
 if TYPE_CHECKING:
     import pyproj
@@ -316,7 +316,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def write(cells: Cells, path: str | PathLike[str], crs: int | str | pyproj.CRS | None) -> None:
-    """Write a GeoTIFF as documented in `lidarsim.cells.Cells.save`."""
+    """Write a GeoTIFF as documented in `lidarsim.scan.cells.Cells.save`."""
     check_suffix(path, SUFFIXES[1:])
     system = None if crs is None else projected(crs)
     rasterio = import_extra("rasterio", "geo", "writing a GeoTIFF")

@@ -58,30 +58,30 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _validation
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_name, check_regular, check_suffix, linked, parsing
-from lidarsim._georeference import START, unix_time
+from lidarsim._base import validation
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, check_name, check_regular, check_suffix, linked, parsing
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
 from lidarsim.io._storage import check_folder, is_folder, lost_writes
-from lidarsim.pointcloud import Fields, PointCloud, register_format
+from lidarsim.motion.georeference import START, unix_time
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
-from lidarsim.scan import Scan
-from lidarsim.trajectory import Trajectory
+from lidarsim.scan.pointcloud import Fields, PointCloud, register_format
+from lidarsim.scan.scan import Scan
 
 if TYPE_CHECKING:
     from datetime import datetime
 
     from rosbags.typesys.store import Typestore
 
-    from lidarsim._validation import Transform
-    from lidarsim.gnss import Gnss, GnssFixes
-    from lidarsim.imu import Imu, ImuSamples
+    from lidarsim._base.validation import Transform
     from lidarsim.io._cuts import Cut
     from lidarsim.rig import RigSensor
-    from lidarsim.scan import Sensor
+    from lidarsim.scan.scan import Sensor
+    from lidarsim.sensor.gnss import Gnss, GnssFixes
+    from lidarsim.sensor.imu import Imu, ImuSamples
 
 __all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "PointCloud2", "Writer", "point_cloud2", "read", "static_mounts"]
 
@@ -203,16 +203,16 @@ class Writer:
         if isinstance(given, Rig):
             given = {**given, **given.imus, **given.receivers}
         self._mounts = {
-            _name("sensors", name): _validation.pose(f"sensors[{name!r}]", getattr(mount, "mount", mount))
+            _name("sensors", name): validation.pose(f"sensors[{name!r}]", getattr(mount, "mount", mount))
             for name, mount in given.items()
         }
         self._layouts = _layouts(layout, self._mounts)
         if trajectory is None or isinstance(trajectory, Trajectory):
             self._trajectory = trajectory
         else:
-            self._trajectory = Trajectory.from_twist(_validation.pose("trajectory", trajectory))
+            self._trajectory = Trajectory.from_twist(validation.pose("trajectory", trajectory))
         self._start = unix_time(start, limit=_LIMIT)
-        self._rate = _validation.real("rate", rate, above=0.0)
+        self._rate = validation.real("rate", rate, above=0.0)
         self._cut = _cuts.check_cut(cut)
         self._world, self._body = _name("world", world), _name("body", body)
         for name in self._mounts.keys() & {self._world, self._body}:
@@ -502,7 +502,7 @@ class Writer:
         return next(iter(self._mounts))
 
     def _stamp(self, time: float) -> int:
-        stamp = self._start + round(_validation.real("time", time) * 1e9)
+        stamp = self._start + round(validation.real("time", time) * 1e9)
         if not 0 <= stamp < _LIMIT * 10**9:
             raise ArgumentValueError("time", "a time from 1970 to 2038 on the clock of the bag", f"{stamp / 1e9:g} s")
         return stamp
@@ -706,8 +706,8 @@ def point_cloud2(
         chosen = "livox_cloud"
     if chosen not in LAYOUTS or chosen == "livox":
         known = ", ".join(name for name in LAYOUTS if name != "livox")
-        raise ArgumentValueError("layout", f"one of {known}", _validation.shown(layout))
-    records, _ = to_layout(cloud, chosen, lidar, _validation.integer("stamp", stamp, at_least=0))
+        raise ArgumentValueError("layout", f"one of {known}", validation.shown(layout))
+    records, _ = to_layout(cloud, chosen, lidar, validation.integer("stamp", stamp, at_least=0))
     return _packed(records)
 
 
@@ -1017,16 +1017,16 @@ def _limits(path: PathLike, size: int | None, duration: float | None) -> dict[st
         if value is not None and not is_folder(path):
             raise ArgumentValueError(name, "a folder as the path, with a name that has no dot", f"the file {path}")
     if size is not None:
-        limits["max_size"] = _validation.integer("max_size", size, at_least=1)
+        limits["max_size"] = validation.integer("max_size", size, at_least=1)
     if duration is not None:
-        nanoseconds = round(_validation.real("max_duration", duration, above=0.0) * 1e9)
+        nanoseconds = round(validation.real("max_duration", duration, above=0.0) * 1e9)
         limits["max_duration"] = max(nanoseconds, 1)
     return limits
 
 
 def _name(argument: str, name: str) -> str:
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
-        raise ArgumentValueError(argument, "a name of letters, digits and _", _validation.short(ascii(name)))
+        raise ArgumentValueError(argument, "a name of letters, digits and _", validation.short(ascii(name)))
     return check_name(argument, name)
 
 

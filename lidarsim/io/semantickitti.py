@@ -14,10 +14,10 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._files import PathLike, check_regular
+from lidarsim._base.files import PathLike, check_regular
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import fitting
-from lidarsim.pointcloud import Fields, register_format
+from lidarsim.scan.pointcloud import Fields, register_format
 
 __all__ = ["read_labels"]
 

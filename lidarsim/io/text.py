@@ -37,10 +37,10 @@ from typing import Any, BinaryIO, NamedTuple, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import short
+from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import blocks, number, to_columns, to_fields
-from lidarsim.pointcloud import CANONICAL, Fields, held, register_format
+from lidarsim.scan.pointcloud import CANONICAL, Fields, held, register_format
 
 NORMAL = ("nx", "ny", "nz")
 CODES = {"b1", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix, parsing
-from lidarsim._validation import real
-from lidarsim._views import register_view
+from lidarsim._base.files import PathLike, atomic_writer, check_regular, check_suffix, parsing
+from lidarsim._base.validation import real
+from lidarsim._base.views import register_view
 from lidarsim.errors import FileFormatError
 from lidarsim.io import npz
-from lidarsim.waveforms import Waveforms
+from lidarsim.scan.waveforms import Waveforms
 
 SUFFIXES = (".npz",)
 ARRAYS = {"pulse": np.int64, "first": np.int64, "offsets": np.int64, "samples": np.float32}

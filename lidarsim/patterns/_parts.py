@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, array, frozen, integer
+from lidarsim._base.validation import Floats, array, frozen, integer
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns._pulses import Pulses, made_pulses
 

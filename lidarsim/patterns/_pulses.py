@@ -8,9 +8,9 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._pickling import Immutable
-from lidarsim._shown import extent
-from lidarsim._validation import array, frequency, in_order, integer
+from lidarsim._base.pickling import Immutable
+from lidarsim._base.shown import extent
+from lidarsim._base.validation import array, frequency, in_order, integer
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 

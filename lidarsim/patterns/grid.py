@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._pickling import Value
-from lidarsim._validation import Floats, angles, array, frequency, frozen, integer, real
+from lidarsim._base.pickling import Value
+from lidarsim._base.validation import Floats, angles, array, frequency, frozen, integer, real
 from lidarsim.patterns._parts import TURN, directions_of, expect_room, rings
 from lidarsim.patterns._pulses import Pulses
 

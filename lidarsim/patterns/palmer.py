@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from lidarsim import _native
-from lidarsim._pickling import Value
-from lidarsim._validation import angle, frequency
+from lidarsim._base.pickling import Value
+from lidarsim._base.validation import angle, frequency
 from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles
 from lidarsim.patterns._pulses import Pulses
 

@@ -11,8 +11,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._pickling import Value
-from lidarsim._validation import Floats, angle, angles, frequency, frozen, one_or_each
+from lidarsim._base.pickling import Value
+from lidarsim._base.validation import Floats, angle, angles, frequency, frozen, one_or_each
 from lidarsim.patterns._parts import (
     TURN,
     Cycles,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, integer
+from lidarsim._base.validation import Floats, integer
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import TURN
 from lidarsim.patterns._pulses import Pulses

@@ -11,8 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._pickling import Value
-from lidarsim._validation import FASTEST, Floats, Vector, angle, array, frequency, frozen, items, nonzero_vectors, real
+from lidarsim._base.pickling import Value
+from lidarsim._base.validation import (
+    FASTEST,
+    Floats,
+    Vector,
+    angle,
+    array,
+    frequency,
+    frozen,
+    items,
+    nonzero_vectors,
+    real,
+)
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles, rings, unit
 from lidarsim.patterns._pulses import Pulses

@@ -10,8 +10,8 @@ from typing import ClassVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._pickling import Value
-from lidarsim._validation import Floats, Vector, angle, angles, array, frequency, frozen, integer, real
+from lidarsim._base.pickling import Value
+from lidarsim._base.validation import Floats, Vector, angle, angles, array, frequency, frozen, integer, real
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import (
     TURN,

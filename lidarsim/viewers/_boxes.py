@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidarsim._validation import Floats
-from lidarsim.boxes import Boxes
+from lidarsim._base.validation import Floats
+from lidarsim.scan.boxes import Boxes
 
 _CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
 _EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(_CORNERS[i] - _CORNERS[j]).sum() == 1.0]

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._shown import plain
-from lidarsim._validation import Floats, array, shown
+from lidarsim._base.shown import plain
+from lidarsim._base.validation import Floats, array, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.pointcloud import PointCloud
-from lidarsim.scan import Source
+from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.scan.scan import Source
 from lidarsim.viewers import _classes as classes
 from lidarsim.viewers._classes import class_color
 

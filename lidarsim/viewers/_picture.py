@@ -11,12 +11,12 @@ from typing import get_args
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _validation
-from lidarsim._validation import Floats
-from lidarsim._views import Camera
-from lidarsim.boxes import Boxes
+from lidarsim._base import validation
+from lidarsim._base.validation import Floats
+from lidarsim._base.views import Camera
 from lidarsim.errors import ArgumentValueError
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._colors import DARK, Coloring, Theme, round_step
 from lidarsim.viewers._surfaces import Surface, joined
 
@@ -297,7 +297,7 @@ def checked_camera(camera: object) -> Camera | Floats:
             if camera == name:
                 return name
         raise ArgumentValueError("camera", f"{', '.join(CAMERAS)} or three points", repr(camera))
-    points = _validation.array("camera", camera, (3, 3))
+    points = validation.array("camera", camera, (3, 3))
     if not np.cross(points[1] - points[0], points[2]).any():
         expected = "a target apart from the position and an up vector across the view"
         raise ArgumentValueError("camera", expected, "others")

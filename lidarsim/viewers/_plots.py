@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING, Any
 
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, atomic_writer, check_suffix
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, atomic_writer, check_suffix
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,23 +11,34 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from lidarsim import _validation
-from lidarsim._files import PathLike, check_folder, check_suffix
-from lidarsim._shown import counted, plain
-from lidarsim._validation import Floats, Transform, dimensions, flag, integer, items, named_labels, one_of, real, shown
-from lidarsim._views import Camera, Plotted, register_view
-from lidarsim.boxes import Boxes
+from lidarsim._base import validation
+from lidarsim._base.files import PathLike, check_folder, check_suffix
+from lidarsim._base.shown import counted, plain
+from lidarsim._base.validation import (
+    Floats,
+    Transform,
+    dimensions,
+    flag,
+    integer,
+    items,
+    named_labels,
+    one_of,
+    real,
+    shown,
+)
+from lidarsim._base.views import Camera, Plotted, register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.pointcloud import PointCloud
-from lidarsim.scan import Scan
-from lidarsim.scene import Scene
-from lidarsim.trajectory import Trajectory
+from lidarsim.motion.trajectory import Trajectory
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.scan.scan import Scan
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._boxes import moved
 from lidarsim.viewers._colors import MAPS, THEMES, Known, Style, checked_limits, class_coloring, coloring
 from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
+from lidarsim.world.scene import Scene
 
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan] | Mapping[str, PointCloud]
 """A frame: a cloud, a scan, or the scans or clouds of a rig by sensor name."""
@@ -365,8 +376,8 @@ def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence
         return [None] * count
     several: Any = pose
     if hasattr(pose, "as_matrix") or dimensions(several) == 2:
-        return [_validation.pose("pose", several)] * count
-    poses = [_validation.pose(f"pose[{i}]", where) for i, where in enumerate(items("pose", several, "poses"))]
+        return [validation.pose("pose", several)] * count
+    poses = [validation.pose(f"pose[{i}]", where) for i, where in enumerate(items("pose", several, "poses"))]
     if len(poses) != count:
         raise ArgumentValueError("pose", f"one for each of the {count} frames", len(poses))
     return poses

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, real
-from lidarsim.scene import Scene, SceneObject
-from lidarsim.shapes._tessellation import Triangles
+from lidarsim._base.validation import Floats, array, real
+from lidarsim.world.scene import Scene, SceneObject
+from lidarsim.world.shapes._tessellation import Triangles
 
 ALONE = 10.0
 """Half the edge of the cube around the origin to which planes are clipped if there is nothing else, m."""

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidarsim import _validation
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_folder, check_suffix
-from lidarsim._shown import plain
-from lidarsim._validation import Floats, one_of
-from lidarsim._views import register_view
-from lidarsim.cells import Cells
+from lidarsim._base import validation
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, check_folder, check_suffix
+from lidarsim._base.shown import plain
+from lidarsim._base.validation import Floats, one_of
+from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentTypeError
+from lidarsim.scan.cells import Cells
 from lidarsim.viewers import _plots as plots
 from lidarsim.viewers._colors import MAPS, checked_limits
 from lidarsim.viewers._picture import TO_SUN
@@ -43,7 +43,7 @@ def plot(
     if not isinstance(title, str):
         raise ArgumentTypeError("title", "text", type(title).__name__)
     one_of("color_map", color_map, tuple(MAPS))
-    _validation.flag("hillshade", hillshade)
+    validation.flag("hillshade", hillshade)
     width, height = checked_size(size)
     figures = import_extra("matplotlib.figure", "pyvista", "this picture")
     colors = import_extra("matplotlib.colors", "pyvista", "this picture")

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, atomic_writer
-from lidarsim._shown import counted, plain
-from lidarsim._validation import Floats
-from lidarsim._views import Camera
-from lidarsim.boxes import Boxes
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, atomic_writer
+from lidarsim._base.shown import counted, plain
+from lidarsim._base.validation import Floats
+from lidarsim._base.views import Camera
+from lidarsim.scan.boxes import Boxes
 from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import AXES, MISSING, PATH, Coloring, field_of
 from lidarsim.viewers._picture import AXIS, CAMERAS, MARGIN, Frame, Picture, colored

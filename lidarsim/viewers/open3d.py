@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._shown import plain
-from lidarsim._validation import Floats
-from lidarsim._views import register_view
-from lidarsim.boxes import Boxes
+from lidarsim._base.extras import import_extra
+from lidarsim._base.shown import plain
+from lidarsim._base.validation import Floats
+from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
-from lidarsim.pointcloud import Fields, PointCloud, narrowed
-from lidarsim.scene import Scene
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.pointcloud import Fields, PointCloud, narrowed
 from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import NAME, _channels
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._picture import Picture, colored
 from lidarsim.viewers._surfaces import Surface, surfaces
+from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
     import open3d

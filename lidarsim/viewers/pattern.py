@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_folder, check_suffix
-from lidarsim._shown import plain
-from lidarsim._validation import Floats, integer
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, check_folder, check_suffix
+from lidarsim._base.shown import plain
+from lidarsim._base.validation import Floats, integer
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns import OscillatingMirror, Palmer, PolygonMirror
 from lidarsim.patterns._pulses import pulses_of
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import PathCollection
 
-    from lidarsim.sensor import Lidar
+    from lidarsim.lidar import Lidar
 
 MOST = 200_000
 """Greatest number of pulses in a picture, evenly chosen: more only fill the same pixels."""

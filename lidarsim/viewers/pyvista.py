@@ -14,20 +14,20 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
-from lidarsim._shown import counted, plain
-from lidarsim._validation import Floats
-from lidarsim._views import register_view
-from lidarsim.boxes import Boxes
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import PathLike, atomic_writer, check_folder, check_suffix
+from lidarsim._base.shown import counted, plain
+from lidarsim._base.validation import Floats
+from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
-from lidarsim.pointcloud import PointCloud
-from lidarsim.scene import Scene
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import AXES, PATH, Coloring, _channels
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._picture import AXIS, TO_SUN, Frame, Picture, colored, grid
 from lidarsim.viewers._surfaces import Surface, joined, surfaces
+from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
     import pyvista

@@ -10,7 +10,7 @@ import pytest
 from lidarsim.bench import exact, scenes
 from lidarsim.bench.scenes import UTM, Rays, World
 from lidarsim.bench.speed import MESHES
-from lidarsim.scene import Scene
+from lidarsim.world.scene import Scene
 
 
 def some(rays: Rays, count: int) -> Rays:

@@ -15,7 +15,7 @@ import yaml
 import lidarsim as ls
 from lidarsim.config import schema
 from lidarsim.errors import ConfigError
-from lidarsim.sensor import preset_path
+from lidarsim.lidar import preset_path
 
 CONFIG = """\
 seed: 3

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from lidarsim import measurement, patterns
+from lidarsim import patterns
 from lidarsim.config import schema
+from lidarsim.sensor import measurement
 
 GUIDE = (Path(__file__).parents[2] / "configs" / "README.md").read_text(encoding="utf-8")
 DECLARING = [patterns.Prism, measurement.Detection, measurement.Beam, measurement.Measurement]

@@ -12,7 +12,7 @@ from exact import adversarial, cases, oracle
 from numpydoc.docscrape import NumpyDocString
 
 import lidarsim as ls
-from lidarsim import shapes
+from lidarsim.world import shapes
 
 SHAPES = [
     thing for name in shapes.__all__ if issubclass(thing := getattr(shapes, name), ls.Shape) and thing is not ls.Shape
@@ -39,7 +39,7 @@ def test_is_public(shape):
 
 @every_shape
 def test_has_its_python_file(shape):
-    assert shape.__module__ == f"lidarsim.shapes.{snake(shape)}"
+    assert shape.__module__ == f"lidarsim.world.shapes.{snake(shape)}"
 
 
 @every_shape

@@ -356,7 +356,7 @@ def test_interrupted_and_gone_on(
 def test_a_process_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str]) -> None:
     code = f"""
 import os, signal, lidarsim as ls
-from lidarsim import _files
+from lidarsim._base import files
 real, count = os.fsync, 0
 def fsync(descriptor):
     global count

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import lidarsim as ls
-from lidarsim import _files
+from lidarsim._base import files
 from lidarsim.datasets.store import Folder, Store, open_store
 from lidarsim.errors import LidarsimError
 
@@ -79,12 +79,12 @@ def test_files_of_a_batch_are_on_disk_before_one_has_its_name(tmp_path: Path, mo
     names = [f"a/{number}" for number in range(20)]
     flushed: list[bytes] = []
 
-    def sync(path: Path, real: Callable[[Path], None] = _files.sync) -> None:
+    def sync(path: Path, real: Callable[[Path], None] = files.sync) -> None:
         assert not any((tmp_path / name).exists() for name in names)
         real(path)
         flushed.append(path.read_bytes())
 
-    monkeypatch.setattr(_files, "sync", sync)
+    monkeypatch.setattr(files, "sync", sync)
     with open_store(tmp_path).batch() as store:
         for name in names[1:]:
             store.write(name, name.encode())
@@ -108,7 +108,7 @@ def test_a_batch_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
             if fails == "write" and number == 3:
                 raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(_files, "sync", refuse)
+    monkeypatch.setattr(files, "sync", refuse)
     (tmp_path / "a").mkdir()
     (tmp_path / "a/0").write_bytes(b"before")
     with pytest.raises(OSError, match="a/3: .*No space left" if fails == "sync" else "No space left"):  # noqa: SIM117

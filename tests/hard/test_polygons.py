@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
-from lidarsim.shapes import _polygons
-from lidarsim.shapes._polygons import of_strips, triangulated
+from lidarsim.world.shapes import _polygons
+from lidarsim.world.shapes._polygons import of_strips, triangulated
 
 
 def cut(outline):

@@ -31,11 +31,12 @@ from rosbags.rosbag2 import Reader as BagReader
 from rosbags.rosbag2 import Writer as BagWriter
 from scipy.spatial.transform import Rotation
 
-from lidarsim import Lidar, PointCloud, Rule, Scene, Trajectory, TriangleMesh, config, io, pointcloud
+from lidarsim import Lidar, PointCloud, Rule, Scene, Trajectory, TriangleMesh, config, io
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import rosbag
 from lidarsim.io.semantickitti import read_labels
 from lidarsim.patterns import Table
+from lidarsim.scan import pointcloud
 
 sys.path.append(str(Path(__file__).parents[2]))
 from tests.io.scenes.gltf_files import Gltf

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import lidarsim as ls
-from lidarsim import pointcloud
+from lidarsim.scan import pointcloud
 
 
 def street() -> ls.Scene:

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from lidarsim.errors import FileFormatError, MissingExtraError
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 
 POSE = RigidTransform.from_components([1e5, 2e5, 3], Rotation.from_euler("xyz", [0.1, -0.2, 2.0])).as_matrix()
 

@@ -19,7 +19,7 @@ from lidarsim import io
 from lidarsim.errors import FileFormatError, MissingExtraError
 from lidarsim.io import _records, las
 from lidarsim.io.las import Writer, read
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 
 assert io, "the formats register themselves on import"
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import FileFormatError, MissingExtraError
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers.open3d import import_open3d
 
 assert io, "the formats register themselves on import"

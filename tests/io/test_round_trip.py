@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lidarsim import io
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import CANONICAL, PointCloud
+from lidarsim.scan.pointcloud import CANONICAL, PointCloud
 
 assert io, "the formats register themselves on import"
 

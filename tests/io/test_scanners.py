@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 
 # Two columns of three rows; the matrix turns by 90° to the left, as rows of its transpose, and moves by (10, 20, 30).
 HEAD = "2\n3\n10 20 30\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n10 20 30 1\n"

@@ -9,7 +9,7 @@ import pytest
 from lidarsim import io
 from lidarsim.errors import FileFormatError
 from lidarsim.io.semantickitti import read_labels
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 
 assert io, "the formats register themselves on import"
 

@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
-from lidarsim import trajectory as module
 from lidarsim.errors import FileFormatError
+from lidarsim.motion import trajectory as module
 
 EPS = np.finfo(float).eps
 LOOKS = (

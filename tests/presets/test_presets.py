@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 import lidarsim as ls
+from lidarsim.lidar import preset_path
 from lidarsim.patterns import Description, describe
-from lidarsim.sensor import preset_path
 
 NAMES = ls.Lidar.presets()
 

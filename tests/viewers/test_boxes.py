@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
-from lidarsim.boxes import Boxes
+from lidarsim.scan.boxes import Boxes
 from lidarsim.viewers import html
 from lidarsim.viewers._boxes import LINES, lines, moved
 from lidarsim.viewers._colors import legible, luminance

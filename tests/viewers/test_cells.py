@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 import lidarsim as ls
-from lidarsim.cells import Cells
 from lidarsim.errors import FileFormatError
+from lidarsim.scan.cells import Cells
 from lidarsim.viewers._colors import MAPS
 from lidarsim.viewers.cells import DARKEST, LIGHTEST, relief
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lidarsim.bench import report
 from lidarsim.comparison import _report
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._classes import MEANINGS, SEMANTIC_KITTI, class_color
 from lidarsim.viewers._colors import (
     BACKGROUND,

@@ -13,7 +13,7 @@ import pytest
 import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import LidarsimError, MissingExtraError
-from lidarsim.pointcloud import CANONICAL, PointCloud, narrowed
+from lidarsim.scan.pointcloud import CANONICAL, PointCloud, narrowed
 from lidarsim.viewers import open3d as view
 from lidarsim.viewers._colors import QUALITATIVE
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 from lidarsim.errors import FileFormatError, LidarsimError, MissingExtraError
-from lidarsim.pointcloud import CANONICAL, PointCloud
+from lidarsim.scan.pointcloud import CANONICAL, PointCloud
 from lidarsim.viewers import show
 from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, coloring
 from lidarsim.viewers.pyvista import _check_opengl, check_screenshot
@@ -264,7 +264,7 @@ def test_window_without_a_display(wall: PointCloud, monkeypatch: pytest.MonkeyPa
 
 def test_rendering_says_nothing(tmp_path: Path) -> None:
     code = (
-        "from lidarsim.pointcloud import PointCloud; from lidarsim import show;"
+        "from lidarsim.scan.pointcloud import PointCloud; from lidarsim import show;"
         "show(PointCloud(xyz=[[1, 2, 3]]), save='a.png')"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)

@@ -18,8 +18,8 @@ import pytest
 from PIL import Image
 
 import lidarsim as ls
-from lidarsim._shown import plain
-from lidarsim._views import Looks
+from lidarsim._base.shown import plain
+from lidarsim._base.views import Looks
 from lidarsim.errors import ArgumentError
 from lidarsim.viewers import _display, html
 from lidarsim.viewers._classes import class_color

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 
 FACES = (
     (0, 1, 3, 2), (4, 6, 7, 5),  # x

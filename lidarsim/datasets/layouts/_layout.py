@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, ConfigDict, Field
 
-from lidarsim._files import check_names
-from lidarsim._validation import UINT32, Floats
+from lidarsim._base.files import check_names
+from lidarsim._base.validation import UINT32, Floats
 from lidarsim.config.schema import Model
 from lidarsim.datasets.samples import Annotation, Record, Sample
 from lidarsim.datasets.store import Store
@@ -24,9 +24,9 @@ from lidarsim.errors import ArgumentValueError
 from lidarsim.rig import Rig
 
 if TYPE_CHECKING:
-    from lidarsim.boxes import Boxes
     from lidarsim.run import Run
-    from lidarsim.scene import Scene
+    from lidarsim.scan.boxes import Boxes
+    from lidarsim.world.scene import Scene
 
 Extra = dict[str, Any]
 """Notes of a layout on a sample for its tables, in JSON types."""

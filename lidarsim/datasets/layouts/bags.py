@@ -18,13 +18,13 @@ from pydantic_core import PydanticCustomError
 
 from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
 from lidarsim.datasets.samples import Sample
-from lidarsim.gnss import GnssFixes
 from lidarsim.io import _storage, rosbag
+from lidarsim.sensor.gnss import GnssFixes
 
 if TYPE_CHECKING:
-    from lidarsim._files import PathLike
-    from lidarsim.imu import ImuSamples
+    from lidarsim._base.files import PathLike
     from lidarsim.run import Run
+    from lidarsim.sensor.imu import ImuSamples
 
 
 class Bags(Layout):

@@ -40,7 +40,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim._validation import shown
+from lidarsim._base.validation import shown
 from lidarsim.config.schema import Model
 from lidarsim.datasets.layouts._camera import seen
 from lidarsim.datasets.layouts._images import black_png
@@ -51,7 +51,7 @@ from lidarsim.io import kitti
 from lidarsim.rig import Rig
 
 if TYPE_CHECKING:
-    from lidarsim._validation import Floats
+    from lidarsim._base.validation import Floats
     from lidarsim.run import Run
 
 SETS, TRAINING, TESTING = "ImageSets", "training", "testing"

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim._validation import Floats, shown
+from lidarsim._base.validation import Floats, shown
 from lidarsim.datasets.layouts._images import black_png
 from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Layout, Summary, Write, class_name
 from lidarsim.datasets.samples import Annotation, Record, Sample

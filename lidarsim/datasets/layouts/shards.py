@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from lidarsim._extras import import_extra
+from lidarsim._base.extras import import_extra
 from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Layout, Noted, Summary, Write, class_name
 from lidarsim.datasets.samples import Number, Record, Sample
 from lidarsim.datasets.store import check_path

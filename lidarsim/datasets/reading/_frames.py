@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from lidarsim._files import check_regular, parsing, told
-from lidarsim._shown import plain as printable
-from lidarsim._validation import Floats
-from lidarsim.boxes import Boxes
+from lidarsim._base.files import check_regular, parsing, told
+from lidarsim._base.shown import plain as printable
+from lidarsim._base.validation import Floats
 from lidarsim.config.document import plain, read
 from lidarsim.errors import FileFormatError
 from lidarsim.io.semantickitti import read_labels
-from lidarsim.pointcloud import PointCloud, is_point_cloud
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.pointcloud import PointCloud, is_point_cloud
 from lidarsim.viewers._boxes import moved
 
 if TYPE_CHECKING:

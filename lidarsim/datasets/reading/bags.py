@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
-from lidarsim._shown import counted
-from lidarsim._validation import Floats
+from lidarsim._base.shown import counted
+from lidarsim._base.validation import Floats
 from lidarsim.datasets.reading._frames import Frame, Frames, folders, names_in, natural, recipe_of
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud
 
 
 def recognise(path: Path) -> bool:

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarsim._shown import plain
-from lidarsim._validation import Floats
-from lidarsim.boxes import Boxes
+from lidarsim._base.shown import plain
+from lidarsim._base.validation import Floats
 from lidarsim.datasets.reading._frames import Frame, Frames, boxes_at, folders, numbers, only, point_files, text_of
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.pointcloud import PointCloud
 
 KINDS = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc")
 IGNORED = "DontCare"

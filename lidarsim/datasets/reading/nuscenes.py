@@ -14,12 +14,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from lidarsim._files import beside, check_regular, parsing
-from lidarsim._validation import Floats
-from lidarsim.boxes import Boxes
+from lidarsim._base.files import beside, check_regular, parsing
+from lidarsim._base.validation import Floats
 from lidarsim.datasets.reading._frames import Frame, Frames, Row, boxes_at, folders, named, text_of, validated
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import PointCloud
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.pointcloud import PointCloud
 
 Three = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
 Four = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarsim._files import parsing
-from lidarsim._validation import Floats
+from lidarsim._base.files import parsing
+from lidarsim._base.validation import Floats
 from lidarsim.config.document import plain, read
 from lidarsim.datasets.reading._frames import (
     Frame,

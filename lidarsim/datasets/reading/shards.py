@@ -13,8 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from lidarsim._files import check_regular, parsing
-from lidarsim.boxes import Boxes
+from lidarsim._base.files import check_regular, parsing
 from lidarsim.datasets.reading._frames import (
     Frame,
     Frames,
@@ -28,7 +27,8 @@ from lidarsim.datasets.reading._frames import (
 )
 from lidarsim.errors import FileFormatError
 from lidarsim.io import npz
-from lidarsim.pointcloud import PointCloud, adopted
+from lidarsim.scan.boxes import Boxes
+from lidarsim.scan.pointcloud import PointCloud, adopted
 
 Number = Annotated[int, Field(ge=0, lt=2**63)]
 Label = Annotated[int, Field(ge=0, lt=2**32)]

@@ -13,15 +13,15 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.config.schema import Model, either
 from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
 from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, steps, turns_of
 from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of
 from lidarsim.datasets.scatter._ways import STEP, Path, Way, path_of
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
-from lidarsim.scene import Scene, SceneObject
-from lidarsim.trajectory import Trajectory
+from lidarsim.world.scene import Scene, SceneObject
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 
 __all__ = ["Obstacles", "Outline", "bulge_of", "steps", "turns_of"]
 

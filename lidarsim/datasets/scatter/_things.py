@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Field
 
-from lidarsim._validation import Floats, shown
+from lidarsim._base.validation import Floats, shown
 from lidarsim.config.schema import SHAPES, AnyObject, Object, Placement, Scale, SceneFile, Surfels
 from lidarsim.datasets.scatter import _walker
 from lidarsim.datasets.scatter._outlines import bulge_of, turns_of
-from lidarsim.scene import Scene
-from lidarsim.shapes import Shape
-from lidarsim.trajectory import Trajectory, product
+from lidarsim.motion.trajectory import Trajectory, product
+from lidarsim.world.scene import Scene
+from lidarsim.world.shapes import Shape
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarsim._validation import Floats
-from lidarsim.shapes import Capsule, Ellipsoid, Shape
+from lidarsim._base.validation import Floats
+from lidarsim.world.shapes import Capsule, Ellipsoid, Shape
 
 __all__ = ["FASTEST", "HIP", "gait_rate", "limbs", "postures"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.datasets.draws import Stream
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import numpy as np
 
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes._lines import Indices, Lines, floats, joined, lines_of
-from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
+from lidarsim.world.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 
 class Contents(NamedTuple):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes._lines import floats, integers, lines_of, polygons
-from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
+from lidarsim.world.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 
 def read(path: Path) -> MeshFile:

@@ -14,11 +14,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes._lines import Indices, Lines, floats, lines_of, polygons
-from lidarsim.shapes._polygons import of_strips
-from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
+from lidarsim.world.shapes._polygons import of_strips
+from lidarsim.world.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 _CODES = {
     "i1": ("char", "int8"),

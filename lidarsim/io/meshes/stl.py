@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes._lines import Lines, floats, lines_of
-from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
+from lidarsim.world.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 HEAD = 84
 FACET = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -12,20 +12,20 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from lidarsim._files import PathLike, atomic_writer, check_names, check_suffix
-from lidarsim._georeference import START
+from lidarsim._base.files import PathLike, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io.packets import _pcap, hesai, livox, ouster, velodyne  # noqa: F401 - each vendor registers itself
 from lidarsim.io.packets._encoders import companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register, variants
 from lidarsim.io.packets._merged import Merged
 from lidarsim.io.packets._udp import Sender, Sent
+from lidarsim.motion.georeference import START
 
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from lidarsim.scan import Scan
-    from lidarsim.sensor import Lidar
+    from lidarsim.lidar import Lidar
+    from lidarsim.scan.scan import Scan
 
 __all__ = [
     "SUFFIXES",

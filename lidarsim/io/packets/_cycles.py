@@ -12,7 +12,7 @@ import numpy.typing as npt
 from lidarsim.errors import FileFormatError
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Scan
+    from lidarsim.scan.scan import Scan
 
 __all__ = ["Cycles", "moments"]
 

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidarsim import _validation
-from lidarsim._georeference import START, unix_time
+from lidarsim._base import validation
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.packets._format import Encoder, format_of
+from lidarsim.motion.georeference import START, unix_time
 
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from lidarsim.sensor import Lidar
+    from lidarsim.lidar import Lidar
 
 __all__ = ["LIMIT", "companions", "encoders"]
 
@@ -57,7 +57,7 @@ def encoders(
     """
     moment = unix_time(start, limit=LIMIT)
     if port is not None:
-        port = _validation.integer("port", port, at_least=1)
+        port = validation.integer("port", port, at_least=1)
     if not sensors:
         raise ArgumentValueError("sensors", "one or more", "none")
     found: dict[str, Encoder] = {}

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Scan
-    from lidarsim.sensor import Lidar
+    from lidarsim.lidar import Lidar
+    from lidarsim.scan.scan import Scan
 
 __all__ = ["Encoder", "Packet", "PacketFormat", "format_of", "names", "register", "variants"]
 

@@ -12,7 +12,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.packets._format import Encoder, Packet
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Scan
+    from lidarsim.scan.scan import Scan
 
 __all__ = ["Merged"]
 

@@ -15,21 +15,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
-from lidarsim import _validation
-from lidarsim._files import PathLike, atomic_writer, check_folder
-from lidarsim._georeference import START, unix_time
-from lidarsim._validation import shown
+from lidarsim._base import validation
+from lidarsim._base.files import PathLike, atomic_writer, check_folder
+from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.packets._encoders import LIMIT, companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet
 from lidarsim.io.packets._merged import Merged
+from lidarsim.motion.georeference import START, unix_time
 
 if TYPE_CHECKING:
     from datetime import datetime
     from types import TracebackType
 
-    from lidarsim.scan import Scan
-    from lidarsim.sensor import Lidar
+    from lidarsim.lidar import Lidar
+    from lidarsim.scan.scan import Scan
 
     Scans: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
 
@@ -202,9 +202,9 @@ class Sender:
             If an argument is of the wrong type or out of its range.
         """
         if repeat != math.inf:
-            repeat = _validation.integer("repeat", repeat, at_least=1)
+            repeat = validation.integer("repeat", repeat, at_least=1)
         if repeat > 1:
-            period = _validation.real("period", period, above=0.0)
+            period = validation.real("period", period, above=0.0)
             if not callable(scans):
                 raise ArgumentTypeError("scans", "a callable that returns scans to repeat", type(scans).__name__)
         with closing(_ahead(self._batches(scans, repeat, period), AHEAD)) as batches:

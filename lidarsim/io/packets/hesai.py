@@ -46,7 +46,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
 from lidarsim.io.packets._cycles import Cycles, moments
@@ -54,8 +54,8 @@ from lidarsim.io.packets._format import Packet, PacketFormat, register
 from lidarsim.patterns import Spinning, Table
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Scan
-    from lidarsim.sensor import Lidar
+    from lidarsim.lidar import Lidar
+    from lidarsim.scan.scan import Scan
 
 PORT = 2368
 FACTORY = 0x42

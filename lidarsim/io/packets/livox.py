@@ -38,10 +38,10 @@ from lidarsim.io.packets._format import Packet, PacketFormat, register
 from lidarsim.patterns._pulses import pulses_of
 
 if TYPE_CHECKING:
-    from lidarsim._validation import Floats
+    from lidarsim._base.validation import Floats
+    from lidarsim.lidar import Lidar
     from lidarsim.patterns import Pulses
-    from lidarsim.scan import Scan
-    from lidarsim.sensor import Lidar
+    from lidarsim.scan.scan import Scan
 
 PTP = 1
 """Kind of the time stamps."""

@@ -43,11 +43,11 @@ from lidarsim.io._units import fitting, reflectivity
 from lidarsim.io.packets._format import Packet, PacketFormat, register
 from lidarsim.io.vendors.ouster import MODES
 from lidarsim.patterns import Spinning
-from lidarsim.scan import sensor_id
+from lidarsim.scan.scan import sensor_id
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Scan
-    from lidarsim.sensor import Lidar
+    from lidarsim.lidar import Lidar
+    from lidarsim.scan.scan import Scan
 
 __all__ = ["crc64"]
 

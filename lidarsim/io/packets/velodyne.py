@@ -37,12 +37,12 @@ import numpy.typing as npt
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
 from lidarsim.io.packets._format import Packet, PacketFormat, register
+from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning
 from lidarsim.patterns._parts import TURN, directions_of
-from lidarsim.sensor import Lidar
 
 if TYPE_CHECKING:
-    from lidarsim.scan import Scan
+    from lidarsim.scan.scan import Scan
 
 _Time = TypeVar("_Time", int, npt.NDArray[np.int64])
 

@@ -11,9 +11,9 @@ from lidarsim.io.meshes import SUFFIXES
 from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._build import Imported, Reader, imported, mesh_of, scene_of
 from lidarsim.io.scenes.others import CONVERTERS
-from lidarsim.rules import Appearance, Options, Rule
-from lidarsim.scene import Scene, register_scene_reader
-from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
+from lidarsim.world.rules import Appearance, Options, Rule
+from lidarsim.world.scene import Scene, register_scene_reader
+from lidarsim.world.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 __all__ = ["Imported", "Load"]
 

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidarsim._files import check_regular, reading_as
-from lidarsim._pickling import Immutable
-from lidarsim._validation import Floats, placement
+from lidarsim._base.files import check_regular, reading_as
+from lidarsim._base.pickling import Immutable
+from lidarsim._base.validation import Floats, placement
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._model import Indices, Node, Part, Picture, SceneFile, mean_of_corners
 from lidarsim.io.scenes._pictures import sampled, texture
 from lidarsim.materials import LUMINANCE, Material, Texture
-from lidarsim.rules import Appearance, Options, Rule
-from lidarsim.scene import Scene
-from lidarsim.shapes import Shape, TriangleMesh
-from lidarsim.shapes._polygons import check_faces, triangulated
-from lidarsim.shapes.triangle_mesh import MeshFile
+from lidarsim.world.rules import Appearance, Options, Rule
+from lidarsim.world.scene import Scene
+from lidarsim.world.shapes import Shape, TriangleMesh
+from lidarsim.world.shapes._polygons import check_faces, triangulated
+from lidarsim.world.shapes.triangle_mesh import MeshFile
 
 if TYPE_CHECKING:
     from lidarsim.io.scenes._gltf_animation import Bend, Figure

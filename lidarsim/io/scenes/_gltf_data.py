@@ -14,8 +14,8 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._files import beside
-from lidarsim._validation import Floats
+from lidarsim._base.files import beside
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
 

@@ -18,8 +18,8 @@ from typing import NoReturn
 from urllib.parse import quote, unquote
 from xml.parsers import expat
 
-from lidarsim._files import beside
-from lidarsim._validation import short
+from lidarsim._base.files import beside
+from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 
 DEPTH = 256

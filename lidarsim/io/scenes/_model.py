@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, short
+from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Wrap
 

@@ -7,8 +7,8 @@ from io import BytesIO
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._validation import Floats
+from lidarsim._base.extras import import_extra
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._model import Picture
 from lidarsim.materials import LUMINANCE, Texture, Wrap, linear_light

@@ -22,8 +22,8 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from lidarsim._files import beside
-from lidarsim._validation import Floats
+from lidarsim._base.files import beside
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._model import (
     MOST_DEPTH,
@@ -43,7 +43,7 @@ from lidarsim.io.scenes._model import (
 )
 from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpacked
 from lidarsim.materials import linear_light
-from lidarsim.shapes._polygons import check_faces, of_strips, with_holes
+from lidarsim.world.shapes._polygons import check_faces, of_strips, with_holes
 
 AXES: dict[str, Axis] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 FACES = {"triangles", "polylist", "polygons", "trifans", "tristrips"}

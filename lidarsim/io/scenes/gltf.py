@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._validation import Floats
+from lidarsim._base.extras import import_extra
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
 from lidarsim.io.scenes._gltf_animation import (
@@ -39,7 +39,7 @@ from lidarsim.io.scenes._gltf_animation import (
 from lidarsim.io.scenes._gltf_data import Data, at, real
 from lidarsim.io.scenes._model import MOST_DEPTH, MOST_OBJECTS, Indices, Names, Node, Paint, Part, Picture, SceneFile
 from lidarsim.materials import Wrap
-from lidarsim.shapes._polygons import of_strips
+from lidarsim.world.shapes._polygons import of_strips
 
 GLB = struct.Struct("<4sII")
 CHUNK = struct.Struct("<I4s")

@@ -13,16 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarsim._files import beside, reading_as, unquoted
-from lidarsim._validation import Floats, short
+from lidarsim._base.files import beside, reading_as, unquoted
+from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import obj
 from lidarsim.io.meshes._lines import floats, lines_of
 from lidarsim.io.scenes._build import report
 from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile, white
 from lidarsim.materials import linear_light
-from lidarsim.shapes._polygons import check_faces
-from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh
+from lidarsim.world.shapes._polygons import check_faces
+from lidarsim.world.shapes.triangle_mesh import MeshFile, read_mesh
 
 Chosen = Indices | slice
 Painter = Callable[[int, Indices, Chosen], Paint]

@@ -23,16 +23,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._extras import import_extra
-from lidarsim._files import LONGEST, PathLike, check_regular
-from lidarsim._validation import Floats, integer, shown
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import LONGEST, PathLike, check_regular
+from lidarsim._base.validation import Floats, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.scenes._build import UNTOUCHED, Imported, Placed, report, scene_with
 from lidarsim.io.scenes._mjcf import closed
 from lidarsim.materials import Material
-from lidarsim.rules import Appearance, Options, Rule
-from lidarsim.scene import HEAD, Scene, register_scene_reader
-from lidarsim.shapes import Box, Capsule, Cylinder, Ellipsoid, Plane, Polygon, Shape, Sphere, TriangleMesh
+from lidarsim.world.rules import Appearance, Options, Rule
+from lidarsim.world.scene import HEAD, Scene, register_scene_reader
+from lidarsim.world.shapes import Box, Capsule, Cylinder, Ellipsoid, Plane, Polygon, Shape, Sphere, TriangleMesh
 
 if TYPE_CHECKING:
     from types import ModuleType

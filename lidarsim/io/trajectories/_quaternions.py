@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from lidarsim._validation import Floats
+from lidarsim._base.validation import Floats
 
 ROUNDED = 0.01
 """Greatest deviation of a quaternion's length from 1, reached by rounding its four numbers to two decimals."""

@@ -11,8 +11,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarsim._validation import Floats
-from lidarsim.trajectory import numbers, register_trajectory_format
+from lidarsim._base.validation import Floats
+from lidarsim.motion.trajectory import numbers, register_trajectory_format
 
 COLUMNS = 12
 ROUNDED = 0.02

@@ -16,11 +16,11 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from lidarsim._files import check_regular
-from lidarsim._validation import Floats, shown
+from lidarsim._base.files import check_regular
+from lidarsim._base.validation import Floats, shown
 from lidarsim.errors import FileFormatError
 from lidarsim.io.trajectories._quaternions import poses_of
-from lidarsim.trajectory import register_trajectory_tables
+from lidarsim.motion.trajectory import register_trajectory_tables
 
 TABLES = "scene.json", "sample.json", "sample_data.json", "ego_pose.json"
 CHUNK = 1 << 20

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from lidarsim._files import check_regular, told
+from lidarsim._base.files import check_regular, told
 from lidarsim.errors import FileFormatError
 
 

@@ -35,13 +35,13 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, real
+from lidarsim._base.validation import Floats, array, real
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
+from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.patterns import PolygonMirror, Spinning, Table
 from lidarsim.patterns._parts import directions_of
 from lidarsim.patterns.table import columns_of
-from lidarsim.sensor import Lidar, register_lidar_reader
 
 ANGLES = "Hesai angle correction CSV"
 MIRROR_ANGLES = "Hesai angle correction DAT"

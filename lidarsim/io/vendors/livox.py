@@ -15,12 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarsim._validation import Floats, array, real
+from lidarsim._base.validation import Floats, array, real
 from lidarsim.io.vendors._reading import refusals
+from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.patterns import Table
 from lidarsim.patterns._parts import directions_of
 from lidarsim.patterns.table import columns_of
-from lidarsim.sensor import Lidar, register_lidar_reader
 
 KIND = "Livox scan pattern CSV"
 

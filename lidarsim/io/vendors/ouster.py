@@ -26,11 +26,11 @@ from typing import Any
 
 import numpy as np
 
-from lidarsim._validation import Floats, array, shown
+from lidarsim._base.validation import Floats, array, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
+from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.patterns import Spinning
-from lidarsim.sensor import Lidar, register_lidar_reader
 
 KIND = "Ouster metadata JSON"
 

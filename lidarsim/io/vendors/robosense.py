@@ -16,11 +16,11 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from lidarsim._validation import array
+from lidarsim._base.validation import array
 from lidarsim.io.vendors._reading import refusals
+from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.patterns import Spinning
 from lidarsim.patterns.table import number_rows
-from lidarsim.sensor import Lidar, register_lidar_reader
 
 KIND = "RoboSense angle CSV"
 

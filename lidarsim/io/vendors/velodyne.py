@@ -25,13 +25,13 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from lidarsim._files import unquoted
-from lidarsim._validation import Floats, array, shown
+from lidarsim._base.files import unquoted
+from lidarsim._base.validation import Floats, array, shown
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
+from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.patterns import Spinning
 from lidarsim.patterns._parts import turned
-from lidarsim.sensor import Lidar, register_lidar_reader
 
 KIND = "Velodyne calibration YAML"
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lidarsim._files import PathLike, check_folder
-from lidarsim._validation import shown
+from lidarsim._base.files import PathLike, check_folder
+from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.viewers.live._foxglove import PORT as FOXGLOVE_PORT
 from lidarsim.viewers.live._foxglove import Foxglove

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from lidarsim._extras import import_extra
+from lidarsim._base.extras import import_extra
 from lidarsim.errors import LidarsimError
 from lidarsim.viewers._boxes import lines
 
 if TYPE_CHECKING:
-    from lidarsim._validation import Floats
+    from lidarsim._base.validation import Floats
     from lidarsim.viewers.live._moment import Moment, Painted, World
 
 __all__ = ["PORT", "Foxglove"]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
-from lidarsim.scan import moment_and_pose
+from lidarsim._base.validation import Floats
+from lidarsim.scan.scan import moment_and_pose
 from lidarsim.viewers._boxes import moved
 from lidarsim.viewers._colors import CATEGORIES, DARK, Coloring, Known, Style, class_coloring, coloring
 from lidarsim.viewers._show import objects_by_label
@@ -19,10 +19,10 @@ from lidarsim.viewers._surfaces import Surface, surfaces
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from lidarsim.boxes import Boxes
-    from lidarsim.pointcloud import PointCloud
-    from lidarsim.scan import Scan
-    from lidarsim.scene import Scene
+    from lidarsim.scan.boxes import Boxes
+    from lidarsim.scan.pointcloud import PointCloud
+    from lidarsim.scan.scan import Scan
+    from lidarsim.world.scene import Scene
 
 __all__ = ["KILOMETRE", "UNNAMED", "Moment", "Painted", "Painter", "SensorView", "Viewer", "World"]
 
@@ -269,7 +269,7 @@ class Painter:
 
     def _seen(self, scans: Mapping[str, Scan], poses: list[Floats]) -> Boxes:
         """Return the boxes of things with points, each by the first sensor that sees it."""
-        from lidarsim.boxes import Boxes
+        from lidarsim.scan.boxes import Boxes
 
         found: list[Boxes] = []
         known = np.empty(0, np.uint32)

@@ -15,7 +15,7 @@ from lidarsim.viewers._display import require_display
 from lidarsim.viewers.open3d import import_open3d
 
 if TYPE_CHECKING:
-    from lidarsim._validation import Floats
+    from lidarsim._base.validation import Floats
     from lidarsim.viewers.live._moment import Moment, Painted, World
 
 __all__ = ["Open3D"]

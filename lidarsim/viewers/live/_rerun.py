@@ -12,9 +12,9 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from lidarsim._extras import import_extra
-from lidarsim._files import replacing
-from lidarsim._validation import short, shown
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import replacing
+from lidarsim._base.validation import short, shown
 from lidarsim.errors import ArgumentValueError
 from lidarsim.viewers._colors import DARK, PATH
 from lidarsim.viewers._display import require_display
@@ -23,7 +23,7 @@ from lidarsim.viewers._surfaces import joined
 if TYPE_CHECKING:
     import rerun
 
-    from lidarsim._validation import Floats
+    from lidarsim._base.validation import Floats
     from lidarsim.viewers.live._moment import Moment, Painted, World
 
 __all__ = ["Rerun"]

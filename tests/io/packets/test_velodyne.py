@@ -18,7 +18,7 @@ from lidarsim.errors import FileFormatError
 from lidarsim.io import packets
 from lidarsim.io.packets import Packet, Writer
 from lidarsim.patterns import Grid
-from lidarsim.scan import Scan
+from lidarsim.scan.scan import Scan
 
 START = 1_600_000_000.25  # 1600 s past the hour
 ORIGIN = round(START * 1e9)

@@ -1,7 +1,7 @@
 //! The effects of a measurement: one file each, with its permanent id, its parameters and its formula.
 //!
 //! To add an effect, write its file, add its line to `effects!` below, and add its parameter to
-//! `lidarsim/measurement.py`.
+//! `lidarsim/sensor/measurement.py`.
 //!
 //! An effect that is off draws nothing and costs nothing. Draws depend only on seed, sensor, frame, pulse and
 //! effect (`rng.rs`), so no effect changes the noise of another.

@@ -1,0 +1,129 @@
+"""Pickles and copies of public objects, without caches and with a format number."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import MISSING, fields
+from typing import Any, Self
+
+import numpy as np
+
+from lidarsim._base.shown import short
+
+FORMAT = 2
+"""Format number of pickles, incremented whenever the contents of a public class change.
+
+A pickle of an older format has the defaults of what its class gained since; one of a newer format is refused.
+"""
+
+
+SHORT = 64  # maximum size of an array whose numbers are hashed
+
+
+class Pickled:
+    """Base of the public classes: a pickle holds the result of `_contents`, by default the fields of a dataclass.
+
+    Arrays are not copied, so that protocol 5 can transfer their buffers out of band.
+    """
+
+    __slots__ = ()
+
+    def _contents(self) -> dict[str, Any]:
+        """Return the values that an equal object is made from, by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+    @classmethod
+    def _upgraded(cls, contents: dict[str, Any]) -> dict[str, Any]:
+        """Return contents of an older format, with the default of each value that they lack."""
+        if not hasattr(cls, "__dataclass_fields__"):
+            return contents
+        known = fields(cls)  # type: ignore[arg-type]
+        defaults = {x.name: x.default if x.default_factory is MISSING else x.default_factory() for x in known}
+        complete = defaults | contents
+        if len(complete) > len(known) or any(value is MISSING for value in complete.values()):
+            raise TypeError(f"{cls.__name__}: expected {', '.join(defaults)}, got {', '.join(contents)}")
+        return complete
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        """Return an object with these contents, which were checked when the original was made."""
+        made = cls.__new__(cls)
+        for name, value in contents.items():
+            object.__setattr__(made, name, value)
+        return made
+
+    def __repr__(self) -> str:
+        """Return the class and its contents, with long arrays abbreviated."""
+        return (
+            f"{type(self).__name__}({', '.join(f'{name}={short(value)}' for name, value in self._contents().items())})"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how `copy` and `pickle` make an equal object."""
+        return _restore, (FORMAT, type(self), self._contents())
+
+    def __copy__(self) -> Self:
+        """Return a copy that shares no mutable state."""
+        return copy.deepcopy(self)
+
+
+class Immutable(Pickled):
+    """Base of the immutable public classes; copying returns the object itself."""
+
+    __slots__ = ()
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        for value in contents.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        return super()._restored(contents)
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self
+
+
+class Value(Immutable):
+    """Base of the immutable public classes whose objects are equal if their contents are."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        if other is self:
+            return True
+        mine, others = self._contents(), other._contents()
+        return all(np.array_equal(value, others[name]) for name, value in mine.items())
+
+    def __hash__(self) -> int:
+        return hash((type(self), *(_hashable(value) for value in self._contents().values())))
+
+
+def _hashable(value: object) -> object:
+    """Return a hash key of a value; for a long array, only its shape."""
+    if not isinstance(value, np.ndarray):
+        return value
+    return tuple(value.ravel().tolist()) if value.size <= SHORT else value.shape
+
+
+def _restore(number: int, cls: type[Pickled], contents: dict[str, Any]) -> Pickled:
+    if number == FORMAT:
+        return cls._restored(contents)
+    if number > FORMAT:
+        raise _refusal(number, cls, "a newer")
+    try:
+        return cls._restored(cls._upgraded(contents))
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise _refusal(number, cls, "an older") from error
+
+
+def _refusal(number: int, cls: type[Pickled], age: str) -> pickle.UnpicklingError:
+    return pickle.UnpicklingError(
+        f"pickle of a {cls.__name__}: expected format {FORMAT} of this version of lidarsim, got format {number}"
+        f" of {age} version; pickles are for one version, files for more"
+    )

@@ -1,0 +1,452 @@
+"""Lidar sensors: a scan pattern, a range gate and measurement errors, from a preset, a file or parts."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._base.files import check_regular
+from lidarsim._base.pickling import Pickled
+from lidarsim._base.shown import short, text_table
+from lidarsim._base.validation import Instances, Transform, array, frames, integer, is_several, items, real, shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
+from lidarsim.patterns import Pattern
+from lidarsim.patterns._pulses import check_pattern, pulses_of
+from lidarsim.patterns.description import field_of_view
+from lidarsim.scan import scan as _scan
+from lidarsim.scan.batch import Poses, ScanBatch, scan_many
+from lidarsim.sensor.imu import sensor_name
+from lidarsim.sensor.measurement import Measurement
+
+if TYPE_CHECKING:
+    from lidarsim.motion.trajectory import Trajectory
+    from lidarsim.scan.scan import Scan
+    from lidarsim.world.scene import Scene
+
+__all__ = ["Lidar", "preset_path", "register_lidar_reader"]
+
+HEAD = 1 << 16
+"""Bytes at the start of a file that determine its kind."""
+
+MOST_ROWS = 14  # maximum lines of a repr below its title
+
+PRESETS = Path(__file__).parent / "presets"
+
+_readers: dict[str, tuple[Callable[[Path, str], bool], Callable[..., Lidar]]] = {}
+
+
+def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], read: Callable[..., Lidar]) -> None:
+    """Let `Lidar.from_file` read one more kind of file.
+
+    Parameters
+    ----------
+    name : str
+        Name of the kind of file in errors, such as "Ouster metadata JSON".
+    recognise : callable
+        ``recognise(path, text)`` returns whether a file is of this kind; `text` is its first 64 KiB, without a byte
+        order mark and with invalid UTF-8 replaced.
+    read : callable
+        ``read(path, **options)`` returns the `Lidar`; its keyword arguments are the options that `from_file` takes.
+    """
+    _readers[name] = recognise, read
+
+
+@dataclass(frozen=True)
+class Lidar(Pickled):
+    """A lidar sensor.
+
+    Immutable; `dataclasses.replace` returns a changed copy.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Scan pattern: one of `lidarsim.patterns` or any object with `rate`, `shape` and `pulses`.
+    measurement : Measurement
+        Noise and other effects; all of them are off by default.
+    min_range, max_range : float
+        Range gate, m, both ends included. It applies to the range that the sensor reports. `false_returns` require a
+        finite `max_range`.
+    range_offset : float or sequence of float, one per ring
+        Range that the sensor reports minus range from the beam's origin, m, for sensors with another zero of range.
+        Quantisation and range gate apply to the reported range; `Scan.range` is measured from the beam's origin.
+    name : str
+        Name of the sensor. Sensors with different names draw different noise from the same seed.
+    model : str
+        Model of the sensor, such as "ouster-os1-128". Its vendor determines the point layout in bags. Default: the
+        name.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument has the wrong type or is out of its range.
+    """
+
+    pattern: Pattern
+    _: KW_ONLY
+    measurement: Measurement = field(default_factory=Measurement)
+    min_range: float = 0.0
+    max_range: float = math.inf
+    range_offset: float | Sequence[float] = 0.0
+    name: str = ""
+    model: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        check_pattern(self.pattern)
+        if not isinstance(self.measurement, Measurement):
+            raise ArgumentTypeError("measurement", "a Measurement", repr(self.measurement))
+        sensor_name(self.name)
+        if not isinstance(self.model, str):
+            raise ArgumentTypeError("model", "a string", repr(self.model))
+        object.__setattr__(self, "model", self.model or self.name)
+        object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
+        object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
+        if self.measurement.false_returns > 0.0 and self.max_range == math.inf:
+            raise ArgumentValueError(
+                "max_range", "a finite number with false_returns", "inf", "they are uniform over the range gate"
+            )
+        object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
+
+    def __repr__(self) -> str:
+        """Return the main figures of the datasheet and the active effects."""
+        rings, columns = self.pattern.shape
+        azimuth, elevation = field_of_view(pulses_of(self.pattern, 0))
+        effects = [
+            f"{item.name}={short(getattr(self.measurement, item.name))}"
+            for item in fields(Measurement)
+            if getattr(self.measurement, item.name) != item.default
+        ]
+        rows = [
+            ("pattern", f"{type(self.pattern).__name__}, {rings:,} × {columns:,} at {self.pattern.rate:g} Hz"),
+            ("azimuth", "{:.4g}° to {:.4g}°".format(*np.degrees(azimuth))),
+            ("elevation", "{:.4g}° to {:.4g}°".format(*np.degrees(elevation))),
+            ("range", f"{self.min_range:g} to {self.max_range:g} m"),
+            *(("" if i else "effects", effect) for i, effect in enumerate(effects or ["none"])),
+        ]
+        if len(rows) > MOST_ROWS:
+            rows[MOST_ROWS - 1 :] = [("", f"and {len(rows) - MOST_ROWS + 1} more")]
+        return text_table(f"Lidar {self.name}".rstrip(), rows)
+
+    def scan(
+        self,
+        scene: Scene,
+        pose: Transform | Trajectory | None = None,
+        *,
+        time: float = 0.0,
+        frame: int = 0,
+        seed: int = 0,
+        ignore: Instances = (),
+    ) -> Scan:
+        """Scan a scene for one frame.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene to scan.
+        pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
+            Sensor to world; with a trajectory, each pulse is fired from the pose at its time. Default: identity.
+        time : float
+            Start of the frame, s, on the clock of the trajectory and of moving objects.
+        frame : int
+            Number of the frame, 0 to 2³² − 1; non-repetitive patterns and noise differ between frames.
+        seed : int
+            Seed of the noise, 0 to 2⁶⁴ − 1. The same seed, frame and name of the sensor give the same bits.
+        ignore : collection of int
+            Instances that the sensor does not see, as if they were not in the scene: the body that carries it, for
+            example, or a window that it looks through.
+
+        Returns
+        -------
+        Scan
+            One entry per pulse, in firing order, and return.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument has the wrong type or shape or is out of its range, if the trajectory or the motion of an
+            object does not cover all pulses, if a pulse of the pattern is not finite or its direction is not of unit
+            length, or if no object is of an instance to ignore.
+        MemoryError
+            If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
+        """
+        return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed, ignore=ignore)
+
+    def frames(
+        self,
+        scene: Scene,
+        pose: Transform | Trajectory | None,
+        count: int,
+        *,
+        first: int = 0,
+        seed: int = 0,
+        ignore: Instances = (),
+    ) -> Iterator[Scan]:
+        """Scan a scene frame by frame; frame k starts at ``k / pattern.rate``, s.
+
+        Pattern, noise and time advance together. Frames are scanned lazily: each sees the scene at the time of the
+        request.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene to scan.
+        pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
+            Sensor to world, as in `scan`; None is the identity.
+        count : int
+            Number of frames, >= 0.
+        first : int
+            Number of the first frame, >= 0.
+        seed : int
+            Seed of the noise.
+        ignore : collection of int
+            Instances that the sensor does not see, as in `scan`.
+
+        Returns
+        -------
+        iterator of Scan
+            One scan per frame.
+
+        Raises
+        ------
+        TypeError, ValueError
+            At once, if an argument has the wrong type or shape or is out of its range, if the trajectory does not cover
+            the first and the last frame, or if no object is of an instance to ignore.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Plane((1, 0, 0), 10.0))
+        >>> lidar = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0))
+        >>> drive = ls.Trajectory.from_twist(np.eye(4), linear=(5, 0, 0))
+        >>> [float(scan.range[0, 0]) for scan in lidar.frames(scene, drive, 3)]
+        [10.0, 9.5, 9.0]
+        """
+        numbers = frames(first, count)
+        seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
+        unseen = items("ignore", ignore, "instance numbers")
+        where = _scan.check_coverage(self, scene, pose, numbers, ignore=unseen)
+        rate = self.pattern.rate
+        return (self.scan(scene, where, time=k / rate, frame=k, seed=seed, ignore=unseen) for k in numbers)
+
+    def scan_many(
+        self,
+        scene: Scene | Sequence[Scene],
+        poses: Poses,
+        *,
+        time: npt.ArrayLike = 0.0,
+        frame: npt.ArrayLike = 0,
+        seed: npt.ArrayLike = 0,
+        ignore: Instances | Collection[Instances] = (),
+        fields: Collection[str] | None = None,
+        out: ScanBatch | None = None,
+    ) -> ScanBatch:
+        """Fire one frame from each of N poses, in one call: the scans of many robots, or of many worlds.
+
+        See `lidarsim.scan_many`, which also takes several sensors.
+
+        Parameters
+        ----------
+        scene : Scene or sequence of N Scenes
+            The scene, or one for each row. Copies (`copy.copy`) of a scene share its meshes.
+        poses : array_like, shape (N, 4, 4), RigidTransform of N poses, or sequence of N Trajectories
+            Sensor to world.
+        time : float or array_like, shape (N,)
+            Start of the frame, s.
+        frame : int or array_like of int, shape (N,)
+            Number of the frame.
+        seed : int or array_like of int, shape (N,)
+            Seed of the noise. An array holds the seed of each row. From one number, a seed is derived for each row, so
+            that rows differ: ``np.random.SeedSequence(seed).generate_state(N, np.uint64)``.
+        ignore : collection of int, or collection of N collections of int
+            Instances that the sensor does not see: of all rows, or of each row.
+        fields : collection of str, optional
+            The arrays of the batch. Default: range, xyz, intensity, status, label and object_id.
+        out : ScanBatch, optional
+            A batch of the same shape, whose arrays are overwritten; `fields` is then its own.
+
+        Returns
+        -------
+        ScanBatch
+            Arrays of shape (N, n), or (N, n, k) for sensors of several returns.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for `scan`; the error names the row. Also if `out` does not fit.
+        MemoryError
+            If there is no memory for the arrays.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Plane((1, 0, 0), 10.0))
+        >>> lidar = ls.Lidar(ls.patterns.Grid([-0.5, 0.0, 0.5], [0.0], rate=20.0))
+        >>> poses = np.broadcast_to(np.eye(4), (1000, 4, 4)).copy()
+        >>> poses[:, 0, 3] = np.linspace(0, 9, 1000)
+        >>> batch = lidar.scan_many(scene, poses, fields=["range", "status"])
+        >>> batch.range.shape, batch.range[-1].round(3)
+        ((1000, 3), array([1.139, 1.   , 1.139]))
+        >>> poses[:, 0, 3] -= 1
+        >>> batch = lidar.scan_many(scene, poses, out=batch)
+        """
+        return scan_many(self, scene, poses, time=time, frame=frame, seed=seed, ignore=ignore, fields=fields, out=out)
+
+    @cached_property
+    def _receiver(self) -> _native.Receiver:
+        """The measurement in the core."""
+        return _native.Receiver(self)
+
+    @staticmethod
+    def presets() -> list[str]:
+        """Return the names of the sensor presets.
+
+        Returns
+        -------
+        list of str
+            Names in alphabetical order.
+        """
+        return sorted(path.stem for path in PRESETS.glob("*.yaml"))
+
+    @classmethod
+    def preset(
+        cls, name: str, *, mode: str | None = None, noise: str | None = None, rate: float | None = None
+    ) -> Lidar:
+        """Return the preset of a real sensor.
+
+        Parameters
+        ----------
+        name : str
+            One of `presets()`.
+        mode : str, optional
+            One of the sensor's modes, such as "1024x20" for an Ouster. Default: the mode that its file describes.
+        noise : {"datasheet", "measured"}, optional
+            "datasheet" enables the noise stated in the sensor's datasheet. "measured" replaces it by what captures of
+            real units show, as far as that is known: noise, channel biases, beam, least separation of echoes,
+            fluctuation of power, lost pulses and least range. Most values are from one unit. Default: none.
+        rate : float, optional
+            Frames per second, Hz. A frame of a sensor that fires at a fixed rate then has more or fewer pulses.
+            Default: that of the file or mode.
+
+        Returns
+        -------
+        Lidar
+            The sensor described in lidarsim/presets/NAME.yaml, which gives the source of each number;
+            ``lidarsim sensors NAME`` prints them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there is no such preset, mode or noise, or the pattern has no such rate.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> ls.Lidar.preset("livox-mid360", rate=20).pattern.shape
+        (4, 2500)
+        >>> ls.Lidar.preset("hesai-xt32", noise="datasheet").measurement.range_sigma
+        0.005
+        >>> ls.Lidar.preset("hesai-xt32", noise="measured").measurement.range_sigma
+        0.0028
+        """
+        _, read = _readers["lidarsim YAML"]
+        lidar = read(preset_path(name), mode=mode, noise=noise)
+        return lidar if rate is None else replace(lidar, pattern=replace(lidar.pattern, rate=rate))  # type: ignore[type-var]
+
+    @classmethod
+    def from_file(cls, path: str | Path, **options: Any) -> Lidar:
+        """Return the sensor described by a file: lidarsim's own YAML or a vendor's file, recognised by its content.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        **options
+            Settings that are not in the file. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata
+            JSON: `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle
+            correction CSV or DAT: `firing_times` (the other CSV), `rate`, `noise`. RoboSense angle CSV: `rate`,
+            `noise`. Livox scan pattern CSV: `rate`, `pulse_rate`, `noise`.
+
+        Returns
+        -------
+        Lidar
+            The sensor.
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be read, is of an unknown kind or incomplete, or describes a sensor that is not
+            supported.
+        TypeError
+            If a file of this kind has no such option.
+        """
+        path = Path(path)
+        try:
+            check_regular(path)
+            with path.open("rb") as file:
+                text = file.read(HEAD).decode("utf-8-sig", errors="replace")
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
+        for kind, (recognise, read) in _readers.items():
+            if recognise(path, text):
+                known = [name for name in inspect.signature(read).parameters if name != "path"]
+                for name, value in options.items():
+                    if name not in known:
+                        expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
+                        raise ArgumentTypeError(name, expected, shown(value))
+                return read(path, **options)
+        raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
+
+
+def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:
+    if not is_several(value):
+        return real("range_offset", value)
+    offsets = array("range_offset", value, ("rings",))
+    rings = pattern.shape[0]
+    if len(offsets) != rings:
+        raise ArgumentValueError("range_offset", f"one number, or one per ring ({rings})", len(offsets))
+    return tuple(offsets.tolist())
+
+
+def preset_path(name: str) -> Path:
+    """Return the file of a preset.
+
+    Parameters
+    ----------
+    name : str
+        One of `Lidar.presets()`.
+
+    Returns
+    -------
+    Path
+        A YAML file of the package.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no preset of that name.
+    """
+    if not isinstance(name, str):
+        raise ArgumentTypeError("preset", "the name of a sensor", shown(name))
+    known = Lidar.presets()
+    if name not in known:
+        bare = {preset.replace("-", ""): preset for preset in known}
+        asked = "".join(filter(str.isalnum, name.lower()))
+        near = [preset for text, preset in bare.items() if asked in text][:3] if asked else []
+        near = near or [bare[text] for text in difflib.get_close_matches(asked, bare, n=3, cutoff=0.4)]
+        hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
+        raise ArgumentValueError("preset", "the name of a sensor", repr(name), hint)
+    return PRESETS / f"{name}.yaml"

@@ -1,0 +1,1 @@
+"""Poses over time, and where the world is on the Earth."""

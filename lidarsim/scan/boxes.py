@@ -1,0 +1,504 @@
+"""Oriented boxes around the things that a scan shows: their annotation, as a detector is trained with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol, Self
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._base.pickling import Pickled
+from lidarsim._base.shown import counted, html_table, plain, text_table
+from lidarsim._base.validation import Floats, array
+from lidarsim.patterns import Pulses
+from lidarsim.patterns.raster import FIXED
+from lidarsim.world.scene import SceneObject, Snapshot
+
+__all__ = ["Boxes", "boxes_of"]
+
+UNIT = 2.0**-53
+"""Unit roundoff of float64."""
+
+ROUNDINGS = 64
+"""More than the roundings on the way of a coordinate from a hit to a point, and from a shape to its box: a few rigid
+transforms of some ten roundings each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Boxes(Pickled):
+    """Oriented boxes of things, one entry per thing.
+
+    A thing is an instance: all objects of the scene with one `instance` number. ``boxes[mask]`` selects some, and
+    ``numpy.asarray(boxes)`` has rows of centre, size and yaw, (m, 7), as detectors take them.
+
+    Attributes
+    ----------
+    center : ndarray of float64, shape (m, 3)
+        Centre of the box, m.
+    size : ndarray of float64, shape (m, 3)
+        Length, width and height along its axes x, y and z, m. It is that of the shapes, not of the points, and larger
+        by the rounding errors of points alone.
+    rotation : ndarray of float64, shape (m, 3, 3)
+        Axes of the box, in columns. They are those of the first object of the thing, turned in right angles so that z
+        points up when the thing is at its reference pose: a vehicle modelled along x heads along x. If the thing has
+        a motion, they are turned so that x is nearest to the x axis of the moving frame.
+    velocity : ndarray of float64, shape (m, 3)
+        Velocity of the centre relative to the world, in the axes of the frame, m/s.
+    label : ndarray of uint32, shape (m,)
+        Label of the first object, or of most of its faces.
+    instance : ndarray of uint32, shape (m,)
+        Instance number.
+    points : ndarray of int64, shape (m,)
+        Number of points on the thing.
+    visibility : ndarray of float64, shape (m,)
+        Share, 0 to 1, of the pulses that would hit the thing if it stood alone, within the maximum range, that reach
+        it in the scene.
+    truncation : ndarray of float64, shape (m,)
+        Share, 0 to 1, of the box outside the sensor's view at that moment, as KITTI's "truncated" is the share outside
+        the image. Box and view are ranges of azimuth, elevation and distance from the sensor: the box spans those of
+        its corners, the view those of the scan's pulses, up to the maximum range. The share inside is the product
+        of the shares of the three. A pattern with a single elevation, or a single azimuth, does not limit that angle.
+    time : ndarray of float64, shape (m,)
+        Moment of the box, s.
+    class_names : mapping of int to str
+        Names of labels, from the scene.
+    in_sensor_frame : bool
+        Whether the boxes are in a sensor frame that is not the world; `lidarsim.show` compares it with that of points.
+    """
+
+    center: Floats
+    size: Floats
+    rotation: Floats
+    velocity: Floats
+    label: npt.NDArray[np.uint32]
+    instance: npt.NDArray[np.uint32]
+    points: npt.NDArray[np.int64]
+    visibility: Floats
+    truncation: Floats
+    time: Floats
+    class_names: Mapping[int, str] = field(default_factory=dict)
+    in_sensor_frame: bool = False
+
+    def __len__(self) -> int:
+        """Return the number of boxes."""
+        return len(self.center)
+
+    def __repr__(self) -> str:
+        """Return the number of boxes and of points on them, for each class."""
+        return text_table(*self._facts())
+
+    def _repr_html_(self) -> str:
+        """Return a small HTML table for notebooks."""
+        return html_table(*self._facts())
+
+    def _facts(self) -> tuple[str, list[tuple[str, str, str]]]:
+        rows = []
+        for label in np.unique(self.label).tolist():
+            points = self.points[self.label == label]
+            name = plain(self.class_names.get(label, f"label {label}"))
+            rows.append((name, counted(len(points), "thing"), counted(int(points.sum()), "point")))
+        return f"Boxes of {counted(len(self), 'thing')} with {counted(int(self.points.sum()), 'point')}", rows
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[np.float64]:
+        """Return centre, size and yaw, (m, 7)."""
+        return np.array(np.column_stack([self.center, self.size, self.yaw]), dtype, copy=copy)
+
+    def __getitem__(self, index: slice | npt.ArrayLike) -> Self:
+        """Return the boxes that a slice, a mask or an array of indices selects."""
+        which = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
+        own: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        chosen: dict[str, Any] = {name: value[which] for name, value in own.items() if isinstance(value, np.ndarray)}
+        return replace(self, **chosen)
+
+    @property
+    def yaw(self) -> Floats:
+        """Heading of the boxes' x axes about z, -π to π rad: ndarray of float64, shape (m,)."""
+        yaw: Floats = np.arctan2(self.rotation[:, 1, 0], self.rotation[:, 0, 0])
+        return yaw
+
+    @property
+    def corners(self) -> Floats:
+        """Corners, m: ndarray of float64, shape (m, 8, 3), in the order of ``numpy.ndindex(2, 2, 2)``."""
+        return _corners(self.center, self.size, self.rotation)
+
+    def contain(self, xyz: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Return which points lie in which boxes.
+
+        Parameters
+        ----------
+        xyz : array_like, shape (n, 3)
+            Points in the frame of the boxes, m.
+
+        Returns
+        -------
+        ndarray of bool, shape (m, n)
+            Whether each box, with its surface, holds each point.
+
+        Raises
+        ------
+        ValueError
+            If the shape is wrong.
+        """
+        points = array("xyz", xyz, ("n", 3))
+        found = np.empty((len(self), len(points)), bool)
+        for row, center, size, rotation in zip(found, self.center, self.size, self.rotation, strict=True):
+            row[:] = (np.abs((points - center) @ rotation) <= size / 2).all(axis=1)
+        return found
+
+
+class Gate(Protocol):
+    """The attribute of a sensor that decides what it could see."""
+
+    @property
+    def max_range(self) -> float: ...
+
+
+class Annotated(Protocol):
+    """The attributes of `lidarsim.Scan`, which is in a higher layer, that boxes are made from."""
+
+    @property
+    def true_range(self) -> Floats: ...
+    @property
+    def object_id(self) -> npt.NDArray[np.int32]: ...
+    @property
+    def return_count(self) -> npt.NDArray[np.uint8]: ...
+    @property
+    def source(self) -> npt.NDArray[np.uint8] | None: ...
+    @property
+    def true_direction(self) -> Floats | None: ...
+    @property
+    def path(self) -> npt.NDArray[np.uint8] | None: ...
+    @property
+    def mirrored_point(self) -> Floats | None: ...
+    @property
+    def pulses(self) -> Pulses: ...
+    @property
+    def lidar(self) -> Gate: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def class_names(self) -> Mapping[int, str]: ...
+
+
+def boxes_of(
+    scan: Annotated,
+    world: Snapshot,
+    path: _native.Path,
+    moment: float | None,
+    *,
+    in_world: bool,
+    min_points: int,
+) -> Boxes:
+    """Return the boxes of the things in a scan; see `lidarsim.Scan.boxes`.
+
+    Parameters
+    ----------
+    scan : Scan
+        The scan.
+    world : Snapshot
+        The scene that was scanned.
+    path : lidarsim._native.Path
+        Path of the sensor, sensor to world.
+    moment : float or None
+        Moment of all boxes, s; None: that of each thing's own points.
+    in_world : bool
+        Whether the boxes are in world coordinates, or in the sensor frame at their moment.
+    min_points : int
+        Least number of points on a thing.
+    """
+    things = _things_in(world)
+    covered, reached, points, mean_time = _coverage(scan, world, path, things)
+    listed = np.flatnonzero((points >= min_points) & ((covered > 0) | (points > 0)))
+    time = scan.time + mean_time[listed] if moment is None else np.full(len(listed), moment)
+    center, size, rotation, velocity = things.boxes(listed, time)
+    sensor = path.at(time)
+    distance = np.fmax.reduce(scan.true_range, axis=None, initial=0.0)
+    farthest = distance + np.abs(sensor[:, :3, 3]).max(initial=0.0)
+    size = _rounded_up(size, center, farthest)
+    back = sensor[:, :3, :3].transpose(0, 2, 1)
+    seen_center, seen_rotation = _turned(back, center - sensor[:, :3, 3]), back @ rotation
+    truncation = _truncation(_corners(seen_center, size, seen_rotation), scan.pulses, scan.lidar.max_range)
+    if not in_world:
+        center, rotation, velocity = seen_center, seen_rotation, _turned(back, velocity)
+    return Boxes(
+        center=center,
+        size=size,
+        rotation=rotation,
+        velocity=velocity,
+        label=things.label[listed],
+        instance=things.instance[listed],
+        points=points[listed].astype(np.int64),
+        visibility=np.divide(reached, covered, out=np.full(len(things), np.nan), where=covered > 0)[listed],
+        truncation=truncation,
+        time=time,
+        class_names=dict(scan.class_names),
+        in_sensor_frame=not in_world,
+    )
+
+
+def _corners(center: Floats, size: Floats, rotation: Floats) -> Floats:
+    unit = np.array(list(np.ndindex(2, 2, 2))) - 0.5
+    corners: Floats = center[:, None] + (unit[None] * size[:, None]) @ rotation.transpose(0, 2, 1)
+    return corners
+
+
+def _turned(rotation: Floats, vectors: Floats) -> Floats:
+    """Return the products of n matrices and n vectors."""
+    turned: Floats = (rotation @ vectors[:, :, None])[:, :, 0]
+    return turned
+
+
+def _rounded_up(size: Floats, center: Floats, farthest: float) -> Floats:
+    """Return sizes that hold all points on the shapes, whose coordinates were rounded on their way.
+
+    Every number on the way is at most the sum of the farthest coordinate and the distance of the box, and each of at
+    most `ROUNDINGS` roundings moves a face or a point by at most `UNIT` of that.
+    """
+    reach = np.linalg.norm(center, axis=1) + np.linalg.norm(size, axis=1) + farthest
+    rounded: Floats = size + 2.0 * ROUNDINGS * UNIT * reach[:, None]
+    return rounded
+
+
+# --- Things ----------------------------------------------------------------------------------------------------------
+
+
+NO_THING = 2**32 - 1
+"""Index of the thing of an object that belongs to none."""
+
+
+@dataclass(frozen=True)
+class _Things:
+    """The things of a scene that can have a box, in ascending order of instance.
+
+    Attributes
+    ----------
+    of_object : ndarray of uint32, shape (objects,)
+        Index of the thing of each object, or `NO_THING`.
+    parts : sequence of sequence of SceneObject
+        The m things: the objects of each, in ascending order of their ids.
+    instance, label : ndarray of uint32, shape (m,)
+        As in `Boxes`.
+    axes : ndarray of float64, shape (m, 3, 3)
+        Axes of each box before any motion, in columns.
+    extent : ndarray of float64, shape (m, 2, 3)
+        Lowest and highest coordinates along the axes, before any motion; nan if parts move apart.
+    moves : ndarray of bool, shape (m,)
+        Whether any part moves.
+    """
+
+    of_object: npt.NDArray[np.uint32]
+    parts: Sequence[Sequence[SceneObject]]
+    instance: npt.NDArray[np.uint32]
+    label: npt.NDArray[np.uint32]
+    axes: Floats
+    extent: Floats
+    moves: npt.NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    def boxes(self, which: npt.NDArray[np.intp], time: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return centre, size, rotation and velocity of some boxes in the world, each at its time, s."""
+        axes, extent = self.axes[which], self.extent[which]
+        body = np.tile(np.eye(4), (len(which), 1, 1))
+        linear, angular = np.zeros((2, len(which), 3))
+        for k in np.flatnonzero(self.moves[which]).tolist():
+            parts, moment = self.parts[which[k]], time[k : k + 1]
+            motion = parts[0].motion
+            if motion is not None:
+                body[k] = motion._native.at(moment)[0]
+                linear[k], angular[k] = motion._native.velocity(moment)[0]
+            if np.isnan(extent[k]).any():
+                extent[k] = _extent(parts, axes[k].T @ np.linalg.inv(body[k])[:3], moment)
+        turn = body[:, :3, :3]
+        middle = _turned(axes, extent.mean(axis=1))
+        center = _turned(turn, middle) + body[:, :3, 3]
+        velocity = linear + _turned(turn, np.cross(angular, middle))
+        return center, extent[:, 1] - extent[:, 0], turn @ axes, velocity
+
+
+_KNOWN: WeakKeyDictionary[Snapshot, _Things] = WeakKeyDictionary()
+"""The things of scenes: successive scans see one snapshot until the scene changes."""
+
+
+def _things_in(world: Snapshot) -> _Things:
+    """Return the things of a scene, without those that have unbounded or empty parts."""
+    known = _KNOWN.get(world)
+    if known is not None:
+        return known
+    groups: dict[int, list[int]] = {}
+    for place, item in enumerate(world.items):
+        groups.setdefault(item.instance, []).append(place)
+    bounded = [np.isfinite(item.shape.bounds).all() for item in world.items]
+    things = [places for _, places in sorted(groups.items()) if all(bounded[place] for place in places)]
+    of_object = np.full(len(world.items), NO_THING, np.uint32)
+    for thing, places in enumerate(things):
+        of_object[places] = thing
+    parts = [[world.items[place] for place in places] for places in things]
+    axes = np.array([_axes(own[0]) for own in parts]).reshape(-1, 3, 3)
+    extent = np.full((len(things), 2, 3), np.nan)
+    for thing, own in enumerate(parts):
+        if all(item.motion is own[0].motion for item in own):
+            extent[thing] = _extent(own, axes[thing].T @ np.eye(3, 4), None)
+    made = _KNOWN[world] = _Things(
+        of_object=of_object,
+        parts=parts,
+        instance=np.array([own[0].instance for own in parts], np.uint32),
+        label=np.array([_label(own[0]) for own in parts], np.uint32),
+        axes=axes,
+        extent=extent,
+        moves=np.array([any(item.motion is not None for item in own) for own in parts], bool),
+    )
+    return made
+
+
+def _label(item: SceneObject) -> int:
+    """Return the label of an object, or of most of its faces: the smallest, if as many have another."""
+    if isinstance(item.label, int):
+        return item.label
+    labels, faces = np.unique(item.label, return_counts=True)
+    return int(labels[faces.argmax()])
+
+
+def _axes(item: SceneObject) -> Floats:
+    """Return the axes of an object as placed, turned in right angles so that z points up, as a rotation.
+
+    x stays the object's x unless this points up or down; then it is its y. Of an object with a motion, it is the side
+    nearest to the x axis of the moving frame.
+    """
+    if item.transform is None:
+        return np.eye(3)
+    u, _, vh = np.linalg.svd(item.transform[:3, :3])  # of the polar decomposition, the nearest orthogonal matrix is U·V
+    nearest: Floats = u @ vh
+    up = int(np.abs(nearest[2]).argmax())
+    z = nearest[:, up] * np.copysign(1.0, nearest[2, up])
+    x = nearest[:, 1 if up == 0 else 0]
+    if item.motion is not None:
+        x = max((x, -x, np.cross(z, x), np.cross(x, z)), key=lambda side: side[0])
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _extent(parts: Sequence[SceneObject], view: Floats, moment: Floats | None) -> Floats:
+    """Return the lowest and highest coordinates of some objects, (2, 3), under an affine map (3, 4).
+
+    They are where they are at a moment, s, shape (1,); None: before their motion.
+    """
+    ends = []
+    for item in parts:
+        place = view
+        if moment is not None and item.motion is not None:
+            place = place @ item.motion._native.at(moment)[0]
+        if item.transform is not None:
+            place = place @ item.transform
+        ends.append(item.shape._extent(place))
+    low, high = np.array(ends).transpose(1, 0, 2)
+    return np.stack([low.min(axis=0), high.max(axis=0)])
+
+
+# --- What the sensor sees of them ------------------------------------------------------------------------------------
+
+UNIT_LENGTH = 2.0**-20
+"""More than the error of the length of a pulse's direction: its square is checked to be 1 to within 1e-6."""
+
+UNUSED_SOURCE = _native.scan_columns()["source"][3].item()
+MISS, UNKNOWN = np.int32(-1), np.int32(-2)
+"""What the core knows of a pulse in place of the object that it hits first."""
+
+
+def _coverage(
+    scan: Annotated, world: Snapshot, path: _native.Path, things: _Things
+) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.uint64], Floats]:
+    """Return per thing: how many pulses would hit it if it stood alone; how many of these reach it; its points; a time.
+
+    That is the mean firing time of its points, or else of the pulses that would hit it, since the start of the scan.
+    """
+    places = world.places_of(scan.object_id)
+    if scan.mirrored_point is not None:  # ghosts are elsewhere
+        places = np.where(np.isnan(scan.mirrored_point[..., 0]), places, MISS)
+    returns = places, scan.return_count
+    limit = float(scan.lidar.max_range)
+    first, known = _first_hits(scan, returns[0][:, 0], limit), (things.of_object, len(things))
+    return _native.coverage(world.native, path, scan.pulses, scan.time, known, limit, returns, first)
+
+
+def _first_hits(scan: Annotated, hit: npt.NDArray[np.int32], limit: float) -> npt.NDArray[np.int32] | None:
+    """Return the place of the object that each nominal pulse hits first within a range, `MISS` or `UNKNOWN`.
+
+    None if the scan does not tell, as its rays were not the nominal pulses, or its returns not those of the first
+    surface. `hit` are the places of the objects that
+    the first entries of the scan are on.
+    """
+    if scan.true_direction is not None or scan.path is not None:
+        return None
+    # The limit is one of t, the distance in units of the length of the direction.
+    distance, nearly, beyond = scan.true_range[:, 0], limit * (1.0 - UNIT_LENGTH), limit * (1.0 + UNIT_LENGTH)
+    first = np.where(distance > beyond, MISS, hit)
+    first[(nearly <= distance) & (distance <= beyond)] = UNKNOWN
+    if scan.source is not None:  # a return that is not from a surface may hide one
+        first[(hit < 0) & (scan.source[:, 0] != UNUSED_SOURCE)] = UNKNOWN
+    return first
+
+
+def _truncation(corners: Floats, pulses: Pulses, max_range: float) -> Floats:
+    """Return the share of each box outside the view, from its corners in the sensor frame, (m, 8, 3)."""
+    x, y, z = np.moveaxis(corners, -1, 0)
+    level = np.hypot(x, y)
+    (start, width), elevations = _view(pulses)
+    inside = _share(np.arctan2(z, level), *elevations) * _share(np.hypot(level, z), 0.0, max_range)
+    middle = np.arctan2(y.mean(axis=1), x.mean(axis=1))[:, None]
+    aside = (np.arctan2(y, x) - middle + math.pi) % math.tau - math.pi
+    # The corners of a box around the sensor's axis span half a turn or more of azimuth, those of any other box less.
+    around = np.ptp(aside, axis=1) >= math.pi
+    aside[around] = np.linspace(-math.pi, math.pi, aside.shape[1])
+    first = (middle[:, 0] + aside.min(axis=1) - start) % math.tau
+    span = np.ptp(aside, axis=1)
+    last = first + span  # less than two turns after the start of the view, which ends at its width and begins anew
+    outside = np.clip(np.minimum(last, math.tau) - np.maximum(first, width), 0.0, None)
+    outside += np.clip(last - (math.tau + width), 0.0, None)
+    truncation: Floats = 1.0 - inside * (1.0 - _divided(outside, span))
+    return truncation
+
+
+def _share(values: Floats, low: float, high: float) -> Floats:
+    """Return the share of the range of each row of values, (m, 8), between two limits."""
+    least, most = values.min(axis=1), values.max(axis=1)
+    span = most - least
+    return 1.0 - _divided(np.clip(low - least, 0.0, span) + np.clip(most - high, 0.0, span), span)
+
+
+def _divided(outside: Floats, span: Floats) -> Floats:
+    """Return the share that is outside; none of a range without extent, which some pulse meets."""
+    share: Floats = np.divide(outside, span, out=np.zeros_like(span), where=span > 0.0)
+    return share
+
+
+_VIEWS: WeakKeyDictionary[Pulses, tuple[tuple[float, float], tuple[float, float]]] = WeakKeyDictionary()
+"""The views of pulses: most patterns have the same pulses in every frame."""
+
+
+def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the view of a sensor: first azimuth and width, lowest and highest elevation, rad.
+
+    An angle that is the same for all pulses is not limited.
+    """
+    known = _VIEWS.get(pulses)
+    if known is not None:
+        return known
+    azimuth, elevation = pulses.azimuth, pulses.elevation
+    azimuths, elevations = (-math.pi, math.tau), (-0.5 * math.pi, 0.5 * math.pi)
+    if len(pulses):
+        if np.ptp(elevation) > FIXED:
+            elevations = float(elevation.min()), float(elevation.max())
+        ordered = np.sort(azimuth)
+        gaps = np.diff(ordered, append=ordered[0] + math.tau)
+        *_, next_widest, widest = np.sort(np.append(gaps, 0.0))
+        # Around a full turn, the widest gap is one of many between two columns. Else it is what the view leaves out.
+        if 2.0 * next_widest < widest < math.tau - FIXED:
+            azimuths = float(np.roll(ordered, -1)[gaps.argmax()]), math.tau - float(widest)
+    made = _VIEWS[pulses] = azimuths, elevations
+    return made

@@ -1,0 +1,1017 @@
+"""Point clouds: named arrays of equal length, with registered file formats and conversions."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+import textwrap
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._base import validation
+from lidarsim._base.files import PathLike, atomic_writer, check_folder, check_path, check_regular, check_suffix, parsing
+from lidarsim._base.pickling import Pickled
+from lidarsim._base.shown import html_table, text_table
+from lidarsim._base.validation import Transform, as_array, named_labels, shown
+from lidarsim._base.views import Plotted, view
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
+from lidarsim.scan.cells import Cells, Statistic, cells_of
+
+if TYPE_CHECKING:
+    from datetime import datetime
+
+    import open3d
+    import pyproj
+    import pyvista
+
+__all__ = ["PointCloud", "check_output", "chosen", "register_format"]
+
+Fields = dict[str, npt.NDArray[Any]]
+
+CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
+    "xyz": ((3,), np.float64),
+    "range": ((), np.float64),
+    "true_range": ((), np.float64),
+    "intensity": ((), np.float32),
+    "time": ((), np.float64),
+    "ring": ((), np.uint16),
+    "column": ((), np.uint32),
+    "return_number": ((), np.uint8),
+    "return_count": ((), np.uint8),
+    "object_id": ((), np.int32),
+    "instance": ((), np.uint32),
+    "label": ((), np.uint32),
+    "source": ((), np.uint8),
+    "path": ((), np.uint8),
+    "normal": ((3,), np.float32),
+    "incidence": ((), np.float32),
+    "range_error": ((), np.float64),
+    "radial_velocity": ((), np.float32),
+}
+"""Shape per point and dtype of lidarsim's own fields, in order."""
+
+MOST_ROWS = 14  # maximum lines of a repr below its title
+
+_EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"))
+
+
+class PointCloud(Pickled, Plotted):
+    """Points with named fields, each an array attribute with one entry per point.
+
+    Only the given fields exist. Fields can be set and added later (``cloud.cluster = ids``), with the same checks;
+    ``cloud[index]`` is the cloud of the points selected by a slice, a mask or an array of indices. Arrays that already
+    have the right dtype and are C-contiguous are not copied.
+
+    Parameters
+    ----------
+    fields : mapping of array_like, PointCloud, or array_like of shape (n, 3), optional
+        The fields by name, including `xyz`; those of a cloud, with its class names; or `xyz` alone. The fields listed
+        below are converted to their dtype: values may be rounded to float32, but integer fields accept only integers
+        that fit. Any other field has shape (n,) or (n, m) and keeps its dtype: bool, any integer type, float32 or
+        float64.
+    class_names : mapping of int to str, optional
+        Class names by label, for legends and files.
+    **more
+        More or all fields, as keywords.
+
+    Attributes
+    ----------
+    xyz : ndarray of float64, shape (n, 3)
+        Positions, m. May contain NaN, as in organised clouds of other programs.
+    range, true_range : ndarray of float64, shape (n,)
+        Measured and exact distance from the beam's origin along the pulse, m.
+    intensity : ndarray of float32, shape (n,)
+        Received intensity; 1 is a perfect diffuse reflector at normal incidence.
+    time : ndarray of float64, shape (n,)
+        Firing time since the start of the scan, s.
+    ring : ndarray of uint16, shape (n,)
+        Channel that fired.
+    column : ndarray of uint32, shape (n,)
+        Column (firing cycle) of the frame.
+    return_number, return_count : ndarray of uint8, shape (n,)
+        Which return of its pulse the point is, and how many returns that pulse has.
+    object_id : ndarray of int32, shape (n,)
+        Object that was hit.
+    instance : ndarray of uint32, shape (n,)
+        Instance of that object, shared by all its parts.
+    label : ndarray of uint32, shape (n,)
+        Label of that object, or of the face that was hit.
+    source : ndarray of uint8, shape (n,)
+        `Source` of the point: a surface, the atmosphere, or none; only of scans with false returns or in air that has
+        echoes.
+    path : ndarray of uint8, shape (n,)
+        How many surfaces the light passed, or was mirrored by, before this one; only of sensors with a `depth` > 1.
+    normal : ndarray of float32, shape (n, 3)
+        Unit outward surface normal.
+    incidence : ndarray of float32, shape (n,)
+        Angle between the pulse and the surface normal, rad.
+    range_error : ndarray of float64, shape (n,)
+        Measured minus true range, m.
+    radial_velocity : ndarray of float32, shape (n,)
+        Rate of change of the range, m/s; only present if the sensor or an object moves.
+    class_names : mapping of int to str
+        Names of labels; the mapping is read-only but can be replaced.
+
+    Raises
+    ------
+    TypeError
+        If `xyz` is missing or a field does not hold numbers.
+    ValueError
+        If a field's shape, length, values or name do not fit.
+
+    Examples
+    --------
+    >>> cloud = PointCloud(xyz=[[4, 0, 0], [0, 3, 1]], ring=[0, 1])
+    >>> cloud.intensity = [0.5, 0.25]
+    >>> cloud
+    PointCloud: 2 points
+      xyz        float64 × 3  (0, 0, 0) … (4, 3, 1)
+      intensity  float32      0.25 … 0.5
+      ring       uint16       0 … 1
+    >>> cloud[cloud.ring == 1].xyz
+    array([[0., 3., 1.]])
+    """
+
+    __slots__ = ("__dict__", "__weakref__", "_class_names", "_in_sensor_frame")  # the dictionary holds the fields
+
+    _class_names: dict[int, str]
+    _in_sensor_frame: bool
+    """Whether the points are in a sensor frame that differs from the world."""
+
+    xyz: npt.NDArray[np.float64]
+    range: npt.NDArray[np.float64]
+    true_range: npt.NDArray[np.float64]
+    intensity: npt.NDArray[np.float32]
+    time: npt.NDArray[np.float64]
+    ring: npt.NDArray[np.uint16]
+    column: npt.NDArray[np.uint32]
+    return_number: npt.NDArray[np.uint8]
+    return_count: npt.NDArray[np.uint8]
+    object_id: npt.NDArray[np.int32]
+    instance: npt.NDArray[np.uint32]
+    label: npt.NDArray[np.uint32]
+    source: npt.NDArray[np.uint8]
+    path: npt.NDArray[np.uint8]
+    normal: npt.NDArray[np.float32]
+    incidence: npt.NDArray[np.float32]
+    range_error: npt.NDArray[np.float64]
+    radial_velocity: npt.NDArray[np.float32]
+
+    def __init__(
+        self,
+        fields: Mapping[str, npt.ArrayLike] | PointCloud | npt.ArrayLike | None = None,
+        /,
+        *,
+        class_names: Mapping[int, str] | None = None,
+        **more: npt.ArrayLike,
+    ) -> None:
+        in_sensor_frame = False
+        if isinstance(fields, PointCloud):
+            class_names = fields.class_names if class_names is None else class_names
+            in_sensor_frame = fields._in_sensor_frame
+            fields = fields._arrays()
+        elif fields is not None and not isinstance(fields, Mapping):
+            fields = {"xyz": _positions(fields)}
+        given = {**(fields or {}), **more}
+        self.class_names = given.pop("class_names", class_names)  # type: ignore[assignment]
+        self._place(in_sensor_frame=in_sensor_frame)
+        for name in given:
+            if not isinstance(name, str):
+                raise ArgumentTypeError("fields", "strings as names of fields", validation.shown(name))
+        if "xyz" not in given:
+            raise ArgumentTypeError("PointCloud", "a field 'xyz'", ", ".join(given) or "no fields")
+        for name in sorted(given, key=lambda name: name != "xyz"):  # xyz first, which sets the length
+            setattr(self, name, given[name])
+
+    @classmethod
+    def _of(
+        cls, arrays: dict[str, npt.NDArray[Any]], class_names: Mapping[int, str], *, in_sensor_frame: bool
+    ) -> PointCloud:
+        """Return a cloud of fields of equal length, already in the form that `_field` returns."""
+        cloud = cls.__new__(cls)
+        cloud.class_names = class_names
+        cloud.__dict__.update(arrays)
+        return cloud._place(in_sensor_frame=in_sensor_frame)
+
+    def _place(self, *, in_sensor_frame: bool) -> Self:
+        """Set whether the points are in a sensor frame, and return the cloud."""
+        object.__setattr__(self, "_in_sensor_frame", in_sensor_frame)
+        return self
+
+    @property
+    def class_names(self) -> Mapping[int, str]:
+        """Names of labels: read-only mapping of int to str."""
+        return MappingProxyType(self._class_names)
+
+    @class_names.setter
+    def class_names(self, names: Mapping[int, str] | None) -> None:
+        object.__setattr__(self, "_class_names", named_labels("class_names", names))
+
+    def __setattr__(self, name: str, values: npt.ArrayLike) -> None:
+        """Set or add a field."""
+        if name == "class_names":
+            object.__setattr__(self, name, values)
+            return
+        if not _is_name(name):
+            raise ArgumentValueError("PointCloud", "names that a field can have", repr(name))
+        array = _field(name, values)
+        if "xyz" in self.__dict__ and len(array) != len(self):
+            raise ArgumentValueError(name, f"one entry for each of the {len(self)} points", len(array))
+        self.__dict__[name] = array
+
+    def __getattr__(self, name: str) -> npt.NDArray[Any]:
+        """Raise an error that names the existing fields; called only for a missing one."""
+        raise AttributeError(f"this point cloud has no {name!r}; its fields are {', '.join(self.fields)}")
+
+    def __delattr__(self, name: str) -> None:
+        """Remove a field."""
+        if name == "xyz":
+            raise AttributeError("a point cloud cannot be without 'xyz'")
+        super().__delattr__(name)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the existing fields: lidarsim's own in fixed order, then the others by name."""
+        own = self.__dict__
+        return (*(name for name in CANONICAL if name in own), *sorted(own.keys() - CANONICAL.keys()))
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, *, copy: bool | None = None) -> npt.NDArray[Any]:
+        """Return the points, `xyz`, so that ``np.asarray(cloud)`` has shape (n, 3); `to_structured` has all fields."""
+        return np.array(self.xyz, dtype=dtype, copy=copy)
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.xyz)
+
+    def __getitem__(self, index: int | slice | npt.ArrayLike) -> PointCloud:
+        """Return the cloud of the points selected by a slice, a mask, an array of indices or one index."""
+        if isinstance(index, str):
+            raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), f"a field is cloud.{index}")
+        if isinstance(index, tuple):
+            raise ArgumentTypeError("index", "one index", len(index), "a field such as cloud.xyz takes two")
+        chosen: Any = index
+        if isinstance(index, bool) or not isinstance(index, slice | int):
+            expected = "a slice, an integer, or integers or a mask of shape (m,)"
+            chosen = validation.as_array("index", index, expected)
+            if chosen.shape == (0,) and chosen.dtype.kind == "f":  # an empty list
+                chosen = chosen.astype(np.intp)
+            if chosen.ndim > 1 or chosen.dtype.kind not in ("biu" if chosen.ndim else "iu"):
+                got = f"{chosen.dtype} of shape {chosen.shape}" if chosen.ndim else shown(index)
+                raise ArgumentTypeError("index", expected, got)
+        if isinstance(chosen, int) or (isinstance(chosen, np.ndarray) and not chosen.ndim):
+            if not -len(self) <= chosen < len(self):
+                raise IndexError(f"index: expected one of {len(self)} points, got {shown(int(chosen))}")
+            chosen = [int(chosen)]
+        elif not isinstance(chosen, slice) and chosen.dtype == np.bool_ and chosen.shape != (len(self),):
+            raise IndexError(f"index: expected a mask of shape ({len(self)},), one entry per point, got {chosen.shape}")
+        arrays = {name: array[chosen] for name, array in self._arrays().items()}
+        cloud = PointCloud(arrays, class_names=self._class_names)
+        return cloud._place(in_sensor_frame=self._in_sensor_frame)
+
+    def __repr__(self) -> str:
+        """Return one line per field: dtype, and minimum and maximum of the finite values."""
+        rows = self._rows()
+        if len(rows) > MOST_ROWS:
+            rest = ", ".join(name for name, *_ in rows[MOST_ROWS - 1 :])
+            rows[MOST_ROWS - 1 :] = [("and", "", textwrap.shorten(rest, 60, placeholder=" …"))]
+        return text_table(self._title(), rows)
+
+    def _repr_html_(self) -> str:
+        """Return a small HTML table for notebooks."""
+        return html_table(self._title(), self._rows())
+
+    def _title(self) -> str:
+        return f"PointCloud: {len(self):,} point{'' if len(self) == 1 else 's'}"
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        """Return the name, type and extent of each field."""
+        return [
+            (name, f"{array.dtype}{f' × {array.shape[1]}' if array.ndim == 2 else ''}", _extent(array))
+            for name, array in self._arrays().items()
+        ]
+
+    def _contents(self) -> dict[str, Any]:
+        return {
+            "fields": self._arrays(),
+            "class_names": self._class_names,
+            "in_sensor_frame": self._in_sensor_frame,
+        }
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        cloud = cls(contents["fields"], class_names=contents["class_names"])
+        return cloud._place(in_sensor_frame=contents["in_sensor_frame"])
+
+    def copy(self) -> PointCloud:
+        """Return a cloud with its own arrays.
+
+        Returns
+        -------
+        PointCloud
+            A copy of all fields and class names.
+        """
+        arrays = {name: array.copy() for name, array in self._arrays().items()}
+        return PointCloud(arrays, class_names=self._class_names)._place(in_sensor_frame=self._in_sensor_frame)
+
+    def transformed(self, transform: Transform) -> PointCloud:
+        """Return the cloud transformed by an affine map.
+
+        Parameters
+        ----------
+        transform : RigidTransform or array_like, shape (4, 4)
+            Affine map, such as a sensor's pose, which maps points from the sensor frame to the world.
+
+        Returns
+        -------
+        PointCloud
+            The cloud with `xyz` transformed, and `normal` transformed by the inverse transpose of the linear part and
+            normalised. All other fields, including `range` and other vectors, are unchanged and share their arrays.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the transform is not affine or cannot be inverted.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> up = np.eye(4)
+        >>> up[2, 3] = 1.5
+        >>> PointCloud(xyz=[[4, 0, 0]]).transformed(up).xyz
+        array([[4. , 0. , 1.5]])
+        """
+        matrix = validation.affine("transform", transform)
+        linear, shift = matrix[:3, :3], matrix[:3, 3]
+        arrays = self._arrays()
+        # Column by column: NumPy's matrix product need not give the same bits on every processor.
+        arrays["xyz"] = _mapped(linear, self.xyz) + shift
+        determinant = float(np.linalg.det(linear))
+        if determinant == 0.0 or not math.isfinite(determinant):
+            raise ArgumentValueError("transform", "an invertible matrix", f"determinant {determinant:g}")
+        if "normal" in arrays:
+            # The cofactors are the inverse transpose times the determinant, which is negative for a reflection.
+            cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
+            turned = _mapped(cofactors, self.normal.astype(np.float64)) * np.sign(determinant)
+            length = np.sqrt((turned * turned).sum(axis=-1, keepdims=True))
+            arrays["normal"] = np.divide(turned, length, out=np.zeros_like(turned), where=length != 0)
+        return PointCloud(arrays, class_names=self._class_names)
+
+    @classmethod
+    def concatenate(cls, clouds: Iterable[PointCloud]) -> PointCloud:
+        """Concatenate clouds.
+
+        Parameters
+        ----------
+        clouds : iterable of PointCloud
+            At least one, all with the same fields.
+
+        Returns
+        -------
+        PointCloud
+            The points of all clouds, in order, with the class names of all.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there are no clouds, an item is not a cloud, their fields differ, or a label has two names.
+
+        Examples
+        --------
+        >>> front, back = PointCloud(xyz=[[1, 0, 0]]), PointCloud(xyz=[[-1, 0, 0]])
+        >>> len(PointCloud.concatenate([front, back]))
+        2
+        """
+        if isinstance(clouds, PointCloud):
+            raise ArgumentTypeError("clouds", "a sequence of clouds", "one")
+        given = validation.items("clouds", clouds, "clouds")
+        if not given:
+            raise ArgumentValueError("clouds", "at least one", "none")
+        names: dict[int, str] = {}
+        for i, cloud in enumerate(given):
+            if not isinstance(cloud, PointCloud):
+                raise ArgumentTypeError(f"clouds[{i}]", "a PointCloud", type(cloud).__name__)
+            odd = sorted(set(cloud.fields) ^ set(given[0].fields))
+            if odd:
+                has = "has" if odd[0] in cloud.fields else "has no"
+                raise ArgumentValueError("clouds", "the same fields in all", f"clouds[{i}], which {has} {odd[0]!r}")
+            for label, name in cloud.class_names.items():
+                if names.setdefault(label, name) != name:
+                    raise ArgumentValueError(
+                        "clouds", "one name for each label", f"{names[label]!r} and {name!r} for {label}"
+                    )
+        arrays = {name: np.concatenate([getattr(cloud, name) for cloud in given]) for name in given[0].fields}
+        return cls(arrays, class_names=names)._place(in_sensor_frame=any(cloud._in_sensor_frame for cloud in given))
+
+    def to_structured(self) -> npt.NDArray[np.void]:
+        """Return the points as a structured array.
+
+        Returns
+        -------
+        ndarray of a structured dtype, shape (n,)
+            A copy, with one entry per field: ``points["ring"]`` has shape (n,), ``points["xyz"]`` has shape (n, 3).
+
+        Examples
+        --------
+        >>> points = PointCloud(xyz=[[1, 2, 3]], ring=[7]).to_structured()
+        >>> points.dtype.names, points[0]["ring"].item()
+        (('xyz', 'ring'), 7)
+        """
+        arrays = self._arrays()
+        dtype = np.dtype([(name, array.dtype, array.shape[1:]) for name, array in arrays.items()])
+        records = np.empty(len(self), dtype)
+        for name, array in arrays.items():
+            records[name] = array
+        return records
+
+    def _arrays(self) -> Fields:
+        """Return the fields by name, without copies."""
+        return {name: getattr(self, name) for name in self.fields}
+
+    def save(
+        self,
+        path: PathLike,
+        *,
+        fields: Sequence[str] | None = None,
+        float32: bool | None = None,
+        pose: Transform | None = None,
+        crs: int | str | pyproj.CRS | None = None,
+        start: float | datetime = 0.0,
+    ) -> None:
+        """Write the points to a file; its suffix determines the format.
+
+        The module of a format in `lidarsim.io` documents which fields it holds, in which types and units. The file gets
+        its name once it is complete: a failure leaves the old file, or none.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, in a folder that exists.
+        fields : sequence of str, optional
+            The fields to write besides `xyz`. Default: all.
+        float32 : bool, optional
+            Write `xyz` as float32, or as float64 in formats that also allow this. Default: float64, but float32 in PCD
+            if that keeps all coordinates to 0.1 mm, because the Point Cloud Library's own point types hold only
+            float32.
+        pose : RigidTransform or array_like, shape (4, 4), optional
+            Rigid transform from the coordinates of the points to the world: the sensor's pose if they are in the sensor
+            frame. It becomes the VIEWPOINT of a PCD file; other formats cannot hold it and omit it.
+        crs : int, str or pyproj.CRS, optional
+            Projected coordinate reference system of the points, in m, for LAS and LAZ: an EPSG code, "EPSG:25832", WKT
+            or a system of pyproj. The points must be in the world.
+        start : float or datetime
+            Moment from which `time` counts, for the gps_time of LAS and LAZ: seconds on a clock of one's own, or a
+            datetime with a time zone for GPS time.
+
+        Raises
+        ------
+        FileFormatError
+            If the suffix is unknown, or the format cannot hold a field's dtype or values.
+        MissingExtraError
+            If the format needs a package that is not installed, or `crs` pyproj.
+        OSError
+            If the file cannot be written.
+        TypeError, ValueError
+            If `fields` is not a sequence of field names, the pose is not rigid, `crs` is unknown, not projected or not
+            in metres, `start` has no time zone or is before the GPS epoch, the format cannot hold `crs` or `start`, or
+            a coordinate is beyond the range of float32 that is asked for.
+
+        Warns
+        -----
+        UserWarning
+            If `xyz` becomes float64 in a PCD file by default: the Point Cloud Library does not read that.
+        """
+        path, arrays = check_path(path), self._arrays()
+        if fields is not None:
+            arrays = {name: arrays[name] for name in ("xyz", *chosen(fields, self.fields))}
+        check_output(path)
+        save, where = _format(path).save, None if pose is None else validation.pose("pose", pose)
+        known = _options(_format(path))
+        if float32 is not None and validation.flag("float32", float32):
+            if misfit := first_misfit("xyz", arrays["xyz"], np.float32):
+                raise ArgumentValueError("xyz", *misfit, "float32=False")
+            arrays["xyz"] = arrays["xyz"].astype(np.float32)
+        if crs is not None and self._in_sensor_frame:
+            expected = "points in the world, with a coordinate reference system"
+            raise ArgumentValueError("crs", expected, "points in a sensor frame", 'point_cloud(frame="world")')
+        options = {"pose": where, "class_names": self.class_names, "float32": float32, "crs": crs, "start": start}
+        for name, nothing in {"crs": None, "start": 0.0}.items():
+            if name not in known and options[name] != nothing:
+                held = " and ".join(suffix for suffix, other in _FORMATS.items() if name in _options(other))
+                raise ArgumentValueError(name, f"a file that can hold it ({held})", shown(path))
+        options = {name: option for name, option in options.items() if name in known}
+        with atomic_writer(path) as file:
+            save(arrays, file, **options)
+
+    def raster(
+        self,
+        field: str = "z",
+        *,
+        cell: float,
+        statistic: Statistic = "mean",
+        bounds: npt.ArrayLike | None = None,
+    ) -> Cells:
+        """Return a statistic of a field over the cells of a horizontal grid.
+
+        ``raster("z", cell=1, statistic="min")`` is a simple terrain model, with "max" a surface model; "density" shows
+        coverage and overlap.
+
+        Parameters
+        ----------
+        field : str
+            "x", "y", "z" or a field with one number per point. "count" and "density" do not depend on it.
+        cell : float
+            Length of a side of a cell, m. Edges are multiples of it, so that the grids of several clouds match.
+        statistic : {"count", "density", "min", "max", "mean", "std"}
+            Number of points, points per m², smallest, largest and mean value, standard deviation from the mean.
+        bounds : array_like, shape (4,), optional
+            x_min, y_min, x_max, y_max, m, extended to whole cells; points outside are ignored. Default: all points.
+
+        Returns
+        -------
+        Cells
+            Its `values`, shape (rows, columns), begin in the north; `Cells.save` writes a GeoTIFF. Points that are not
+            finite are ignored.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there is no such field or statistic, an argument is out of range, or there are too many cells.
+
+        Examples
+        --------
+        >>> cloud = PointCloud(xyz=[[0.2, 0.5, 1.0], [0.8, 0.5, 3.0], [1.5, 1.5, 7.0]])
+        >>> cloud.raster("z", cell=1.0, statistic="max").values
+        array([[nan,  7.],
+               [ 3., nan]])
+        """
+        if field in ("x", "y", "z"):
+            values = self.xyz[:, "xyz".index(field)]
+        elif field in self.fields and getattr(self, field).ndim == 1:
+            values = getattr(self, field).astype(np.float64)
+        else:
+            single = ", ".join(["x", "y", "z", *(name for name in self.fields if getattr(self, name).ndim == 1)])
+            raise ArgumentValueError("field", f"one of {single}", shown(field))
+        return cells_of(self.xyz, values, cell, statistic, bounds)
+
+    @classmethod
+    def load(cls, path: PathLike, *, columns: Sequence[str] | None = None) -> PointCloud:
+        """Read a point cloud file from `save` or another program.
+
+        The format is determined by the first bytes of the file if they are a signature, else by the suffix.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        columns : sequence of str, optional
+            Names of the columns of a file that does not name them itself: KITTI's ``.bin``, nuScenes' ``.pcd.bin``, and
+            text without a line of names. x, y and z must be among them; columns named "_" are skipped. Default: the
+            columns of the format.
+
+        Returns
+        -------
+        PointCloud
+            The cloud with all fields of the file. Fields with lidarsim's names get lidarsim's dtypes (float32
+            coordinates become float64; units stay as in the file); the others keep their dtypes. Where lidarsim's dtype
+            cannot hold a value, such as -1 or NaN in `label`, the field is 0, and the values of the file are in a field
+            ``<name>_raw``. Invalid names are changed, and duplicates get a number: ``a b``, ``a-b`` and ``save`` become
+            ``a_b``, ``a_b_2`` and ``save_``.
+
+        Raises
+        ------
+        FileFormatError
+            If the format is unknown, or the file is damaged, does not match its suffix, or is not a point cloud.
+        MissingExtraError
+            If the format needs a package that is not installed.
+        OSError
+            If the file cannot be read.
+        TypeError, ValueError
+            If `columns` is not a sequence of column names, or files of the format name their columns.
+        """
+        path = check_path(path)
+        options = {} if columns is None else {"columns": _columns(columns)}
+        if path.is_dir():
+            raise IsADirectoryError(f"{path}: expected a file, got a folder")
+        try:
+            check_regular(path)
+            with path.open("rb") as file:
+                suffix = _recognised(file.read(_HEAD), path)
+                load = _FORMATS[suffix].load
+                if not options.keys() <= inspect.signature(load).parameters.keys():
+                    expected = f"none, since {suffix} files name their columns"
+                    raise ArgumentValueError("columns", expected, f"some for {path}")
+                file.seek(0)
+                with parsing(path, f"{suffix} point cloud"):
+                    return cls(adopted(load(file, **options)))
+        except FileNotFoundError:
+            raise FileNotFoundError(f"{path}: no such file") from None
+        except OSError as error:
+            raise OSError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+    def to_open3d(self) -> open3d.t.geometry.PointCloud:
+        """Return an Open3D tensor point cloud with all fields as attributes.
+
+        `xyz` becomes ``positions`` and `normal` becomes ``normals``; the others keep their names. As Open3D's own
+        algorithms and writers require, fields of shape (n,) get shape (n, 1), and other vector fields are split into
+        columns ``flow.0``, ``flow.1``, …. The types are also restricted: normals are widened to float64 like the
+        positions, booleans become uint8, and integers other than uint8 and uint16 become int32 or, if they do not fit,
+        float64. Class names are omitted.
+
+        Returns
+        -------
+        open3d.t.geometry.PointCloud
+            A copy, on the CPU.
+
+        Raises
+        ------
+        MissingExtraError
+            If Open3D is not installed.
+        ValueError
+            If the magnitude of an integer exceeds 2⁵³, which none of these types can hold.
+        """
+        converted: open3d.t.geometry.PointCloud = view(PointCloud, "open3d")(self)
+        return converted
+
+    def to_pyvista(self) -> pyvista.PolyData:
+        """Return a PyVista data set with one vertex per point and all fields but `xyz` as point data of the same dtype.
+
+        Class names become the field data ``class_label`` and ``class_name``.
+
+        Returns
+        -------
+        pyvista.PolyData
+            It shares its arrays with this cloud. VTK does not distinguish shape (n, 1) from (n,); both convert back to
+            (n,).
+
+        Raises
+        ------
+        MissingExtraError
+            If PyVista is not installed.
+        """
+        converted: pyvista.PolyData = view(PointCloud, "pyvista")(self)
+        return converted
+
+    @classmethod
+    def from_open3d(cls, points: open3d.t.geometry.PointCloud | open3d.geometry.PointCloud) -> PointCloud:
+        """Convert an Open3D point cloud with all its attributes.
+
+        Parameters
+        ----------
+        points : open3d.t.geometry.PointCloud or open3d.geometry.PointCloud
+            Its ``positions`` become `xyz` and its ``normals`` become `normal`; other attributes keep their names, and
+            vectors that `to_open3d` split into columns are joined again.
+
+        Returns
+        -------
+        PointCloud
+            A copy. Fields with lidarsim's names get lidarsim's dtypes; others keep the dtypes of Open3D. Names and
+            values that do not fit are treated as in `load`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `points` is not a point cloud, or an attribute cannot be a field.
+        """
+        return cls(adopted(view(PointCloud, "from_open3d")(points)))
+
+    @classmethod
+    def from_pyvista(cls, mesh: pyvista.DataSet) -> PointCloud:
+        """Convert the points of a PyVista data set with all their data.
+
+        Parameters
+        ----------
+        mesh : pyvista.DataSet
+            Its points become `xyz`, and its point data become fields of the same names; VTK's normals become `normal`.
+            Cell data and text are omitted, except for the class names from `to_pyvista`.
+
+        Returns
+        -------
+        PointCloud
+            Arrays that already have the right dtype are shared. Names and values that do not fit are treated as in
+            `load`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `mesh` is not a data set, or an array cannot be a field.
+        """
+        return cls(adopted(view(PointCloud, "from_pyvista")(mesh)))
+
+
+def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Return an array given in place of `fields`, after checking that it can be `xyz`."""
+    expected = "an array of shape (n, 3), or fields by name"
+    given = as_array("fields", value, expected)
+    if given.dtype.kind in "fiu" and given.ndim == 2 and given.shape[1] == 3:
+        return given
+    if given.dtype.kind == "V" or given.dtype == object:
+        example = "such as PointCloud(xyz=…, intensity=…)"
+        raise ArgumentTypeError("PointCloud", f"{expected}, {example}", type(value).__name__)
+    hint = ""
+    if given.ndim == 2 and given.shape[0] == 3:
+        hint = "transposed?"
+    elif given.ndim == 2 and given.shape[1] > 3:
+        hint = "PointCloud(xyz=a[:, :3], intensity=a[:, 3]) takes its columns apart"
+    raise ArgumentValueError("PointCloud", expected, f"shape {given.shape}", hint)
+
+
+def _mapped(linear: npt.NDArray[np.float64], points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return points, shape (n, 3), transformed by a linear map."""
+    x, y, z = points.T
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in linear], axis=-1)
+
+
+def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Return `values` as a C-contiguous array of the field's shape and dtype."""
+    shape, dtype = CANONICAL.get(name, (None, None))
+    expected = "shape (n,) or (n, m)" if shape is None else "shape (n, 3)" if shape else "shape (n,)"
+    if np.ma.is_masked(values):
+        raise ArgumentValueError(name, "a number for each point", "a masked array", "fill it")
+    try:
+        given = np.asarray(values)
+    except (TypeError, ValueError):
+        raise ArgumentValueError(name, f"numbers of {expected}", "a ragged sequence") from None
+    fits = (
+        given.ndim in {1, 2} and 0 not in given.shape[1:]
+        if shape is None
+        else given.shape == (*given.shape[:1], *shape)
+    )
+    if not fits:
+        raise ArgumentValueError(name, expected, given.shape)
+    given = given.astype(given.dtype.newbyteorder("="), copy=False)
+    if dtype is None:
+        if given.dtype not in _EXTRA_DTYPES:
+            raise ArgumentTypeError(name, "bool, integers, float32 or float64", f"dtype {given.dtype}")
+        return np.ascontiguousarray(given)
+    if given.dtype.kind not in "fiu":
+        raise ArgumentTypeError(name, "real numbers", f"dtype {given.dtype}")
+    if misfit := first_misfit(name, given, dtype):
+        raise ArgumentValueError(name, *misfit)
+    return np.ascontiguousarray(given, dtype)
+
+
+def first_misfit(
+    name: str, given: npt.NDArray[Any], dtype: type[np.number[Any]], first: int = 0
+) -> tuple[str, str] | None:
+    """Return what is expected of numbers of a type, and the first that it cannot hold, for an error; None if all fit.
+
+    `first` is the number of the first point.
+    """
+    wrong = _misfits(given, dtype)
+    if not wrong.any():
+        return None
+    index = np.argwhere(wrong)[0]
+    where = "".join(f"[{i}]" for i in [*(index[:1] + first), *index[1:]])
+    if issubclass(dtype, np.integer):
+        kind = f"integers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
+    else:
+        kind = f"numbers that {np.dtype(dtype)} can hold"
+    return kind, f"{name}{where} = {given[tuple(index)]}"
+
+
+def _misfits(given: npt.NDArray[Any], dtype: type[np.number[Any]]) -> npt.NDArray[np.bool_]:
+    """Return a mask of the numbers that `dtype` cannot hold; rounding to a float is allowed, overflow is not."""
+    if np.can_cast(given.dtype, dtype):
+        return np.broadcast_to(np.False_, given.shape)
+    if issubclass(dtype, np.integer):
+        low, high = np.iinfo(dtype).min, np.iinfo(dtype).max
+        fits: npt.NDArray[np.bool_] = (given >= low) & (given <= high) & (given == np.floor(given))
+        return ~fits
+    with np.errstate(over="ignore"):
+        beyond: npt.NDArray[np.bool_] = np.isinf(given.astype(dtype)) & np.isfinite(given)
+    return beyond
+
+
+def _is_name(name: str) -> bool:
+    """Return whether a field can have this name."""
+    return name.isascii() and name.isidentifier() and name not in {"_", "x", "y", "z"} and not hasattr(PointCloud, name)
+
+
+def field_names(names: Sequence[str]) -> list[str]:
+    """Return a unique field name for each column name of a file.
+
+    A valid field name is kept. In any other name, all characters except letters, digits and underscores become
+    underscores. If the result is taken, it gets a number: ``a_b_2``.
+    """
+    taken = set(filter(_is_name, names))
+    own, numbers = set(taken), dict[str, int]()
+    fields = []
+    for name in names:
+        if name in own:
+            own.discard(name)  # the first of equal names
+            fields.append(name)
+            continue
+        base = re.sub(r"\W|^(?=\d)", "_", name, flags=re.ASCII) or "unnamed"
+        field = base = base if _is_name(base) else f"{base}_"
+        while field in taken:
+            numbers[base] = numbers.get(base, 1) + 1
+            field = f"{base}_{numbers[base]}"
+        taken.add(field)
+        fields.append(field)
+    return fields
+
+
+def adopted(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert the fields of a file or another library to valid fields of a cloud, without loss.
+
+    Parameters
+    ----------
+    fields : mapping of str to ndarray
+        Arrays of any values, by any names; class names are a mapping under ``"class_names"``.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The fields by the names from `field_names`. Where the dtype of one of lidarsim's fields cannot hold a value, the
+        field is 0, and ``<name>_raw`` is the given array. If the shape does not fit, there is only ``<name>_raw``.
+    """
+    classes = {name: value for name, value in fields.items() if name == "class_names" and isinstance(value, Mapping)}
+    given = {name: np.asarray(value) for name, value in fields.items() if name not in classes}
+    kept: Fields = {}
+    raw: Fields = {}
+    for name, array in zip(field_names(list(given)), given.values(), strict=True):
+        shape, dtype = CANONICAL.get(name, ((), None))
+        if dtype is None or name == "xyz" or array.dtype.kind not in "biuf" or array.ndim not in {1, 2}:
+            kept[name] = array
+        elif array.shape[1:] != shape:
+            raw[name] = array
+        else:
+            kept[name], exact = held(array, dtype)
+            if not exact:
+                raw[name] = array
+    names = field_names([*kept, *(f"{name}_raw" for name in raw)])
+    return dict(zip(names, [*kept.values(), *raw.values()], strict=True)) | classes
+
+
+def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any], bool]:
+    """Return `array` with 0 for all numbers that `dtype` cannot hold, and whether the conversion is lossless.
+
+    Rounding a float counts as lossless, rounding an integer does not.
+    """
+    kind: Any = np.dtype(dtype).type
+    numbers = array.view(np.uint8) if array.dtype == np.bool_ else array
+    wrong = _misfits(numbers, kind)
+    exact = array.dtype != np.bool_ and not wrong.any()
+    if exact and issubclass(kind, np.floating) and array.dtype.kind in "iu" and array.size:
+        most = 2 ** (np.finfo(kind).nmant + 1)
+        exact = bool(array.min() >= -most and array.max() <= most)
+    return (np.where(wrong, numbers.dtype.type(0), numbers) if wrong.any() else numbers), exact
+
+
+def _columns(names: Sequence[str]) -> list[str]:
+    """Return column names after checking that x, y and z are among them, none but "_" is repeated and none is empty."""
+    if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise ArgumentTypeError("columns", "a sequence of names", validation.shown(names))
+    if "" in names:
+        expected = "names, and '_' for each column to skip"
+        raise ArgumentValueError("columns", expected, validation.shown(list(names)))
+    for name in (*"xyz", *names):
+        if name != "_" and list(names).count(name) != 1:
+            raise ArgumentValueError("columns", f"{name!r} once", validation.shown(list(names)))
+    return list(names)
+
+
+def _extent(array: npt.NDArray[Any]) -> str:
+    """Return the minimum and maximum of the finite values, per column of a vector field."""
+    finite = array[np.isfinite(array).all(axis=tuple(range(1, array.ndim)))]
+    if not len(finite):
+        return ""
+    ends = ([f"{value:g}" for value in np.atleast_1d(end)] for end in (finite.min(axis=0), finite.max(axis=0)))
+    return " … ".join(f"({', '.join(end)})" if array.ndim == 2 else end[0] for end in ends)
+
+
+def chosen(names: Collection[str], known: Sequence[str]) -> list[str]:
+    """Return some fields besides `xyz`, in order, after checking that they exist."""
+    if isinstance(names, str):
+        raise ArgumentTypeError("fields", "a sequence of names", repr(names))
+    names = validation.items("fields", names, "names")
+    for name in names:
+        if not (isinstance(name, str) and name in known):
+            expected = f"fields of this point cloud ({', '.join(known)})"
+            raise ArgumentValueError("fields", expected, validation.shown(name))
+    return [name for name in known if name in names and name != "xyz"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Format:
+    save: Callable[..., None]
+    load: Callable[[BinaryIO], Fields]
+    signature: bytes
+
+
+def _options(written: _Format) -> set[str]:
+    """Return the names of the options of a format's `save`."""
+    return set(inspect.signature(written.save).parameters)
+
+
+_HEAD = 16  # bytes at the start of a file, enough for any signature
+_FORMATS: dict[str, _Format] = {}
+
+
+def register_format(
+    suffix: str,
+    *,
+    save: Callable[..., None],
+    load: Callable[[BinaryIO], Fields],
+    signature: bytes = b"",
+) -> None:
+    """Let `PointCloud.save` and `PointCloud.load` handle files with a suffix.
+
+    Parameters
+    ----------
+    suffix : str
+        With its dot, in lower case; it may have several parts, such as ".pcd.bin".
+    save : callable
+        ``save(fields, file)`` writes the fields of a cloud, in order, to an open binary file. A format that can hold
+        the pose from `PointCloud.save` takes it as the keyword `pose`: a 4×4 array, or None; a format that can hold
+        class names takes them as the keyword `class_names`. A format takes the other arguments of `PointCloud.save`,
+        `float32`, `crs` and `start`, under their names; `xyz` is already in the type that `float32` asks for.
+    load : callable
+        ``load(file)`` returns the fields in an open binary file, by any names, and class names, if there are any, as
+        ``"class_names"``; the message of any exception becomes the reason in the error. A format whose files need not
+        name their columns takes the names given to `PointCloud.load` as the keyword `columns`: a list, or None.
+    signature : bytes
+        First bytes of every file of the format, which identify it whatever its name; empty if there are none.
+    """
+    _FORMATS[suffix] = _Format(save, load, signature)
+
+
+def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a field in one of the types that Open3D reads and writes in every format.
+
+    Parameters
+    ----------
+    name : str
+        Name of the field, for the error.
+    array : ndarray
+        Values of the field, of any valid type.
+
+    Returns
+    -------
+    ndarray
+        Unchanged if uint8, uint16, int32, float32 or float64. Booleans become uint8; other integers become int32 or, if
+        one of them does not fit, float64.
+
+    Raises
+    ------
+    ValueError
+        If the magnitude of an integer exceeds 2⁵³, up to which float64 is exact.
+    """
+    if array.dtype.str[1:] in {"u1", "u2", "i4", "f4", "f8"}:
+        return array
+    if array.dtype == np.bool_:
+        return array.astype(np.uint8)
+    low, high = (int(array.min()), int(array.max())) if array.size else (0, 0)
+    if low >= -(2**31) and high < 2**31:
+        return array.astype(np.int32)
+    if low < -(2**53) or high > 2**53:
+        raise ArgumentValueError(
+            name, "integers from -2**53 to 2**53, the most that Open3D's types hold", low if low < -(2**53) else high
+        )
+    return array.astype(np.float64)
+
+
+def check_output(path: PathLike, others: Collection[str] = ()) -> None:
+    """Check, before any work, that `PointCloud.save` can write a file: a known suffix and a writable folder.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to write.
+    others : collection of str
+        Other suffixes, which the caller writes itself.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is unknown.
+    OSError
+        If the folder does not exist or is not writable.
+    """
+    check_suffix(path, [*_FORMATS, *others])
+    if Path(path).name.lower().endswith(".copc.laz"):
+        raise FileFormatError(f"{path}: COPC, which is LAZ sorted into an octree, cannot be written; name it .laz")
+    check_folder(path)
+
+
+def is_point_cloud(path: PathLike) -> bool:
+    """Return whether the suffix of a file belongs to a format that `PointCloud.load` reads."""
+    return any(Path(path).name.lower().endswith(suffix) for suffix in _FORMATS)
+
+
+def _format(path: PathLike) -> _Format:
+    return _FORMATS[check_suffix(path, _FORMATS)]
+
+
+def _recognised(head: bytes, path: Path) -> str:
+    """Return the suffix of a file's format, from its first bytes or else from its name."""
+    told = {suffix for suffix, format_ in _FORMATS.items() if format_.signature and head.startswith(format_.signature)}
+    own = path.suffix.lower()
+    return own if own in told else min(told) if told else check_suffix(path, _FORMATS)

@@ -1,0 +1,1 @@
+"""What a sensor does to a pulse, and the IMUs and GNSS receivers beside it."""

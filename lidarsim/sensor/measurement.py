@@ -1,0 +1,367 @@
+"""Measurement effects: noise, intensity, detection, returns.
+
+The steps for a pulse are, in order: angular jitter, sub-rays of the beam, cast, intensity, echoes, fluctuation of the
+power, detection, drop-out, range noise and biases, false returns, quantisation, range gate, choice of returns. Misses
+stay misses, except for false returns and echoes of the air. The range gate of the `Lidar` applies to the measured
+range, noise included, not to the true range.
+
+Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011);
+Gaussian numbers use the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied
+Statistics 37, 1988). The generator's key is derived from the seed and the sensor's name; its counter consists of pulse,
+frame, effect and draw. The noise of a pulse depends only on these, and not on threads, other pulses or other effects.
+The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1 elevation), 2 drop-out, 3 range noise (one
+draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in place of the pulse), 5 fluctuation of the
+power (one draw per echo, the nearest first), 6 false returns (draw 0 whether there is one, 1 its range), 7 drops and
+flakes (draws 3k to 3k + 2 the way to the k-th, its size and its place in the beam). Echoes of the air (`Atmosphere`)
+have the draws from 32768 on of effects 3 and 5: fog, then drops and flakes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._base.pickling import Immutable
+from lidarsim._base.validation import angle, array, beam_angle, integer, is_several, real, share
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+
+__all__ = ["Beam", "Detection", "Measurement"]
+
+PULSE_LENGTH = 5e-9
+"""Default duration of a pulse, full width at half maximum, s."""
+
+ReturnMode = Literal["strongest", "first", "last", "dual"]
+Pairs = Sequence[Sequence[float]] | npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Detection(Immutable):
+    """A detection limit as a datasheet states it: "150 m at 10 %".
+
+    A target of this reflectivity at normal incidence is detected up to this range, and any other target as long as it
+    returns at least as much power: an echo of intensity I from range R is kept if I/R² >= ρ/r². Datasheet figures are
+    for clear air, so the `extinction` of a `Measurement` weakens the echo but does not lower this threshold: it can
+    hide a target, never reveal one.
+
+    Parameters
+    ----------
+    reflectivity : float
+        ρ, > 0 and <= 1; 0.1 for 10 %.
+    range : float
+        r, m, > 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> ls.Detection(reflectivity=0.1, range=150.0)
+    Detection(reflectivity=0.1, range=150.0)
+    """
+
+    configuration: ClassVar[Mapping[str, object]] = {
+        "reflectivity": float,
+        "range_m": float,
+    }
+
+    reflectivity: float
+    range: float
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        object.__setattr__(self, "reflectivity", share("reflectivity", self.reflectivity))
+        object.__setattr__(self, "range", real("range", self.range, above=0.0))
+
+
+@dataclass(frozen=True)
+class Beam(Immutable):
+    """A diverging beam, sampled by sub-rays over its footprint.
+
+    The profile is an elliptical Gaussian, cut off where its intensity is 1/e² of that on the axis. One sub-ray lies on
+    the axis, the others on rings of 6, 12, 18, … around it, each with the energy of the profile in its part of the
+    footprint. Together they form the waveform, the received power over time. The peaks of the waveform are the echoes;
+    an echo consists of the sub-rays between the valleys on either side of its peak. The range of an echo is the mean
+    over its sub-rays, weighted by received power, I/R²; an echo at an edge therefore lies between the two surfaces (a
+    mixed pixel). Its intensity is the sum over its sub-rays, each weighted by its share of the energy.
+
+    Parameters
+    ----------
+    divergence_azimuth, divergence_elevation : float
+        Full angles, horizontal and vertical, between the directions where the intensity is 1/e² of that on the axis,
+        rad, 0 to 0.1. (The full angle at half maximum is 0.589 times that.) If only one is given, the beam is round.
+    pulse_length : float
+        Duration of the pulse, full width at half maximum, s, > 0 and at most 1e-6.
+    rays : int
+        Number of sub-rays per pulse: 7, 19, 37, 61 or 91.
+    separation : float
+        Least distance at which the receiver tells two echoes apart, m, >= 0: of two nearer ones only the stronger is
+        an echo, decided from the strongest of the pulse on, by the power in clear air. Default: any two peaks of the
+        waveform are told apart.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a number is out of its range.
+
+    Notes
+    -----
+    The waveform over range is a sum of Gaussians, one per sub-ray, of standard deviation σ = c/2·`pulse_length`/2.355:
+    the usual model of full-waveform lidar (W. Wagner et al., Gaussian decomposition and calibration of a novel
+    small-footprint full-waveform digitising airborne laser scanner, ISPRS J. 60, 2006). Two surfaces of equal power are
+    resolved if they are more than 2σ apart, 0.64 m at 5 ns; surfaces of unequal power need a greater distance. On a
+    slanted surface, the Gaussian of a sub-ray is widened by the spread in range of its part of the footprint. A slanted
+    wall therefore gives one echo, as do stairs whose steps are too short to be resolved. As `rays` grows, the number of
+    echoes converges to the number of peaks of the waveform.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> ls.Beam(3.0e-3, 1.5e-3, pulse_length=6e-9)
+    Beam(divergence_azimuth=0.003, divergence_elevation=0.0015, pulse_length=6e-09, rays=19, separation=0.0)
+    """
+
+    configuration: ClassVar[Mapping[str, object]] = {
+        "divergence_azimuth_mrad": float,
+        "divergence_elevation_mrad": float,
+        "pulse_length_ns": float,
+        "rays": int,
+        "separation_m": float,
+    }
+
+    divergence_azimuth: float
+    divergence_elevation: float | None = None
+    pulse_length: float = PULSE_LENGTH
+    rays: int = 19
+    separation: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        elevation = self.divergence_azimuth if self.divergence_elevation is None else self.divergence_elevation
+        for name, value in (("divergence_azimuth", self.divergence_azimuth), ("divergence_elevation", elevation)):
+            object.__setattr__(self, name, beam_angle(name, value))
+        object.__setattr__(self, "pulse_length", real("pulse_length", self.pulse_length, above=0.0, at_most=1e-6))
+        object.__setattr__(self, "rays", integer("rays", self.rays))
+        if self.rays not in {7, 19, 37, 61, 91}:
+            raise ArgumentValueError("rays", "7, 19, 37, 61 or 91", self.rays)
+        object.__setattr__(self, "separation", real("separation", self.separation, at_least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Measurement(Immutable):
+    """How a sensor measures what its pulses hit. Every effect is off by default.
+
+    Parameters
+    ----------
+    range_sigma : float or sequence of (range, sigma), shape (n, 2)
+        Standard deviation of the range, m: a in √(a² + (b·R)²). Or a table of it over range, both in m, as in
+        datasheets: linear between rows, constant before the first and after the last; the ranges must increase.
+    range_sigma_slope : float
+        b in √(a² + (b·R)²), m per m: the part that is proportional to range.
+    range_sigma_limit : float
+        c, m: the additional standard deviation of weak echoes, √(a² + (b·R)² + c²/s); it also adds to a table. s is the
+        received power relative to the detection limit, so an echo at the limit has c, and one four times as strong has
+        c/2. It requires `detection`, which sets the limit.
+    range_bias : float
+        Bias that is added to every range, m; may be negative.
+    channel_bias_sigma : float
+        Standard deviation of the range bias of each channel (ring), m. A bias depends on the seed, the sensor's name
+        and the ring, and is the same in all frames. Together with `range_bias` it models what datasheets call
+        accuracy; `range_sigma` models what they call precision or repeatability.
+    range_resolution : float
+        Quantisation step of the reported range, m, halves rounded to even; 0 for none. The reported range is the
+        measured range plus the `range_offset` of the `Lidar`.
+    azimuth_sigma, elevation_sigma : float
+        Standard deviations of the angles by which a pulse deviates from its nominal direction, rad, 0 to 1. Points are
+        still computed from the nominal direction; `Scan.true_points` returns the points that the pulses actually hit.
+    dropout : float
+        Probability that a pulse is lost, 0 to 1.
+    detection : Detection, optional
+        Detection limit. Default: every echo is detected.
+    power_sigma : float
+        w, standard deviation of the logarithm of the received power of an echo: power and intensity are multiplied by
+        exp(w·g − w²/2), with a standard normal g, which keeps their means. With a `detection` limit, the probability of
+        detection then falls gradually with range; without one, only intensities fluctuate.
+    crossover : tuple of float, (near, far), optional
+        Ranges at which the beam enters the receiver's field of view and lies completely inside it, m, 0 <= near < far.
+        The intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. Only
+        a `detection` limit hides echoes that become too weak. Default: the overlap is 1 everywhere.
+    extinction : float
+        Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR). That of the
+        scene's `Atmosphere` adds to it.
+    false_returns : float
+        Probability that a pulse has one more return, without a surface, 0 to 1. Its range is uniform over the range
+        gate of the `Lidar`, which must have a `max_range`, and is quantised. It is the weakest echo of its pulse: it
+        counts for `returns` "first", "last" or a number, and is the "strongest" only if no other echo is detected. Its
+        intensity is that of the detection limit at its range, or 0 without one. Dropped pulses have none.
+        `Scan.source` marks false returns.
+    beam : Beam, optional
+        Diverging beam. Default: none; each pulse is a single ray.
+    returns : {"strongest", "first", "last", "dual"} or int
+        Which echoes of a pulse are reported. "dual": the strongest and the last or, if these are the same echo, the two
+        strongest. A number: at most that many, the nearest first. More than one requires a `beam` or a `depth` of
+        more than 1, since otherwise a pulse has one echo; it is at most the number of rays times the depth, and 255.
+    depth : int
+        The most surfaces that light meets one after another, 1 to 255. With 1, each ray ends at the first surface. With
+        more, light goes on from surfaces whose `Material` has a `transmission` or a `mirror`. See the notes.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a parameter is of the wrong type or out of its range.
+
+    Notes
+    -----
+    Intensity is I = ρ·f(θ)·ξ(R)·exp(−2αR), with reflectivity ρ, angle of incidence θ and overlap ξ: 1 for a white
+    diffuser at normal incidence. f(θ) is cos θ, unless the `Material` says otherwise. Intensity is not divided by R²,
+    since sensors report intensity corrected for range; the power that decides detection is I/R², as in the lidar
+    equation for targets larger than the beam (A. V. Jelalian, Laser Radar Systems, Artech House, 1992).
+
+    With a `depth` of more than 1, a surface with shares T transmitted and M mirrored sends on T of the light straight
+    ahead and M in the mirrored direction. Each surface further on returns light as any does, from the range that is the
+    length of the whole way, and along the pulse as it was fired: what is seen in a mirror is a ghost behind it. Light
+    takes the same way out and back, so that its power and intensity are multiplied by T² or M² for each surface before.
+    ξ, extinction and 1/R² are those of the length of the way, θ is the incidence at the surface that is met. Without a
+    `beam`, each surface is an echo of its own; with one, all are part of one waveform.
+
+    Straight on, the next surface is the next hit of the same ray in the order of `Scene.cast_all`, exactly. From a
+    mirror, the ray starts at the point p = o + t·d and has the direction d - (2·(d·n)/(n·n))·n, with t and n of the hit
+    as `Scene.cast` returns them, each evaluated in float64 once; its hits are exact for these numbers. The mirror, and
+    what coincides with it at that point, are left out: of a curved surface the crossing nearest to p, of a flat one all
+    crossings. Where ways branch, the 16 of the greatest share are followed from each depth to the next, for each ray.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> noisy = ls.Measurement(range_sigma=0.02, dropout=0.01, detection=ls.Detection(0.1, 100.0))
+    >>> table = ls.Measurement(range_sigma=[(0.1, 0.01), (10.0, 0.01), (30.0, 0.03)])
+    """
+
+    configuration: ClassVar[Mapping[str, object]] = {
+        "range_sigma_m": float | list[tuple[float, float]],
+        "range_sigma_slope": float,
+        "range_sigma_limit_m": float,
+        "range_bias_m": float,
+        "channel_bias_sigma_m": float,
+        "range_resolution_m": float,
+        "azimuth_sigma_deg": float,
+        "elevation_sigma_deg": float,
+        "dropout": float,
+        "detection": Detection,
+        "power_sigma": float,
+        "crossover_m": tuple[float, float],
+        "extinction_per_m": float,
+        "false_returns": float,
+        "beam": Beam,
+        "returns": int | str,
+        "depth": int,
+    }
+
+    range_sigma: float | Pairs = 0.0
+    range_sigma_slope: float = 0.0
+    range_sigma_limit: float = 0.0
+    range_bias: float = 0.0
+    channel_bias_sigma: float = 0.0
+    range_resolution: float = 0.0
+    azimuth_sigma: float = 0.0
+    elevation_sigma: float = 0.0
+    dropout: float = 0.0
+    detection: Detection | None = None
+    power_sigma: float = 0.0
+    crossover: tuple[float, float] | None = None
+    extinction: float = 0.0
+    false_returns: float = 0.0
+    beam: Beam | None = None
+    returns: ReturnMode | int = "strongest"
+    depth: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        is_table = is_several(self.range_sigma)
+        for name, at_most in _NUMBERS.items():
+            if not (name == "range_sigma" and is_table):
+                number = angle if name in {"azimuth_sigma", "elevation_sigma"} else real
+                object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0, at_most=at_most))
+        object.__setattr__(self, "range_bias", real("range_bias", self.range_bias))
+        if is_table:
+            object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))
+        if self.detection is not None and not isinstance(self.detection, Detection):
+            raise ArgumentTypeError("detection", "a Detection or None", repr(self.detection))
+        if self.range_sigma_limit > 0.0 and self.detection is None:
+            given = self.range_sigma_limit
+            raise ArgumentValueError("range_sigma_limit", "0 without a detection limit", given, "give `detection`")
+        if self.crossover is not None:
+            object.__setattr__(self, "crossover", _crossover(self.crossover))
+        if self.beam is not None and not isinstance(self.beam, Beam):
+            raise ArgumentTypeError("beam", "a Beam or None", repr(self.beam))
+        object.__setattr__(self, "depth", integer("depth", self.depth, at_least=1, at_most=255))
+        object.__setattr__(self, "returns", _returns(self.returns, self.beam, self.depth))
+
+    @property
+    def max_returns(self) -> int:
+        """Maximum number of returns of a pulse: int."""
+        return self.returns if isinstance(self.returns, int) else 2 if self.returns == "dual" else 1
+
+
+_NUMBERS = {
+    "range_sigma": math.inf,
+    "range_sigma_slope": math.inf,
+    "range_sigma_limit": math.inf,
+    "channel_bias_sigma": math.inf,
+    "range_resolution": math.inf,
+    "azimuth_sigma": 1.0,
+    "elevation_sigma": 1.0,
+    "dropout": 1.0,
+    "power_sigma": math.inf,
+    "extinction": math.inf,
+    "false_returns": 1.0,
+}
+"""Parameters that are numbers >= 0, with the upper bound of each."""
+
+
+def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]:
+    table = array("range_sigma", rows, ("n", 2))
+    if slope != 0.0:
+        raise ArgumentValueError("range_sigma_slope", "0 with a table of range_sigma", repr(slope))
+    if not len(table):
+        raise ArgumentValueError("range_sigma", "at least one row (range, sigma)", "none")
+    if (table < 0.0).any():
+        i, j = np.argwhere(table < 0.0)[0]
+        raise ArgumentValueError("range_sigma", "numbers >= 0", f"range_sigma[{i}][{j}] = {table[i, j]}")
+    falling = np.diff(table[:, 0]) <= 0.0
+    if falling.any():
+        i = int(np.argmax(falling)) + 1
+        raise ArgumentValueError("range_sigma", "rising ranges", f"{table[i, 0]} after {table[i - 1, 0]} in row {i}")
+    return tuple((float(r), float(sigma)) for r, sigma in table)
+
+
+def _crossover(value: object) -> tuple[float, float]:
+    near, far = array("crossover", value, (2,)).tolist()
+    if not 0.0 <= near < far:
+        raise ArgumentValueError("crossover", "0 <= near < far", f"{near} and {far}")
+    return near, far
+
+
+def _returns(value: object, beam: Beam | None, depth: int) -> ReturnMode | int:
+    names = get_args(ReturnMode)
+    if isinstance(value, str):
+        if value not in names:
+            raise ArgumentValueError("returns", f"{', '.join(map(repr, names))} or a number", repr(value))
+        number = 2 if value == "dual" else 1
+    else:
+        number = value = integer("returns", value, at_least=1)
+    most = min((1 if beam is None else beam.rays) * depth, 255)
+    if number > most:
+        reason = "a pulse has one echo without a beam" if beam is None else f"the beam has {beam.rays} rays"
+        if depth > 1:
+            rays = "a pulse has one ray" if beam is None else reason
+            reason = f"{rays} and depth is {depth}"
+        raise ArgumentValueError("returns", f"at most {most}, since {reason}", repr(value))
+    return value  # type: ignore[return-value]

@@ -1,0 +1,1 @@
+"""What is scanned: shapes, scenes, and the air between them."""

@@ -1,0 +1,52 @@
+"""Rows of numbers of the shapes that hold many in one."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._base.validation import Floats, array, nonzero_vectors, one_or_each
+from lidarsim.errors import ArgumentValueError
+
+
+def rows(centers: npt.ArrayLike, radii: npt.ArrayLike, normals: npt.ArrayLike | None = None) -> Floats:
+    """Return a row per shape as the core takes it: centre, radius and, where given, normal.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, the numbers of shapes differ, a radius is not positive, or a normal is zero.
+    """
+    columns = array("centers", centers, ("n", 3))
+    count = len(columns)
+    result: Floats = np.empty((count, 4 if normals is None else 7))
+    result[:, :3] = columns
+    result[:, 3] = widths(radii, count)
+    if normals is not None:
+        result[:, 4:] = nonzero_vectors("normals", array("normals", normals, (count, 3)))
+    return result
+
+
+def widths(radii: npt.ArrayLike, count: int) -> Floats:
+    """Return radii, one for all or one each, after checking that they are > 0: shape (count,)."""
+    values = one_or_each("radii", radii, count)
+    if not (values > 0.0).all():
+        i = int(np.argmin(values > 0.0))
+        name = f"radii[{i}]" if values.ndim else "radii"
+        raise ArgumentValueError("radii", "numbers > 0", f"{name} = {values.flat[i]}")
+    return np.broadcast_to(values, count)
+
+
+def repeated(vertices: Floats, faces: npt.NDArray[np.uint32], count: int) -> npt.NDArray[np.uint32]:
+    """Return the faces of `count` copies of a triangulation whose vertices follow one another."""
+    starts = np.arange(count, dtype=np.uint32)[:, None, None] * np.uint32(len(vertices))
+    return (faces[None] + starts).reshape(-1, 3)
+
+
+def frames(normals: Floats) -> tuple[Floats, Floats]:
+    """Return unit vectors x and y so that x, y and the normal are right-handed, shape (n, 3) each."""
+    z = normals / np.abs(normals).max(axis=1, keepdims=True)  # whose squares neither overflow nor underflow
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=1)])
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return x, np.cross(z, x)
