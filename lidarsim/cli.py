@@ -43,7 +43,7 @@ from lidarsim.scan.pointcloud import is_point_cloud
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._show import check_save, checked_size, frame_title, together_title
-from lidarsim.viewers.live import FOXGLOVE_PORT
+from lidarsim.viewers.rerun import NAME as RERUN
 from lidarsim.world.scene import is_scene_file
 
 if TYPE_CHECKING:
@@ -79,8 +79,6 @@ class Viewer(StrEnum):
 
     PYVISTA = "pyvista"
     OPEN3D = "open3d"
-    RERUN = "rerun"
-    FOXGLOVE = "foxglove"
 
 
 class Camera(StrEnum):
@@ -465,10 +463,10 @@ def view(
     *,
     viewer: Annotated[
         Viewer | None,
-        _option("--with", "|".join(Viewer), "Viewer to open; default: pyvista, or rerun with --live."),
+        _option("--with", "|".join(Viewer), "Library of the window; default: pyvista."),
     ] = None,
     live: Annotated[
-        bool, typer.Option("--live", help="Show the frames of a configuration while they are scanned.")
+        bool, typer.Option("--live", help="Show the frames of a configuration in Rerun while they are scanned.")
     ] = False,
     rrd: Annotated[Path | None, _file("--rrd", "RRD", "Write the same to a file for Rerun.")] = None,
     screenshot: Screenshot = None,
@@ -500,16 +498,22 @@ def view(
     several frames, windows and web pages have a slider, and a screenshot shows the first, or that of --frame, from 0;
     with --accumulate, all of them.
 
-    With --live, the frames of a configuration are shown while they are scanned, at the sensor's rate, with boxes: in
-    Rerun, in Open3D, or in the Foxglove app, which connects to ws://127.0.0.1:8765.
+    With --live, the frames of a configuration are shown in Rerun while they are scanned, at the sensor's rate, with
+    boxes. Foxglove opens the bags of lidarsim scan (.mcap).
     """
     path = starter.configuration(path)
-    if live or rrd or viewer in {Viewer.RERUN, Viewer.FOXGLOVE}:
-        used: dict[str, object] = {"--screenshot": screenshot, "--html": html, "--gif": gif, "--mp4": mp4}
+    if live or rrd:
+        used: dict[str, object] = {
+            "--with": viewer,
+            "--screenshot": screenshot,
+            "--html": html,
+            "--gif": gif,
+            "--mp4": mp4,
+        }
         used |= {"--limits": limits, "--color-map": color_map, "--title": title, "--accumulate": accumulate}
-        _check_live(path, [name for name, value in used.items() if value], viewer, rrd)
+        _check_live(path, [name for name, value in used.items() if value], rrd)
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
-        _stream(run, rrd or (viewer or Viewer.RERUN).value, names, color_by=color_by, surfaces=surfaces)
+        _stream(run, rrd or RERUN, names, color_by=color_by, surfaces=surfaces)
         return
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
@@ -571,7 +575,7 @@ def _checked_saves(saves: Mapping[str, Path | None], viewer: Viewer) -> list[Pat
     return list(wanted.values())
 
 
-def _check_live(path: Path, pictures: list[str], viewer: Viewer | None, rrd: Path | None) -> None:
+def _check_live(path: Path, pictures: list[str], rrd: Path | None) -> None:
     """Raise an error unless the arguments of `view` are those of frames shown while they are scanned."""
     what = "--rrd" if rrd else "--live"
     if pictures:
@@ -579,17 +583,11 @@ def _check_live(path: Path, pictures: list[str], viewer: Viewer | None, rrd: Pat
     if path.suffix.lower() not in (".yaml", ".yml"):
         raise LidarsimError(f"{what}: expected a configuration or recipe, got {path}")
     if rrd:
-        if viewer:
-            raise LidarsimError(f"--rrd: expected no --with, got {viewer}")
         check_suffix(rrd, {".rrd"})
-    elif viewer is Viewer.PYVISTA:
-        raise LidarsimError("--live: expected rerun, foxglove or open3d, got pyvista")
 
 
 def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: Any) -> None:
     """Show a run while it is scanned, and tell where and how much."""
-    if to == Viewer.FOXGLOVE:
-        paragraph(f"open ws://127.0.0.1:{FOXGLOVE_PORT} in Foxglove; the first frame waits for it")
     count = len(run.numbers)
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task("scanning", total=count)

@@ -12,12 +12,11 @@ from lidarsim._base.files import PathLike
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.run import Run
 from lidarsim.scan.scan import Scan
-from lidarsim.viewers.live import Painter, viewer
+from lidarsim.viewers._moment import Painter
+from lidarsim.viewers.rerun import Rerun
 from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
-    from lidarsim.viewers.live import Viewer
-
     Frames: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
 
 __all__ = ["stream"]
@@ -25,7 +24,7 @@ __all__ = ["stream"]
 
 def stream(
     what: Run | Frames,
-    to: Literal["rerun", "foxglove", "open3d"] | PathLike = "rerun",
+    to: Literal["rerun"] | PathLike = "rerun",
     *,
     scene: Scene | None = None,
     color_by: str | None = None,
@@ -34,18 +33,18 @@ def stream(
     surfaces: bool = True,
     each: Callable[[int], object] | None = None,
 ) -> int:
-    """Show a run in a viewer while it is scanned: points, boxes, surfaces, and the poses of the sensors.
+    """Show a run in Rerun while it is scanned: points, boxes, surfaces, and the poses of the sensors.
 
-    A viewer shows no frame sooner than the sensor would; a file is written as fast as possible.
+    A viewer shows no frame sooner than the sensor would; a file is written as fast as possible. For Foxglove, write the
+    run to a bag (``.mcap``), which Foxglove opens.
 
     Parameters
     ----------
     what : Run, or iterable of Scan or of mappings of str to Scan
         What to show: a run, as from `lidarsim.config.load`, or scans, as from `Lidar.frames` and `Rig.frames`.
-    to : {"rerun", "foxglove", "open3d"} or path-like
+    to : {"rerun"} or path-like
         "rerun" opens Rerun; a path, ``.rrd``, is a file that Rerun opens; ``"rerun+http://HOST:9876/proxy"`` is a
-        viewer that already runs, also on another machine. "foxglove" waits until the Foxglove app connects to
-        ``ws://127.0.0.1:8765``. "open3d" opens a window, which stays until it is closed.
+        viewer that already runs, also on another machine.
     scene : Scene, optional
         Surfaces to show. Default: those of the run.
     color_by : str, optional
@@ -63,24 +62,24 @@ def stream(
     Returns
     -------
     int
-        Number of frames shown; fewer than there are if the user has closed the window.
+        Number of frames shown.
 
     Raises
     ------
     LidarsimError
-        If there is no display for a window, or no server can be started.
+        If there is no display for a window.
     MissingExtraError
-        If the viewer's package is not installed.
+        If Rerun is not installed.
     OSError
         If the file cannot be written, or no viewer runs at the address.
     TypeError, ValueError
-        If there are no frames, `to` is no viewer, the scans have no scalar field `color_by`, or an argument is of the
-        wrong type.
+        If there are no frames, `to` is none of these, the scans have no scalar field `color_by`, or an argument is of
+        the wrong type.
 
     Notes
     -----
     Points are deskewed to the start of their scan. Coordinates are relative to whole kilometres near the first pose of
-    the sensor, since viewers use float32; in Rerun, the property ``origin`` of ``world`` tells them.
+    the sensor, since Rerun uses float32; the property ``origin`` of ``world`` tells them.
     """
     if not isinstance(scene, Scene | None):
         raise ArgumentTypeError("scene", "a Scene", validation.shown(scene))
@@ -92,7 +91,7 @@ def stream(
     if isinstance(what, Run):
         scene = what.scene if scene is None else scene
         what.check_coverage()
-    shown = viewer(to)
+    shown = Rerun(to)
     frames = _frames(what.scans() if isinstance(what, Run) else what)
     first = next(frames, None)
     if first is None:
@@ -104,11 +103,13 @@ def stream(
 
 
 def _show(
-    viewer: Viewer,
+    viewer: Rerun,
     painter: Painter,
     frames: Iterator[Mapping[str, Scan]],
     each: Callable[[int], object],
+    *,
     clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], object] = time.sleep,
 ) -> int:
     count, begin = 0, 0.0
     for scans in frames:
@@ -118,12 +119,10 @@ def _show(
             moment = painter.moment(count, scans)  # with the objects that move
             begin = clock() - moment.time
         if viewer.paced:
-            viewer.wait(max(0.0, begin + moment.time - clock()))
-        is_open = viewer.show(moment)
+            sleep(max(0.0, begin + moment.time - clock()))
+        viewer.show(moment)
         count += 1
         each(count)
-        if not is_open:
-            break
     return count
 
 

@@ -113,7 +113,7 @@ def test_public_docstrings_are_complete() -> None:
 
 
 def test_import_is_light() -> None:
-    heavy = "foxglove laspy matplotlib mujoco open3d plyfile pydantic pyproj pyvista rasterio rerun rich rosbags scipy"
+    heavy = "laspy matplotlib mujoco open3d plyfile pydantic pyproj pyvista rasterio rerun rich rosbags scipy"
     heavy += " trimesh typer vtk yaml"
     code = f"import sys, lidarsim; print(*sorted(set({heavy!r}.split()) & set(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -17,8 +17,7 @@ from lidarsim.cli import main
 from lidarsim.errors import ArgumentError, LidarsimError, MissingExtraError
 from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import SEQUENTIAL
-from lidarsim.viewers.live import Moment, Painter
-from lidarsim.viewers.live._moment import World
+from lidarsim.viewers._moment import Moment, Painter, World
 
 FAR = (432_120.0, 5_412_490.0, 0.0)
 """A place in map coordinates; the nearest whole kilometres are 432 000 and 5 412 000."""
@@ -51,8 +50,8 @@ def rig() -> ls.Rig:
 class Recorder:
     """A viewer that keeps what it is given, with a clock that waiting moves."""
 
-    def __init__(self, *, paced: bool = True, closes_after: float = math.inf) -> None:
-        self.paced, self.where, self.closes_after = paced, "", closes_after
+    def __init__(self, *, paced: bool = True) -> None:
+        self.paced = paced
         self.world: World | None = None
         self.moments: list[Moment] = []
         self.shown_at: list[float] = []
@@ -72,16 +71,15 @@ class Recorder:
         assert seconds >= 0.0
         self.now += seconds
 
-    def show(self, moment: Moment) -> bool:
+    def show(self, moment: Moment) -> None:
         self.moments.append(moment)
         self.shown_at.append(self.now)
-        return len(self.moments) < self.closes_after
 
 
 def watch(monkeypatch: pytest.MonkeyPatch, what: Any, recorder: Recorder | None = None, **options: Any) -> Recorder:
     made = recorder or Recorder()
-    monkeypatch.setattr(live, "viewer", lambda _: made)
-    monkeypatch.setattr(live._show, "__defaults__", (lambda: made.now,))
+    monkeypatch.setattr(live, "Rerun", lambda _: made)
+    monkeypatch.setattr(live._show, "__kwdefaults__", {"clock": lambda: made.now, "sleep": made.wait})
     assert live.stream(what, "rerun", **options) == len(made.moments)
     return made
 
@@ -174,10 +172,9 @@ def test_frames_wait_for_their_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert at_once.shown_at == [50.0] * 4
 
 
-def test_a_closed_window_ends_the_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_is_called_after_each_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[int] = []
-    frames = rig().frames(street(), drive(), 100)
-    recorder = watch(monkeypatch, frames, Recorder(closes_after=2), each=told.append)
+    recorder = watch(monkeypatch, rig().frames(street(), drive(), 2), each=told.append)
     assert told == [1, 2]
     assert recorder.events == ["made", "open", "closed"]
 
@@ -202,8 +199,8 @@ def nothing() -> Iterator[ls.Scan]:
         (lambda: 3, "x.rrd", TypeError, "what: expected a run, or an iterable of scans, got int"),
         (dict, "x.rrd", TypeError, "what: expected a run, or an iterable of scans, got dict"),
         (lambda: [3], "x.rrd", TypeError, "what: expected a run, or an iterable of scans, got one of int"),
-        (nothing, "rviz", ValueError, "to: expected rerun, foxglove, open3d, a .rrd file or rerun+http"),
-        (nothing, 3, TypeError, "to: expected rerun, foxglove, open3d or a path, got int"),
+        (nothing, "rviz", ValueError, "to: expected rerun, a .rrd file or rerun+http"),
+        (nothing, 3, TypeError, "to: expected rerun or a path, got int"),
         (nothing, "no/such/x.rrd", FileNotFoundError, "no/such/x.rrd: the folder no/such does not exist"),
     ],
 )
@@ -239,21 +236,19 @@ def test_a_field_that_is_not_there(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("to", "package"), [("x.rrd", "rerun"), ("foxglove", "foxglove")])
-def test_a_missing_package(to: str, package: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
+def test_a_missing_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingExtraError) as caught:
-        ls.stream(nothing(), to if to == "foxglove" else tmp_path / to)
-    assert str(caught.value) == f'{package.title()} needs {package}: pip install "lidarsim[live]"'
+        ls.stream(nothing(), tmp_path / "x.rrd")
+    assert str(caught.value) == 'Rerun needs rerun: pip install "lidarsim[live]"'
 
 
-@pytest.mark.parametrize("to", ["rerun", "open3d"])
-def test_a_window_without_a_display(to: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_window_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(LidarsimError, match=r"no display to open a window on \(DISPLAY is not set\)"):
-        ls.stream(nothing(), to)
+        ls.stream(nothing(), "rerun")
 
 
 CONFIG = """\
@@ -283,13 +278,13 @@ def test_the_command_line_writes_a_file(config: Path, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run.yaml", "--live", "--with", "pyvista"], "--live: expected rerun, foxglove or open3d, got pyvista"),
+        (["run.yaml", "--live", "--with", "pyvista"], "--live: expected no option of pictures, got --with"),
         (["run.yaml", "--live", "--html", "a.html"], "--live: expected no option of pictures, got --html"),
         (["run.yaml", "--rrd", "a.rrd", "--gif", "a.gif"], "--rrd: expected no option of pictures, got --gif"),
         (["run.yaml", "--rrd", "a.png"], "a.png: unknown extension '.png', expected .rrd"),
-        (["run.yaml", "--rrd", "a.rrd", "--with", "rerun"], "--rrd: expected no --with, got rerun"),
+        (["run.yaml", "--rrd", "a.rrd", "--with", "open3d"], "--rrd: expected no option of pictures, got --with"),
         (["a.pcd", "--live"], "--live: expected a configuration or recipe, got a.pcd"),
-        (["a.pcd", "--with", "foxglove"], "--live: expected a configuration or recipe, got a.pcd"),
+        (["a.pcd", "--rrd", "a.rrd"], "--rrd: expected a configuration or recipe, got a.pcd"),
     ],
 )
 def test_mistakes_get_one_line(

@@ -1,10 +1,10 @@
-"""What live viewers draw of a frame, and its colours."""
+"""What a live viewer draws of a frame, and its colours."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,14 +17,12 @@ from lidarsim.viewers._show import objects_by_label
 from lidarsim.viewers._surfaces import Surface, surfaces
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from lidarsim.scan.boxes import Boxes
     from lidarsim.scan.pointcloud import PointCloud
     from lidarsim.scan.scan import Scan
     from lidarsim.world.scene import Scene
 
-__all__ = ["KILOMETRE", "UNNAMED", "Moment", "Painted", "Painter", "SensorView", "Viewer", "World"]
+__all__ = ["KILOMETRE", "UNNAMED", "Moment", "Painted", "Painter", "SensorView", "World"]
 
 UNNAMED = "lidar"
 """Name of a sensor without one."""
@@ -125,37 +123,6 @@ class World:
     classes: dict[int, tuple[str, str]]
     eye: Floats
     target: Floats
-
-
-class Viewer(Protocol):
-    """A context manager that shows frames between its begin and its end."""
-
-    paced: bool
-    """Whether to show each frame no sooner than its time after the first one."""
-    where: str
-    """Where the user sees or finds it; empty for a window."""
-
-    def __enter__(self) -> Self:
-        """Open window, server or file."""
-        ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close it."""
-        ...
-
-    def begin(self, world: World) -> None:
-        """Take in, before the first frame, what stays the same."""
-        ...
-
-    def wait(self, seconds: float) -> object:
-        """Wait for the time of the next frame."""
-        ...
-
-    def show(self, moment: Moment) -> bool:
-        """Show a frame; return False if the user has closed the viewer."""
-        ...
 
 
 class Painter:

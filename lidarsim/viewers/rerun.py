@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import socket
-import time
 from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType, TracebackType
@@ -13,9 +13,9 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import replacing
+from lidarsim._base.files import PathLike, check_folder, replacing
 from lidarsim._base.validation import short, shown
-from lidarsim.errors import ArgumentValueError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.viewers._colors import DARK, PATH
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._surfaces import joined
@@ -24,9 +24,12 @@ if TYPE_CHECKING:
     import rerun
 
     from lidarsim._base.validation import Floats
-    from lidarsim.viewers.live._moment import Moment, Painted, World
+    from lidarsim.viewers._moment import Moment, Painted, World
 
-__all__ = ["Rerun"]
+__all__ = ["NAME", "Rerun"]
+
+NAME = "rerun"
+"""What opens a window."""
 
 OPACITY = 0x14
 """Opacity of surfaces, of 255."""
@@ -42,19 +45,34 @@ class Rerun:
 
     Parameters
     ----------
-    to : Path, str or None
-        File, address of a viewer, or None for a window.
+    to : path-like
+        `NAME` for a window, a ``.rrd`` file, or the address of a viewer, ``rerun+http://HOST:PORT/proxy``.
+
+    Attributes
+    ----------
+    paced : bool
+        Whether to show each frame no sooner than its time after the first one.
+
+    Raises
+    ------
+    LidarsimError
+        If there is no display for a window.
+    MissingExtraError
+        If Rerun is not installed.
+    OSError
+        If the file cannot be written, or nothing answers at the address.
+    TypeError, ValueError
+        If `to` is none of these.
     """
 
-    def __init__(self, to: Path | str | None) -> None:
-        if to is None:
+    def __init__(self, to: PathLike) -> None:
+        self._to: Path | str = checked_target(to)
+        if self._to == NAME:
             require_display()
-        elif isinstance(to, str):
-            _check_answers(to)
+        elif isinstance(self._to, str):
+            _check_answers(self._to)
         self._rerun = import_rerun()
-        self._to = to
-        self.paced = not isinstance(to, Path)
-        self.where = "" if to is None else str(to)
+        self.paced = isinstance(self._to, str)
         self._stack = ExitStack()
         self._last: dict[str, Floats] = {}
         self._made: set[str] = set()
@@ -66,7 +84,7 @@ class Rerun:
         self._log.set_log_time_enabled(False)
         if isinstance(self._to, Path):
             self._log.save(self._stack.enter_context(replacing(self._to)))
-        elif self._to is None:
+        elif self._to == NAME:
             self._log.spawn(hide_welcome_screen=True)
         else:
             self._log.connect_grpc(self._to)
@@ -97,11 +115,7 @@ class Rerun:
             log(["world", "surfaces", name], self._mesh(vertices, faces, color), static=True)
         self._log.send_blueprint(_blueprint(rr, world))
 
-    def wait(self, seconds: float) -> None:
-        """Sleep."""
-        time.sleep(seconds)
-
-    def show(self, moment: Moment) -> bool:
+    def show(self, moment: Moment) -> None:
         """Log a frame."""
         from scipy.spatial.transform import Rotation
 
@@ -140,13 +154,24 @@ class Rerun:
                 log(path, self._mesh(surface.vertices, surface.outward(), mover.color), static=True)
             place = surface.matrix
             log(path, rr.Transform3D(translation=place[:3, 3] - self._origin, mat3x3=place[:3, :3]))
-        return True
 
     def _mesh(self, vertices: Floats, faces: Any, color: str) -> rerun.Mesh3D:
         mesh: rerun.Mesh3D = self._rerun.Mesh3D(
             vertex_positions=vertices, triangle_indices=faces, albedo_factor=[*_rgb(color), OPACITY]
         )
         return mesh
+
+
+def checked_target(to: PathLike) -> Path | str:
+    """Return what `Rerun` shows frames in, a file as a path, after checking that it is one and its folder exists."""
+    if not isinstance(to, str | os.PathLike):
+        raise ArgumentTypeError("to", f"{NAME} or a path", type(to).__name__)
+    if to == NAME or str(to).startswith(("rerun://", "rerun+http://", "rerun+https://")):
+        return str(to)
+    if Path(to).suffix.lower() != ".rrd":
+        raise ArgumentValueError("to", f"{NAME}, a .rrd file or rerun+http://HOST:PORT/proxy", shown(to))
+    check_folder(to)
+    return Path(to)
 
 
 def _check_answers(to: str) -> None:
