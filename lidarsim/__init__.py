@@ -10,7 +10,7 @@ configurations, recipes and the layouts of data sets, and ``lidarsim/io/README.m
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from lidarsim import config, datasets, errors, io, materials, mujoco, patterns
+from lidarsim import config, datasets, errors, io, materials, mujoco, patterns, worlds
 from lidarsim import viewers as viewers  # registers views
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
@@ -116,6 +116,7 @@ __all__ = [
     "scan_many",
     "show",
     "stream",
+    "worlds",
 ]
 
 __version__ = "0.1.0"

@@ -17,14 +17,14 @@ from datetime import datetime
 from functools import partial, reduce
 from operator import or_
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
-from lidarsim import patterns
+from lidarsim import patterns, worlds
 from lidarsim._base import validation
 from lidarsim._base.files import check_names, load_array, name_problem
 from lidarsim._base.shown import plain
@@ -690,6 +690,49 @@ class SceneFile(Object):
         return (place / "file").load(self.file, scenes.Load(options))
 
 
+class Generated(Object):
+    """An asset that a generator of `lidarsim.worlds` makes of a seed and its own keys, as one instance."""
+
+    generator: ClassVar[Callable[..., worlds.Asset]]
+
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the parts to `scene`."""
+        instance = len(scene) + 1 if self.instance is None else self.instance
+        for part in self.asset(place).parts:
+            self._add(part.shape, scene, place, inner=part.transform, instance=instance, **self.looks(part))
+
+    def asset(self, place: Place, seed: int | None = None) -> worlds.Asset:
+        """Return the asset of a seed, by default its own."""
+        for key in Object.model_fields.keys() - {"name", "label", "instance", "motion", *PLACING, "scale"}:
+            if key in self.model_fields_set:
+                raise (place / key).error("expected none, since its parts have materials of their own")
+        rng = np.random.default_rng(self.seed if seed is None else seed)
+        keys = type(self).model_fields.keys() - Generated.model_fields.keys() - {"shape", "kind"}
+        kind = {"kind": self.kind} if "kind" in type(self).model_fields else {}  # type: ignore[attr-defined]
+        return construct(partial(type(self).generator, rng=rng), self, keys, place, **kind)
+
+    def looks(self, part: worlds.Part) -> dict[str, Any]:
+        """Return the arguments of `Scene.add` that are those of a part."""
+        label = self.label if "label" in self.model_fields_set else part.label
+        return {"name": f"{self.name}/{part.name}".lstrip("/"), "label": label, "material": part.material}
+
+
+def _generated(name: str, generator: Callable[..., worlds.Asset]) -> type[Generated]:
+    """Return the model of a generator, whose keys are its arguments; those that are lengths end in _m."""
+    fields: dict[str, Any] = {"shape": (Literal[name], ...)}
+    types = get_type_hints(generator)
+    for argument, parameter in inspect.signature(generator).parameters.items():
+        if argument != "rng":
+            is_length = types[argument] in {float, float | None}
+            default = ... if parameter.default is inspect.Parameter.empty else parameter.default
+            fields[f"{argument}_m" if is_length else argument] = (types[argument], default)
+    model = create_model(name.capitalize(), __base__=Generated, **fields)
+    model.generator = generator
+    return model
+
+
 def _public(package: ModuleType) -> list[type]:
     return [getattr(package, name) for name in package.__all__]
 
@@ -710,6 +753,7 @@ SHAPES: dict[str, type[Object]] = {
     "raster": Raster,
     "surfels": Surfels,
     "scene_file": SceneFile,
+    **{name: _generated(name, getattr(worlds, name)) for name in worlds.GENERATORS},
     **_models_of(_public(shapes), "shape", Object),
 }
 

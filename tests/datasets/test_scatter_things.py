@@ -87,6 +87,46 @@ def vertices(shape: ls.Shape) -> Floats:
     return found[ConvexHull(found).vertices]
 
 
+# Assets of worlds
+
+
+def test_the_wheels_of_a_vehicle_turn_and_the_limbs_of_pedestrians_swing(tmp_path: Path) -> None:
+    groups: dict[str, dict[str, Any]] = {
+        "cars": {
+            "objects": [{"shape": "vehicle", "kind": "estate"}],
+            "along_m": [[-90, 0], [90, 0]],
+            "speed_m_per_s": 8,
+        },
+        "people": {
+            "objects": [{"shape": "pedestrian", "load": "child", "posture": "walking"}],
+            "along_m": [[-20, 9], [20, 9]],
+            "speed_m_per_s": 1.3,
+        },
+    }
+    scene, found = placed(
+        recipe(tmp_path, frames=10, cars={"count": 1} | groups["cars"], people={"count": 1} | groups["people"])
+    )
+    assert len(found) == 2
+    car, people = things(scene)
+    assert {item.name.split(" ")[0] for item in car} >= {"body", "wheel"}
+    turned = {item.name: pose(item, 0.5)[:3, :3] for item in car}
+    assert all(np.allclose(turn, np.eye(3)) for name, turn in turned.items() if not name.startswith("wheel"))
+    assert not any(np.allclose(turn, np.eye(3)) for name, turn in turned.items() if name.startswith("wheel"))
+    limbs = [item for item in people if item.name == "left shank"]
+    assert len(limbs) == 2
+    angles = [[pose(item, time)[2, 0] for time in (0.1, 0.3, 0.5)] for item in limbs]
+    assert np.ptp(angles, axis=1).min() > 0.05
+    assert max(abs(surface(item, 0.5)[:, 2].min()) for item in limbs) < 0.6
+
+
+def test_someone_who_sits_keeps_the_posture(tmp_path: Path) -> None:
+    thing = {"shape": "pedestrian", "posture": "sitting", "seed": 3}
+    scene, _ = placed(recipe(tmp_path, frames=2, people={"objects": [thing], "count": 1, "area_m": [[-5, -5], [5, 5]]}))
+    heights = np.concatenate([surface(item, 0.0) for item in things(scene)[0]])[:, 2]
+    assert heights.min() == pytest.approx(0.0, abs=0.02)
+    assert heights.max() < 1.5
+
+
 # Walking
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, reduce
@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Field
 
+from lidarsim import worlds
 from lidarsim._base.validation import Floats, shown
-from lidarsim.config.schema import SHAPES, AnyObject, Object, Placement, Scale, SceneFile, Surfels
-from lidarsim.datasets.scatter import _walker
+from lidarsim.config.schema import SHAPES, AnyObject, Generated, Object, Placement, Scale, SceneFile, Surfels
 from lidarsim.datasets.scatter._outlines import bulge_of, turns_of
 from lidarsim.motion.trajectory import Trajectory, product
 from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import Shape
+from lidarsim.worlds import _walker
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
@@ -144,8 +145,8 @@ class Thing:
     """A thing that may be placed at many places and scales."""
 
     parts: list[Part]
-    height: float | None = None
-    """Height of a walking person, m."""
+    walkers: tuple[worlds.Walker, ...] = ()
+    """The people among the parts, whose limbs swing."""
 
     @cached_property
     def along_x(self) -> bool:
@@ -167,8 +168,8 @@ class Thing:
             If a person cannot walk so fast, or there are too many poses.
         """
         size = np.diag([scale, scale, scale, 1.0])
-        if self.height is not None:
-            return self._walk(self.height * scale, size, way, phase, place)
+        if self.walkers:
+            return self._walk(scale, way, phase, place)
         wheels = {index: _wheel(part, size) for index, part in enumerate(self.parts) if part.wheel and way.moves}
         least = min((half[2] for _, half in wheels.values()), default=np.inf)
         per_step = max(1, int(np.ceil(np.abs(way.speeds).max() * way.step / (ROLL * least))))
@@ -184,26 +185,33 @@ class Thing:
             bounds[:, 0] = min(bounds[0, 0], middle[0] - far), max(bounds[1, 0], middle[0] + far)
         return Swing(poses, times, per_step, bounds, reach)
 
-    def _walk(self, height: float, size: Floats, way: Way, phase: float, place: Place) -> Swing:
+    def _walk(self, scale: float, way: Way, phase: float, place: Place) -> Swing:
+        size = np.diag([scale, scale, scale, 1.0])
+        height = self.walkers[0].height * scale
         hip = _walker.HIP * height
-        relative = np.abs(way.speeds) / hip
-        if not (relative <= _walker.FASTEST).all():
+        if not (np.abs(way.speeds) / hip <= _walker.FASTEST).all():
             fastest, got = _walker.FASTEST * hip, np.abs(way.speeds).max()
             expected = f"expected at most {fastest:.3g} m/s of a walker {height:.3g} m tall, got {got:.3g}"
             raise (place / "speed_m_per_s").error(expected)
         times = _divided(way.times, STRIDE, place)
-        speeds = way.speed_ahead(times)
-        rates = _walker.gait_rate(speeds / hip)
-        cycles = np.concatenate([[0.0], np.cumsum((rates[:-1] + rates[1:]) / 2 * np.diff(times))])
-        poses = _walker.postures(height, phase + cycles, np.abs(speeds) / hip)
-        boxes = np.array([_extents(part.shape, pose @ size) for part, pose in zip(self.parts, poses, strict=True)])
-        bounds = np.array([boxes[:, :, 0].min(axis=(0, 1)), boxes[:, :, 1].max(axis=(0, 1))])
-        reach = [
-            (float(np.linalg.norm(np.abs(part.shape.bounds).max(axis=0)) * size[0, 0]), float(turns_of(pose).max()))
-            for part, pose in zip(self.parts, poses, strict=True)
-            if len(pose) > 1
-        ]
-        return Swing([*poses], times, STRIDE, bounds, reach)
+        poses: list[Floats | None] = [None] * len(self.parts)
+        for walker in self.walkers:
+            limbs = _strides(walker.height * scale, phase, times, way.speed_ahead(times))
+            for limb in limbs:
+                limb[:, 1, 3] += walker.left * scale
+            poses[walker.first : walker.first + len(limbs)] = limbs
+        boxes, reach = [], []
+        for part, pose in zip(self.parts, poses, strict=True):
+            if pose is None:
+                boxes.append(_extent(part.shape, size @ part.affine)[None])
+                continue
+            boxes.append(_extents(part.shape, pose @ size))
+            if len(pose) > 1:
+                far = float(np.linalg.norm(np.abs(part.shape.bounds).max(axis=0)) * scale)
+                reach.append((far, float(turns_of(pose).max())))
+        ends = np.concatenate(boxes)
+        bounds = np.array([ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)])
+        return Swing(poses, times, STRIDE, bounds, reach)
 
     def placed(self, scale: float, swing: Swing, body: Floats | Trajectory, start: float) -> tuple[PlacedPart, ...]:
         """Return the parts at the place, or on the way, of the thing; `start` is the time of its first pose, s."""
@@ -229,6 +237,15 @@ class Thing:
         return tuple(parts)
 
 
+def _strides(height: float, phase: float, times: Floats, speeds: Floats) -> list[Floats]:
+    """Return the poses of a walker's limbs at times; one who is led faster than people walk keeps to the fastest."""
+    hip = _walker.HIP * height
+    relative = np.clip(speeds / hip, -_walker.FASTEST, _walker.FASTEST)
+    rates = _walker.gait_rate(relative)
+    cycles = np.concatenate([[0.0], np.cumsum((rates[:-1] + rates[1:]) / 2 * np.diff(times))])
+    return _walker.postures(height, phase + cycles, np.abs(relative))
+
+
 def thing_of(item: AnyThing, place: Place) -> Thing:
     """Return a thing with its parts, wheels last, so that its box has the axes of its body.
 
@@ -239,12 +256,8 @@ def thing_of(item: AnyThing, place: Place) -> Thing:
     """
     if "instance" in item.model_fields_set:
         raise (place / "instance").error("expected none, since each copy is an instance of its own")
-    if isinstance(item, Walker):
-        for key in sorted(item.model_fields_set & {"position_m", "rotation_deg", "matrix", "motion", "scale"}):
-            hint = "use height_m" if key == "scale" else "it walks upright, ahead"
-            raise (place / key).error(f"expected no {key} of a walker: {hint}")
-        limbs = _walker.limbs(item.height_m)
-        return Thing([Part(item, shape, np.eye(4)) for _, shape in limbs], item.height_m)
+    if (walking := _walking(item, place)) is not None:
+        return walking
     parts = list(_parts(item, place))
     pattern = item.wheels if isinstance(item, ModelFile | Compound) else None
     if not parts:
@@ -255,8 +268,24 @@ def thing_of(item: AnyThing, place: Place) -> Thing:
             names = ", ".join(sorted({shown(_name(part)) for part in parts}))
             which = "a part that is no wheel" if parts[0].wheel else f"the name of a part, of {names}"
             raise (place / "wheels").error(f"expected {which}, got {shown(pattern)}")
-        parts.sort(key=lambda part: part.wheel)
+    parts.sort(key=lambda part: part.wheel)
     return Thing(parts)
+
+
+def _walking(item: AnyThing, place: Place) -> Thing | None:
+    """Return a walker, or people who can walk; None for other things."""
+    if isinstance(item, Walker):
+        parts = [Part(item, shape, np.eye(4)) for _, shape in _walker.limbs(item.height_m)]
+        thing = Thing(parts, (worlds.Walker(0, item.height_m),))
+    elif isinstance(item, Generated) and (asset := item.asset(place)).walkers:
+        limbs = {walker.first + limb for walker in asset.walkers for limb in range(_walker.LIMBS)}
+        thing = Thing(list(_made(item, asset, np.eye(4), limbs)), asset.walkers)
+    else:
+        return None
+    for key in sorted(item.model_fields_set & {"position_m", "rotation_deg", "matrix", "motion", "scale"}):
+        hint = "use height_m" if key == "scale" else "it walks upright, ahead"
+        raise (place / key).error(f"expected no {key} of a walker: {hint}")
+    return thing
 
 
 def _name(part: Part) -> str:
@@ -275,20 +304,33 @@ def _parts(item: AnyThing, place: Place) -> Iterator[Part]:
             for part in _parts(member, place / "parts" / index):
                 yield replace(part, affine=base @ part.affine)
     elif isinstance(item, SceneFile):
-        for index, rule in enumerate(item.rules):
-            if rule.instance is not None:
-                raise (place / "rules" / index / "instance").error("expected none, since the file is one instance")
-        for placed in item.load(place).objects:
-            more: dict[str, Any] = {"name": f"{item.name}/{placed.name}".lstrip("/"), "material": placed.material}
-            if item.label or placed.label is not None:
-                more["label"] = item.label if placed.label is None else placed.label
-            inner = np.eye(4) if placed.transform is None else placed.transform
-            yield Part(item, placed.shape, base @ inner, more)
+        yield from _of_file(item, base, place)
     elif isinstance(item, Surfels):
         disks, labels = item._disks(place)
         yield Part(item, disks, base, {} if labels is None else {"label": labels})
+    elif isinstance(item, Generated):
+        yield from _made(item, item.asset(place), base)
     else:
         yield Part(item, item.build(place), base)
+
+
+def _of_file(item: SceneFile, base: Floats, place: Place) -> Iterator[Part]:
+    for index, rule in enumerate(item.rules):
+        if rule.instance is not None:
+            raise (place / "rules" / index / "instance").error("expected none, since the file is one instance")
+    for placed in item.load(place).objects:
+        more: dict[str, Any] = {"name": f"{item.name}/{placed.name}".lstrip("/"), "material": placed.material}
+        if item.label or placed.label is not None:
+            more["label"] = item.label if placed.label is None else placed.label
+        inner = np.eye(4) if placed.transform is None else placed.transform
+        yield Part(item, placed.shape, base @ inner, more)
+
+
+def _made(item: Generated, asset: worlds.Asset, base: Floats, limbs: Collection[int] = ()) -> Iterator[Part]:
+    """Yield the parts of an asset, without their poses those of some indices."""
+    for index, made in enumerate(asset.parts):
+        inner = np.eye(4) if made.transform is None or index in limbs else made.transform
+        yield Part(item, made.shape, base @ inner, item.looks(made), made.name.startswith("wheel"))
 
 
 def _extents(shape: Shape, affines: Floats) -> Floats:

@@ -19,7 +19,7 @@ import numpy as np
 from lidarsim._base.validation import Floats
 from lidarsim.world.shapes import Capsule, Ellipsoid, Shape
 
-__all__ = ["FASTEST", "HIP", "gait_rate", "limbs", "postures"]
+__all__ = ["FASTEST", "HIP", "LIMBS", "figure", "gait_rate", "limbs", "postures"]
 
 FOOT_HEIGHT, SHANK, THIGH, TORSO = 0.039, 0.246, 0.245, 0.288
 UPPER_ARM, FOREARM = 0.186, 0.146 + 0.108 / 2  # half a hand is closed
@@ -64,6 +64,9 @@ ELBOW_FLEXION = (
 )
 SHOULDER_SWING = 9.88
 """Amplitude at the shoulder, degrees, over the relative speed."""
+
+LIMBS = 12
+"""Number of limbs, torso and head among them."""
 
 Flexion = tuple[tuple[float | tuple[float, ...], tuple[float, ...]], ...]
 
@@ -115,17 +118,54 @@ def postures(height: float, phase: Floats, relative_speed: Floats) -> list[Float
         )
         swing = SHOULDER_SWING * relative_speed
         shoulder = np.radians(3 - swing / 2 - swing * np.cos(2 * np.pi * own))
-        thigh = _turned((0, side * HALF_HIPS * height, 0), -hip)
-        shank = thigh @ _turned((0, 0, -THIGH * height), knee)
-        foot = shank @ _turned((0, 0, -SHANK * height), -ankle)
-        upper = _turned((0, side * (HALF_SHOULDERS + 0.01) * height, 0.95 * TORSO * height), -shoulder)
-        fore = upper @ _turned((0, 0, -UPPER_ARM * height), -elbow)
-        chains.append([thigh, shank, foot, upper, fore])
+        chains.append(_chain(height, side, hip, knee, ankle, shoulder, elbow))
     ends = np.array([(*end, 1.0) for end in (HEEL, TOE)]).T * [[height], [height], [height], [1.0]]
     lowest = np.min([(chain[2][:, 2] @ ends).min(axis=1) for chain in chains], axis=0) - FOOT_RADIUS * height
     up = np.tile(np.eye(4), (len(phase), 1, 1))
     up[:, 2, 3] = -lowest
     return [up, up, *(up @ pose for chain in chains for pose in chain)]
+
+
+def figure(
+    height: float,
+    *,
+    hip: tuple[float, float],
+    knee: tuple[float, float],
+    ankle: tuple[float, float] = (0.0, 0.0),
+    shoulder: tuple[float, float] = (0.0, 0.0),
+    elbow: tuple[float, float] = (10.0, 10.0),
+    lean: float = 0.0,
+) -> list[Floats]:
+    """Return the poses, (4, 4), of the limbs of a person whose hips are at the origin.
+
+    Parameters
+    ----------
+    height : float
+        Height of the person, m.
+    hip, knee, ankle, shoulder, elbow : (float, float)
+        Flexion of the left and the right joint, degrees: thigh, foot and arm go ahead, shank goes back.
+    lean : float
+        How far the torso leans ahead, degrees.
+    """
+    torso = _turned((0, 0, 0), np.radians([lean]))
+    poses = [torso, torso]
+    for index, side in enumerate((1.0, -1.0)):
+        flexion = (np.radians([pair[index]]) for pair in (hip, knee, ankle, shoulder, elbow))
+        thigh, shank, foot, upper, fore = _chain(height, side, *flexion)
+        poses += [thigh, shank, foot, torso @ upper, torso @ fore]
+    return [pose[0] for pose in poses]
+
+
+def _chain(  # noqa: PLR0917 - the joints, from the hip on
+    height: float, side: float, hip: Floats, knee: Floats, ankle: Floats, shoulder: Floats, elbow: Floats
+) -> list[Floats]:
+    """Return the poses of thigh, shank, foot, upper arm and forearm of a side, 1 for the left, by the flexions, rad."""
+    thigh = _turned((0, side * HALF_HIPS * height, 0), -hip)
+    shank = thigh @ _turned((0, 0, -THIGH * height), knee)
+    foot = shank @ _turned((0, 0, -SHANK * height), -ankle)
+    upper = _turned((0, side * (HALF_SHOULDERS + 0.01) * height, 0.95 * TORSO * height), -shoulder)
+    fore = upper @ _turned((0, 0, -UPPER_ARM * height), -elbow)
+    return [thigh, shank, foot, upper, fore]
 
 
 def _turned(joint: tuple[float, float, float], angle: Floats) -> Floats:

@@ -1,0 +1,169 @@
+"""What holds of every generator: pure functions, closed surfaces, classes, sizes."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import lidarsim as ls
+from lidarsim.worlds import _labels as labels
+from lidarsim.worlds.pedestrians import LOADS, POSTURES
+from lidarsim.worlds.vehicles import LABELS, SIZES, VEHICLES
+
+Floats = npt.NDArray[np.float64]
+Make = Callable[[np.random.Generator], ls.worlds.Asset]
+
+
+def generators() -> Iterator[tuple[str, Make]]:
+    for kind in VEHICLES:
+        yield kind, partial(ls.worlds.vehicle, kind)
+    for load in LOADS:
+        yield load, partial(ls.worlds.pedestrian, load=load, posture="walking")
+    for posture in POSTURES:
+        yield posture, partial(ls.worlds.pedestrian, load="nothing", posture=posture)
+
+
+GENERATORS = dict(generators())
+
+
+def contents(asset: ls.worlds.Asset) -> list[Any]:
+    """Everything that a scan may see of an asset, as bytes and numbers."""
+    found: list[Any] = []
+    for part in asset.parts:
+        place = None if part.transform is None else part.transform.tobytes()
+        points = part.shape._tessellated(None, np.zeros((8, 3)))[0].tobytes()
+        looks = [np.asarray(value).tobytes() for value in part.material._contents().values() if value is not None]
+        found.append((part.name, type(part.shape), points, place, np.asarray(part.label).tobytes(), *looks))
+    return found
+
+
+def surfaces(asset: ls.worlds.Asset) -> dict[str, tuple[Floats, npt.NDArray[np.int64]]]:
+    """Vertices and faces of the meshes; glass closes the body that it is part of."""
+    found: dict[str, tuple[Floats, npt.NDArray[np.int64]]] = {}
+    for part in asset.parts:
+        if isinstance(part.shape, ls.TriangleMesh):
+            name = part.name.removesuffix(" glass")
+            vertices, faces = found.get(name, (np.empty((0, 3)), np.empty((0, 3), np.int64)))
+            own = part.shape.faces.astype(np.int64) + len(vertices)
+            found[name] = np.concatenate([vertices, part.shape.vertices]), np.concatenate([faces, own])
+    return found
+
+
+def open_edges(vertices: Floats, faces: npt.NDArray[np.int64]) -> int:
+    """Number of edges that are not passed once in each direction for each surface that they are part of."""
+    number = np.unique(vertices, axis=0, return_inverse=True)[1].ravel()
+    corners = number[faces]
+    edges = Counter(map(tuple, np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]).tolist()))
+    return sum(count != edges[end, start] for (start, end), count in edges.items() if start != end)
+
+
+def volume(vertices: Floats, faces: npt.NDArray[np.int64]) -> float:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_the_same_generator_gives_the_same_bits(name: str) -> None:
+    first, again, other = (contents(GENERATORS[name](np.random.default_rng(seed))) for seed in (1, 1, 2))
+    assert first == again
+    assert first != other
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_surfaces_are_closed(name: str) -> None:
+    for seed in range(5):
+        asset = GENERATORS[name](np.random.default_rng(seed))
+        meshes = surfaces(asset)
+        assert meshes
+        for vertices, faces in meshes.values():
+            assert open_edges(vertices, faces) == 0
+            assert volume(vertices, faces) > 0
+
+
+def test_an_open_surface_would_be_found() -> None:
+    vertices, faces = surfaces(ls.worlds.vehicle("suv", np.random.default_rng(0)))["body"]
+    assert open_edges(vertices, faces[1:]) == 3
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_an_asset_is_one_instance_with_feet_or_wheels_on_the_ground(name: str) -> None:
+    asset = GENERATORS[name](np.random.default_rng(4))
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -9.0))
+    ids = asset.add_to(scene, name="it")
+    assert {scene[number].instance for number in ids} == {2}
+    assert len(ids) == len(asset.parts)
+    known = set(labels.CLASS_NAMES)
+    assert all(set(np.unique(part.label).tolist()) <= known for part in asset.parts)
+    assert asset.bounds[0, 2] == pytest.approx(0.0, abs=0.02)
+    assert (scene.bounds[0] <= asset.bounds[0] + 1e-9).all()
+    assert (scene.bounds[1] >= asset.bounds[1] - 1e-9).all()
+    moved = np.eye(4)
+    moved[:3, 3] = 3.0, 4.0, 5.0
+    again = asset.add_to(scene, transform=moved, instance=7, label=99)
+    assert {(scene[number].instance, scene[number].label) for number in again} == {(7, 99)}
+    for before, after in zip(ids, again, strict=True):
+        assert np.abs(scene[after].bounds - scene[before].bounds - moved[:3, 3]).max() < 1e-9
+    assert all(scene[a].shape is scene[b].shape for a, b in zip(ids, again, strict=True))
+
+
+@pytest.mark.parametrize("kind", VEHICLES)
+def test_vehicles_are_as_large_as_real_models(kind: Any) -> None:
+    size = SIZES[kind]
+    spans = np.array([size.length, size.width, size.height])
+    for seed in range(20):
+        found = np.diff(ls.worlds.vehicle(kind, np.random.default_rng(seed), rider=False).bounds, axis=0)[0]
+        assert (found >= spans[:, 0] - 0.03).all()
+        assert (found <= spans[:, 1] + 0.03).all()
+
+
+@pytest.mark.parametrize("kind", VEHICLES)
+def test_vehicles_have_their_classes(kind: Any) -> None:
+    assert {part.label for part in ls.worlds.vehicle(kind, np.random.default_rng(0), rider=False).parts} == {
+        LABELS[kind]
+    }
+    ridden = {"bicycle": labels.BICYCLIST, "motorcycle": labels.MOTORCYCLIST}.get(kind, LABELS[kind])
+    assert {part.label for part in ls.worlds.vehicle(kind, np.random.default_rng(0)).parts} == {ridden}
+
+
+def test_light_passes_the_windows_of_a_car_but_not_its_doors() -> None:
+    scene = ls.Scene()
+    ls.worlds.vehicle("saloon", np.random.default_rng(0)).add_to(scene)
+    through = ls.Lidar(ls.patterns.Table([(0, -1, 0)], rate=10.0), measurement=ls.Measurement(depth=8, returns="last"))
+    low, high = (
+        through.scan(scene, ls.worlds._asset.translation(-0.1, 5.0, z)).point_cloud(frame="world") for z in (0.6, 1.15)
+    )
+    assert low.xyz[0, 1] > 0.5
+    assert low.xyz[0, 1] > high.xyz[0, 1]
+
+
+def test_people_are_as_tall_as_they_are_said_to_be() -> None:
+    for seed in range(10):
+        person = ls.worlds.pedestrian(np.random.default_rng(seed), posture="standing", load="nothing", height=1.8)
+        assert np.diff(person.bounds, axis=0)[0, 2] == pytest.approx(1.8, abs=0.03)
+    seated = ls.worlds.pedestrian(np.random.default_rng(0), posture="sitting", load="nothing", height=1.8)
+    assert 1.2 < np.diff(seated.bounds, axis=0)[0, 2] < 1.45
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda rng: ls.worlds.vehicle(cast("Any", "tank"), rng), "kind: expected 'hatchback'"),
+        (lambda rng: ls.worlds.pedestrian(rng, posture=cast("Any", "flying")), "posture: expected 'walking'"),
+        (
+            lambda rng: ls.worlds.pedestrian(rng, posture="sitting", load="pram"),
+            "load: expected 'nothing', 'bag'",
+        ),
+        (lambda rng: ls.worlds.pedestrian(rng, height=-1.0), "height: expected a finite number"),
+    ],
+)
+def test_bad_arguments_are_named(call: Callable[[np.random.Generator], object], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        call(np.random.default_rng(0))
