@@ -4,29 +4,19 @@ from __future__ import annotations
 
 import difflib
 import inspect
-import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass, field, fields, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _native
 from lidarsim._base.files import check_regular
-from lidarsim._base.pickling import Pickled
-from lidarsim._base.shown import short, text_table
-from lidarsim._base.validation import Instances, Transform, array, frames, integer, is_several, items, real, shown
+from lidarsim._base.validation import Instances, Transform, frames, integer, items, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
-from lidarsim.patterns import Pattern
-from lidarsim.patterns._pulses import check_pattern, pulses_of
-from lidarsim.patterns.description import field_of_view
 from lidarsim.scan import scan as _scan
 from lidarsim.scan.batch import Poses, ScanBatch, scan_many
-from lidarsim.sensor.imu import sensor_name
-from lidarsim.sensor.measurement import Measurement
+from lidarsim.sensor.sensor import Sensor
 
 if TYPE_CHECKING:
     from lidarsim.motion.trajectory import Trajectory
@@ -37,8 +27,6 @@ __all__ = ["Lidar", "preset_path", "register_lidar_reader"]
 
 HEAD = 1 << 16
 """Bytes at the start of a file that determine its kind."""
-
-MOST_ROWS = 14  # maximum lines of a repr below its title
 
 PRESETS = Path(__file__).parent / "presets"
 
@@ -61,8 +49,7 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
     _readers[name] = recognise, read
 
 
-@dataclass(frozen=True)
-class Lidar(Pickled):
+class Lidar(Sensor):
     """A lidar sensor.
 
     Immutable; `dataclasses.replace` returns a changed copy.
@@ -90,52 +77,6 @@ class Lidar(Pickled):
     TypeError, ValueError
         If an argument has the wrong type or is out of its range.
     """
-
-    pattern: Pattern
-    _: KW_ONLY
-    measurement: Measurement = field(default_factory=Measurement)
-    min_range: float = 0.0
-    max_range: float = math.inf
-    range_offset: float | Sequence[float] = 0.0
-    name: str = ""
-    model: str = ""
-
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        check_pattern(self.pattern)
-        if not isinstance(self.measurement, Measurement):
-            raise ArgumentTypeError("measurement", "a Measurement", repr(self.measurement))
-        sensor_name(self.name)
-        if not isinstance(self.model, str):
-            raise ArgumentTypeError("model", "a string", repr(self.model))
-        object.__setattr__(self, "model", self.model or self.name)
-        object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
-        object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
-        if self.measurement.false_returns > 0.0 and self.max_range == math.inf:
-            raise ArgumentValueError(
-                "max_range", "a finite number with false_returns", "inf", "they are uniform over the range gate"
-            )
-        object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
-
-    def __repr__(self) -> str:
-        """Return the main figures of the datasheet and the active effects."""
-        rings, columns = self.pattern.shape
-        azimuth, elevation = field_of_view(pulses_of(self.pattern, 0))
-        effects = [
-            f"{item.name}={short(getattr(self.measurement, item.name))}"
-            for item in fields(Measurement)
-            if getattr(self.measurement, item.name) != item.default
-        ]
-        rows = [
-            ("pattern", f"{type(self.pattern).__name__}, {rings:,} × {columns:,} at {self.pattern.rate:g} Hz"),
-            ("azimuth", "{:.4g}° to {:.4g}°".format(*np.degrees(azimuth))),
-            ("elevation", "{:.4g}° to {:.4g}°".format(*np.degrees(elevation))),
-            ("range", f"{self.min_range:g} to {self.max_range:g} m"),
-            *(("" if i else "effects", effect) for i, effect in enumerate(effects or ["none"])),
-        ]
-        if len(rows) > MOST_ROWS:
-            rows[MOST_ROWS - 1 :] = [("", f"and {len(rows) - MOST_ROWS + 1} more")]
-        return text_table(f"Lidar {self.name}".rstrip(), rows)
 
     def scan(
         self,
@@ -305,11 +246,6 @@ class Lidar(Pickled):
         """
         return scan_many(self, scene, poses, time=time, frame=frame, seed=seed, ignore=ignore, fields=fields, out=out)
 
-    @cached_property
-    def _receiver(self) -> _native.Receiver:
-        """The measurement in the core."""
-        return _native.Receiver(self)
-
     @staticmethod
     def presets() -> list[str]:
         """Return the names of the sensor presets.
@@ -409,16 +345,6 @@ class Lidar(Pickled):
                         raise ArgumentTypeError(name, expected, shown(value))
                 return read(path, **options)
         raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
-
-
-def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:
-    if not is_several(value):
-        return real("range_offset", value)
-    offsets = array("range_offset", value, ("rings",))
-    rings = pattern.shape[0]
-    if len(offsets) != rings:
-        raise ArgumentValueError("range_offset", f"one number, or one per ring ({rings})", len(offsets))
-    return tuple(offsets.tolist())
 
 
 def preset_path(name: str) -> Path:

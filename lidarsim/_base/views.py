@@ -7,19 +7,33 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypedDict, Unpack
 
 if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
-    from lidarsim._base.validation import Transform
-    from lidarsim.scan.boxes import Boxes
-    from lidarsim.world.scene import Scene
+    from lidarsim._base.validation import Floats, Transform
 
 Camera = Literal["behind", "birds-eye", "first-person", "orbit", "top"]
 """Camera position of a picture."""
 
 
+class Boxed(Protocol):
+    """Boxes that a picture shows: `lidarsim.Boxes`."""
+
+    @property
+    def center(self) -> Floats:
+        """Centres, m: shape (n, 3)."""
+
+    @property
+    def size(self) -> Floats:
+        """Extents along the axes of the boxes, m: shape (n, 3)."""
+
+    @property
+    def rotation(self) -> Floats:
+        """Box to the frame of the centres: shape (n, 3, 3)."""
+
+
 class Looks(TypedDict, total=False):
     """Keyword arguments of `lidarsim.show`."""
 
-    scene: Scene | None
-    boxes: Boxes | Sequence[Boxes | None] | None
+    scene: Plotted | None
+    boxes: Boxed | Sequence[Boxed | None] | None
     color_by: str | None
     class_names: Mapping[int, str] | None
     pose: Transform | Sequence[Transform] | None

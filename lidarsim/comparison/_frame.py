@@ -14,7 +14,8 @@ from lidarsim._base.validation import Floats
 from lidarsim.comparison._inferred import ELEVATIONS, TURN, NoRingsError, circular_mean, columns_of, rings_of
 from lidarsim.comparison._statistics import BLOCKS, Indices
 from lidarsim.scan.pointcloud import PointCloud
-from lidarsim.scan.scan import Scan, Sensor
+from lidarsim.scan.scan import Scan
+from lidarsim.sensor.sensor import Sensor
 
 Mask = npt.NDArray[np.bool_]
 Kind = TypeVar("Kind", bound=np.generic)

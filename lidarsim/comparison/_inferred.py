@@ -13,7 +13,7 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.comparison._statistics import Indices
 from lidarsim.patterns._pulses import pulses_of
-from lidarsim.scan.scan import Sensor
+from lidarsim.sensor.sensor import Sensor
 
 TURN = 2.0 * math.pi
 ORDER, ELEVATIONS = "the order of the points", "the elevations of the points"

@@ -29,7 +29,7 @@ from lidarsim.patterns import Spinning
 from lidarsim.scan.pointcloud import PointCloud
 
 if TYPE_CHECKING:
-    from lidarsim.scan.scan import Sensor
+    from lidarsim.sensor.sensor import Sensor
 
 Cut: TypeAlias = Literal["pattern", "driver"] | float
 """Where messages begin: with each frame of the pattern, where the layout's driver cuts, or at an azimuth, rad."""

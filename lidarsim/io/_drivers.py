@@ -14,7 +14,7 @@ from lidarsim.io._units import fitting, reflectivity, vendor_range
 from lidarsim.scan.pointcloud import Fields, PointCloud, adopted
 
 if TYPE_CHECKING:
-    from lidarsim.scan.scan import Sensor
+    from lidarsim.sensor.sensor import Sensor
 
 _XYZ = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 LAYOUTS: dict[str, np.dtype[np.void]] = {

@@ -12,7 +12,7 @@ from lidarsim.errors import FileFormatError
 from lidarsim.scan.pointcloud import Fields
 
 if TYPE_CHECKING:
-    from lidarsim.scan.scan import Sensor
+    from lidarsim.sensor.sensor import Sensor
 
 
 def warn_above(most: float, intensity: npt.NDArray[np.float32] | None, where: str) -> None:

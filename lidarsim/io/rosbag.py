@@ -79,9 +79,9 @@ if TYPE_CHECKING:
     from lidarsim._base.validation import Transform
     from lidarsim.io._cuts import Cut
     from lidarsim.rig import RigSensor
-    from lidarsim.scan.scan import Sensor
     from lidarsim.sensor.gnss import Gnss, GnssFixes
     from lidarsim.sensor.imu import Imu, ImuSamples
+    from lidarsim.sensor.sensor import Sensor
 
 __all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "PointCloud2", "Writer", "point_cloud2", "read", "static_mounts"]
 

@@ -29,7 +29,8 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.patterns import Pulses
 from lidarsim.patterns._pulses import pulses_of
-from lidarsim.scan.scan import Sensor, path_of, sensor_id, until_of
+from lidarsim.scan.scan import path_of, sensor_id, until_of
+from lidarsim.sensor.sensor import Sensor
 from lidarsim.world.atmosphere import check_sensor
 from lidarsim.world.scene import Scene, Snapshot
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.pickling import Pickled
 from lidarsim.errors import ArgumentValueError
-
-if TYPE_CHECKING:
-    from lidarsim.scan.scan import Scan
+from lidarsim.patterns import Pulses
+from lidarsim.sensor.sensor import Sensor
 
 __all__ = ["LaserScan", "laser_scan_of"]
 
@@ -68,10 +66,20 @@ class LaserScan(Pickled):
         return len(self.ranges)
 
 
-def laser_scan_of(scan: Scan, too_near: npt.NDArray[np.bool_]) -> LaserScan:
-    """Return a scan as documented in `lidarsim.Scan.laser_scan`; `too_near`: pulses below the minimum range."""
-    pulses, lidar = scan.pulses, scan.lidar
-    n = len(scan)
+def laser_scan_of(
+    sensor: Sensor,
+    pulses: Pulses,
+    start: float,
+    *,
+    ranges: npt.NDArray[np.float64],
+    intensities: npt.NDArray[np.float32],
+    too_near: npt.NDArray[np.bool_],
+) -> LaserScan:
+    """Return a scan as documented in `lidarsim.Scan.laser_scan`.
+
+    Of each pulse: its range, NaN where it has no return, its intensity, and whether it is below the minimum range.
+    """
+    n = len(ranges)
     rings = np.unique(pulses.ring)
     if n < 2 or len(rings) > 1:
         got = f"{n} pulse{'s' * (n != 1)}" if n < 2 else f"{len(rings)} rings"
@@ -91,19 +99,19 @@ def laser_scan_of(scan: Scan, too_near: npt.NDArray[np.bool_]) -> LaserScan:
         i = int(np.argmax(off))
         got = f"beam {i} of {n} off by {np.degrees(off[i]):.3g}° with steps of {np.degrees(step):.3g}°"
         raise ArgumentValueError("scan", "one of beams in equal steps of azimuth", got)
-    ranges = scan.range[:, 0][order].astype(np.float32)
-    missing = np.isnan(ranges)
-    ranges[missing] = np.inf
-    ranges[too_near[order]] = -np.inf
+    found = ranges[order].astype(np.float32)
+    missing = np.isnan(found)
+    found[missing] = np.inf
+    found[too_near[order]] = -np.inf
     return LaserScan(
         first,
         first + step * (n - 1),
         step,
         float(times[-1] - times[0]) / (n - 1),
-        1.0 / lidar.pattern.rate,
-        lidar.min_range,
-        lidar.max_range,
-        ranges,
-        np.where(missing, np.float32(0.0), scan.intensity[:, 0][order]),
-        scan.time + float(times[0]),
+        1.0 / sensor.pattern.rate,
+        sensor.min_range,
+        sensor.max_range,
+        found,
+        np.where(missing, np.float32(0.0), intensities[order]),
+        start + float(times[0]),
     )

@@ -7,10 +7,10 @@ import enum
 import math
 import sys
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any, Literal, NamedTuple, Protocol, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -23,14 +23,15 @@ from lidarsim._base.validation import Floats, Instances, Transform, as_array, in
 from lidarsim._base.views import Plotted
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.motion.trajectory import Trajectory
-from lidarsim.patterns import Pattern, Pulses
+from lidarsim.patterns import Pulses
 from lidarsim.patterns._pulses import pulses_of
 from lidarsim.patterns.raster import projection, rows_and_columns
 from lidarsim.scan.boxes import Boxes, boxes_of
 from lidarsim.scan.laser_scan import LaserScan, laser_scan_of
 from lidarsim.scan.pointcloud import CANONICAL, PointCloud, chosen
 from lidarsim.scan.waveforms import Waveforms
-from lidarsim.sensor.measurement import PULSE_LENGTH, Measurement
+from lidarsim.sensor.measurement import PULSE_LENGTH
+from lidarsim.sensor.sensor import Sensor
 from lidarsim.world.atmosphere import check_sensor
 from lidarsim.world.scene import Scene, Snapshot
 
@@ -48,25 +49,6 @@ __all__ = [
     "sensor_id",
     "until_of",
 ]
-
-
-class Sensor(Protocol):
-    """The attributes of `lidarsim.Lidar`, which is in a higher layer, that a scan uses."""
-
-    @property
-    def pattern(self) -> Pattern: ...
-    @property
-    def measurement(self) -> Measurement: ...
-    @property
-    def min_range(self) -> float: ...
-    @property
-    def max_range(self) -> float: ...
-    @property
-    def range_offset(self) -> float | Sequence[float]: ...
-    @property
-    def name(self) -> str: ...
-    @property
-    def model(self) -> str: ...
 
 
 class Status(enum.IntEnum):
@@ -618,7 +600,14 @@ class Scan(Pickled, Plotted):
         >>> found.ranges[[0, 270]].round(2)
         array([inf,  5.], dtype=float32)
         """
-        return laser_scan_of(self, self.status == Status.below_min_range)
+        return laser_scan_of(
+            self.lidar,
+            self.pulses,
+            self.time,
+            ranges=self.range[:, 0],
+            intensities=self.intensity[:, 0],
+            too_near=self.status == Status.below_min_range,
+        )
 
     def image(
         self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None

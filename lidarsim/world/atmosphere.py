@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import Self
 
 from lidarsim import _native
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import UINT32, beam_angle, integer, real, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.sensor.sensor import Sensor
 
 __all__ = ["Atmosphere"]
 
@@ -32,27 +33,6 @@ SNOW_DENSITY = 100.0
 """Of a flake, kg/m³."""
 FLAKE = 2.0 / 3.0 * 0.9 * (1000.0 / SNOW_DENSITY) ** (2.0 / 3.0)
 """The same of a flake, with the diameter of the drop that it melts to: that of a diffuse ball of reflectivity 0.9."""
-
-
-class Measurement(Protocol):
-    """The attributes of `lidarsim.Measurement`, which is in a higher layer, that echoes of the air depend on here."""
-
-    @property
-    def crossover(self) -> tuple[float, float] | None: ...
-    @property
-    def detection(self) -> object: ...
-
-
-@runtime_checkable
-class Sensor(Protocol):
-    """Those of `lidarsim.Lidar`."""
-
-    @property
-    def measurement(self) -> Measurement: ...
-    @property
-    def min_range(self) -> float: ...
-    @property
-    def max_range(self) -> float: ...
 
 
 @dataclass(frozen=True, kw_only=True)
