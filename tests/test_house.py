@@ -453,7 +453,17 @@ def dead_links(page: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     "page",
-    ["", "configs", "examples", "lidarsim", "lidarsim/bench", "lidarsim/io", "lidarsim/native", "lidarsim/presets", ".github"],
+    [
+        "",
+        "configs",
+        "examples",
+        "lidarsim",
+        "lidarsim/bench",
+        "lidarsim/io",
+        "lidarsim/native",
+        "lidarsim/presets",
+        ".github",
+    ],
     ids=lambda folder: folder or "/",
 )
 def test_links_lead_somewhere(page: str) -> None:

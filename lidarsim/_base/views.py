@@ -75,7 +75,7 @@ def register_view(kind: type, name: str, function: Callable[..., Any]) -> None:
     kind : type
         The class whose instances are converted or shown.
     name : str
-        Name of the library to convert to, "from_" and that name for the reverse, or "plot".
+        Name of the library to convert to, "from_" and that name for the reverse, "plot", or the name of a page.
     function : callable
         Takes the arguments of the method: an instance, or the object to convert from, and keywords.
     """

@@ -18,6 +18,7 @@ import numpy as np
 
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import shown
+from lidarsim.comparison import _report as _report  # registers the page
 from lidarsim.comparison._frame import Frame
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
 from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, reasons, values

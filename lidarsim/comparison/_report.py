@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from lidarsim._base.views import register_view
 from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, number, reasons, values
 
 WIDTH, DOWN = 760, 180
@@ -234,3 +235,7 @@ def _ticks(low: float, high: float) -> list[float]:
     step = next(unit * factor for factor in (1, 2, 5, 10) if unit * factor >= rough)
     first, last = math.floor(low / step), math.ceil(high / step)
     return [step * i for i in range(first, last + 1)]
+
+
+register_view(Comparison, "page", page)
+register_view(Comparison, "summary", summary)

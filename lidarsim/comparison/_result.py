@@ -12,6 +12,7 @@ from lidarsim._base.files import PathLike, atomic_writer, check_suffix
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.shown import counted, text_table
 from lidarsim._base.validation import shown
+from lidarsim._base.views import view
 
 Verdict = Literal["alike", "differs", "not measured"]
 Interval = tuple[float, float]
@@ -192,9 +193,8 @@ class Comparison(Immutable, Sequence[Measure]):
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: the tables of the report."""
-        from lidarsim.comparison import _report
-
-        return _report.summary(self)
+        summary: str = view(Comparison, "summary")(self)
+        return summary
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain dictionaries, lists, texts and numbers.
@@ -222,10 +222,12 @@ class Comparison(Immutable, Sequence[Measure]):
         OSError
             If the file cannot be written.
         """
-        from lidarsim.comparison import _report
-
         suffix = check_suffix(path, SUFFIXES)
-        text = _report.page(self) if suffix == ".html" else json.dumps(self.to_dict(), indent=1, ensure_ascii=False)
+        text = (
+            view(Comparison, "page")(self)
+            if suffix == ".html"
+            else json.dumps(self.to_dict(), indent=1, ensure_ascii=False)
+        )
         with atomic_writer(path) as file:
             file.write(f"{text.rstrip()}\n".encode())
 

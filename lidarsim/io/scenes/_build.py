@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from lidarsim._base.files import check_regular, reading_as
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import Floats, placement
 from lidarsim.errors import FileFormatError
+from lidarsim.io.scenes._animation import Bend, Figure
 from lidarsim.io.scenes._model import Indices, Node, Part, Picture, SceneFile, mean_of_corners
 from lidarsim.io.scenes._pictures import sampled, texture
 from lidarsim.materials import LUMINANCE, Material, Texture
@@ -22,9 +23,6 @@ from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import Shape, TriangleMesh
 from lidarsim.world.shapes._polygons import check_faces, triangulated
 from lidarsim.world.shapes.triangle_mesh import MeshFile
-
-if TYPE_CHECKING:
-    from lidarsim.io.scenes._gltf_animation import Bend, Figure
 
 Reader = Callable[[Path], SceneFile]
 

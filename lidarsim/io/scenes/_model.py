@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
+from lidarsim.io.scenes._animation import Bend, Figure
 from lidarsim.materials import Wrap
-
-if TYPE_CHECKING:
-    from lidarsim.io.scenes._gltf_animation import Bend, Figure
 
 Indices = npt.NDArray[np.int64]
 Axis = Literal["x", "y", "z"]

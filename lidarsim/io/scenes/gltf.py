@@ -25,17 +25,8 @@ from lidarsim._base.extras import import_extra
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
-from lidarsim.io.scenes._gltf_animation import (
-    Bend,
-    Pose,
-    Skin,
-    animations_of,
-    figure_of,
-    local_of,
-    rotations,
-    total_of,
-    weights_animated,
-)
+from lidarsim.io.scenes._animation import Bend, Pose, Skin, rotations, total_of
+from lidarsim.io.scenes._gltf_animation import animations_of, figure_of, local_of, weights_animated
 from lidarsim.io.scenes._gltf_data import Data, at, real
 from lidarsim.io.scenes._model import MOST_DEPTH, MOST_OBJECTS, Indices, Names, Node, Paint, Part, Picture, SceneFile
 from lidarsim.materials import Wrap
