@@ -29,7 +29,7 @@ from lidarsim import _native as core
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import check_folder, check_suffix
 from lidarsim._base.shown import counted, plain
-from lidarsim._base.terminal import facts, paragraph, print_line, say, standard_streams, table
+from lidarsim._base.terminal import facts, paragraph, print_line, say, standard_streams, table, without_native_logs
 from lidarsim._base.validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.config import starter
@@ -468,6 +468,9 @@ def view(
     live: Annotated[
         bool, typer.Option("--live", help="Show the frames of a configuration in Rerun while they are scanned.")
     ] = False,
+    expose: Annotated[
+        bool, typer.Option("--expose", help="Let other machines reach the viewer that --live opens.")
+    ] = False,
     rrd: Annotated[Path | None, _file("--rrd", "RRD", "Write the same to a file for Rerun.")] = None,
     screenshot: Screenshot = None,
     html: Annotated[Path | None, _file("--html", "HTML", "Write a self-contained web page.")] = None,
@@ -499,9 +502,12 @@ def view(
     with --accumulate, all of them.
 
     With --live, the frames of a configuration are shown in Rerun while they are scanned, at the sensor's rate, with
-    boxes. Foxglove opens the bags of lidarsim scan (.mcap).
+    boxes. The viewer can be reached from this machine alone, unless you --expose it. Foxglove opens the bags of
+    lidarsim scan (.mcap).
     """
     path = starter.configuration(path)
+    if expose and (rrd or not live):
+        raise LidarsimError("--expose: expected only with --live")
     if live or rrd:
         used: dict[str, object] = {
             "--with": viewer,
@@ -513,7 +519,7 @@ def view(
         used |= {"--limits": limits, "--color-map": color_map, "--title": title, "--accumulate": accumulate}
         _check_live(path, [name for name, value in used.items() if value], rrd)
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
-        _stream(run, rrd or RERUN, names, color_by=color_by, surfaces=surfaces)
+        _stream(run, rrd or RERUN, names, expose=expose, color_by=color_by, surfaces=surfaces)
         return
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
@@ -589,7 +595,10 @@ def _check_live(path: Path, pictures: list[str], rrd: Path | None) -> None:
 def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: Any) -> None:
     """Show a run while it is scanned, and tell where and how much."""
     count = len(run.numbers)
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+    with (
+        without_native_logs(),
+        Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
+    ):
         task = progress.add_task("scanning", total=count)
         start = time.perf_counter()
         shown = ls.stream(run, to, class_names=names, each=lambda done: progress.update(task, completed=done), **looks)

@@ -31,6 +31,7 @@ def stream(
     class_names: Mapping[int, str] | None = None,
     boxes: bool = True,
     surfaces: bool = True,
+    expose: bool = False,
     each: Callable[[int], object] | None = None,
 ) -> int:
     """Show a run in Rerun while it is scanned: points, boxes, surfaces, and the poses of the sensors.
@@ -56,6 +57,8 @@ def stream(
         Show the boxes of things with points, as `Scan.boxes`.
     surfaces : bool
         Show the surfaces of the scene. Planes end a tenth beyond everything else and the points of the first frame.
+    expose : bool
+        Let other machines reach the viewer that "rerun" opens, which otherwise listens on the loopback interface alone.
     each : callable, optional
         Called with the number of frames shown so far, after each of them.
 
@@ -71,7 +74,7 @@ def stream(
     MissingExtraError
         If Rerun is not installed.
     OSError
-        If the file cannot be written, or no viewer runs at the address.
+        If the file cannot be written, or the viewer does not start, does not run at the address, or has ended.
     TypeError, ValueError
         If there are no frames, `to` is none of these, the scans have no scalar field `color_by`, or an argument is of
         the wrong type.
@@ -86,12 +89,13 @@ def stream(
     if class_names is not None:
         class_names = validation.named_labels("class_names", class_names)
     boxes, surfaces = validation.flag("boxes", boxes), validation.flag("surfaces", surfaces)
+    expose = validation.flag("expose", expose)
     if each is not None and not callable(each):
         raise ArgumentTypeError("each", "a function of the number of frames", validation.shown(each))
     if isinstance(what, Run):
         scene = what.scene if scene is None else scene
         what.check_coverage()
-    shown = Rerun(to)
+    shown = Rerun(to, expose=expose)
     frames = _frames(what.scans() if isinstance(what, Run) else what)
     first = next(frames, None)
     if first is None:

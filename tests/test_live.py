@@ -78,7 +78,7 @@ class Recorder:
 
 def watch(monkeypatch: pytest.MonkeyPatch, what: Any, recorder: Recorder | None = None, **options: Any) -> Recorder:
     made = recorder or Recorder()
-    monkeypatch.setattr(live, "Rerun", lambda _: made)
+    monkeypatch.setattr(live, "Rerun", lambda _, **__: made)
     monkeypatch.setattr(live._show, "__kwdefaults__", {"clock": lambda: made.now, "sleep": made.wait})
     assert live.stream(what, "rerun", **options) == len(made.moments)
     return made
@@ -283,6 +283,7 @@ def test_the_command_line_writes_a_file(config: Path, capsys: pytest.CaptureFixt
         (["run.yaml", "--rrd", "a.rrd", "--gif", "a.gif"], "--rrd: expected no option of pictures, got --gif"),
         (["run.yaml", "--rrd", "a.png"], "a.png: unknown extension '.png', expected .rrd"),
         (["run.yaml", "--rrd", "a.rrd", "--with", "open3d"], "--rrd: expected no option of pictures, got --with"),
+        (["run.yaml", "--expose"], "--expose: expected only with --live"),
         (["a.pcd", "--live"], "--live: expected a configuration or recipe, got a.pcd"),
         (["a.pcd", "--rrd", "a.rrd"], "--rrd: expected a configuration or recipe, got a.pcd"),
     ],

@@ -131,7 +131,7 @@ def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def replacing(path: PathLike) -> Iterator[Path]:
+def replacing(path: PathLike, *, named: PathLike | None = None) -> Iterator[Path]:
     """Yield the path of a temporary file, in a folder of its own, that replaces `path` if the block succeeds.
 
     The folder is always removed, even if the main thread receives a SIGTERM that has no other handler. A replaced file
@@ -140,11 +140,12 @@ def replacing(path: PathLike) -> Iterator[Path]:
     Raises
     ------
     OSError
-        If the file cannot be written, or if the block raises an `OSError`; the message names `path`.
+        If the file cannot be written, or if the block raises an `OSError`; the message has `path`, or how it is
+        `named`.
     """
     check_folder(path)
     special, target = _special(path), Path(os.path.realpath(path))
-    with writing(path), temporary_folder(Path(gettempdir()) if special else target.parent) as folder:
+    with writing(named or path), temporary_folder(Path(gettempdir()) if special else target.parent) as folder:
         temporary = folder / "written"
         yield temporary
         if special:

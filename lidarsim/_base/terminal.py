@@ -9,7 +9,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from io import StringIO
 from typing import TextIO
 
@@ -22,7 +22,7 @@ from rich.table import Table
 from lidarsim._base.shown import plain
 from lidarsim.errors import LidarsimError
 
-__all__ = ["facts", "paragraph", "print_line", "say", "standard_streams", "table"]
+__all__ = ["facts", "paragraph", "print_line", "say", "standard_streams", "table", "without_native_logs"]
 
 WIDTH = 200
 """Width of tables in a pipe without the variable COLUMNS, in columns."""
@@ -130,6 +130,31 @@ def standard_streams() -> Iterator[None]:
         logging.getLogger().removeHandler(log)
         for stream in (sys.stdout, sys.stderr):
             _settle(stream)
+
+
+@contextmanager
+def without_native_logs() -> Iterator[None]:
+    """Drop what libraries write to standard error past Python in the block, such as Rerun's log; `sys.stderr` stays."""
+    stderr = sys.stderr
+    with ExitStack() as stack:
+        if _is_standard_error(stderr):
+            kept = os.dup(2)
+            stack.callback(os.close, kept)
+            stack.callback(os.dup2, kept, 2)
+            sys.stderr = stack.enter_context(
+                open(kept, "w", buffering=1, encoding=stderr.encoding, errors=stderr.errors, closefd=False)
+            )
+            stack.callback(setattr, sys, "stderr", stderr)
+            with open(os.devnull, "wb") as null:  # noqa: PTH123
+                os.dup2(null.fileno(), 2)
+        yield
+
+
+def _is_standard_error(stream: TextIO) -> bool:
+    try:
+        return stream.fileno() == 2
+    except (OSError, ValueError):
+        return False
 
 
 class _Log(logging.Handler):

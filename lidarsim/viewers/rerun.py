@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import os
 import socket
-from contextlib import ExitStack
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack, suppress
+from io import FileIO
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -30,11 +35,22 @@ __all__ = ["NAME", "Rerun"]
 
 NAME = "rerun"
 """What opens a window."""
-
+APPLICATION = "lidarsim"
+PORT = 9876
+"""Rerun's own default port."""
 OPACITY = 0x14
 """Opacity of surfaces, of 255."""
 TIMEOUT = 5.0
 """Time in which a viewer must answer, s."""
+PATIENCE = 60.0
+"""Time in which a viewer must have started, or have taken a frame, s."""
+PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
+"""What a client of HTTP/2, and so of gRPC, sends first: a fixed text and a frame of settings (RFC 9113, 3.4)."""
+SETTINGS = 4
+"""Type of the frame that a server of HTTP/2 sends first."""
+
+_started: list[subprocess.Popen[bytes]] = []
+"""Viewers that were started: they outlive the streams."""
 
 
 class Rerun:
@@ -47,6 +63,8 @@ class Rerun:
     ----------
     to : path-like
         `NAME` for a window, a ``.rrd`` file, or the address of a viewer, ``rerun+http://HOST:PORT/proxy``.
+    expose : bool
+        Whether the viewer that is started for a window can be reached from other machines.
 
     Attributes
     ----------
@@ -60,43 +78,79 @@ class Rerun:
     MissingExtraError
         If Rerun is not installed.
     OSError
-        If the file cannot be written, or nothing answers at the address.
+        If the file cannot be written, or no viewer answers; also while frames are shown.
     TypeError, ValueError
-        If `to` is none of these.
+        If `to` is none of these, or is exposed without being a window.
     """
 
-    def __init__(self, to: PathLike) -> None:
-        self._to: Path | str = checked_target(to)
+    def __init__(self, to: PathLike, *, expose: bool = False) -> None:
+        self._to, self._path = checked_target(to)
+        self._expose = expose
+        if expose and self._to != NAME:
+            raise ArgumentValueError("expose", f"False unless `to` is {NAME!r}", True)
         if self._to == NAME:
             require_display()
-        elif isinstance(self._to, str):
-            _check_answers(self._to)
+        elif self._path is None:
+            _check_viewer(self._to)
         self._rerun = import_rerun()
-        self.paced = isinstance(self._to, str)
-        self._stack = ExitStack()
+        self.paced = self._path is None
+        self._pipe: _Pipe | None = None
         self._last: dict[str, Floats] = {}
         self._made: set[str] = set()
 
     def __enter__(self) -> Self:
         """Start the recording."""
-        rr = self._rerun
-        self._log: rerun.RecordingStream = rr.RecordingStream("lidarsim")
-        self._log.set_log_time_enabled(False)
-        if isinstance(self._to, Path):
-            self._log.save(self._stack.enter_context(replacing(self._to)))
-        elif self._to == NAME:
-            self._log.spawn(hide_welcome_screen=True)
-        else:
-            self._log.connect_grpc(self._to)
+        with ExitStack() as stack:
+            if self._path:
+                temporary = stack.enter_context(replacing(self._path, named=self._to))
+                self._pipe = stack.enter_context(_Pipe(temporary))
+            address = _viewer(expose=self._expose) if self._to == NAME else self._to
+            self._log: rerun.RecordingStream = self._rerun.RecordingStream(APPLICATION)
+            stack.push(self._close)
+            self._log.set_log_time_enabled(False)
+            if self._pipe:
+                self._log.save(self._pipe.name)
+            else:
+                self._log.connect_grpc(address)
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Send what is left; a file gets its name unless there was an error."""
-        self._log.flush()
-        self._log.disconnect()
         self._stack.__exit__(kind, error, trace)
+
+    def _close(self, _: object, error: BaseException | None, __: object) -> None:
+        """Close the recording, and end its threads."""
+        try:
+            if error is None:
+                self._flush()
+        finally:
+            self._log.disconnect()
+            del self._log
+            import_extra("rerun_bindings", "live", "Rerun").flush_and_cleanup_orphaned_recordings()
+
+    def _send(self, blueprint: rerun.blueprint.Blueprint) -> None:
+        """Send a layout as `RecordingStream.send_blueprint`, which keeps the two threads of its own recording."""
+        bindings = import_extra("rerun_bindings", "live", "Rerun")
+        stream = bindings.new_blueprint(APPLICATION, make_default=False, make_thread_default=False)
+        layout = self._rerun.RecordingStream._from_native(stream)
+        layout.set_time("blueprint", sequence=0)
+        blueprint._log_to_stream(layout)
+        sent = layout.memory_recording()
+        bindings.send_blueprint(sent.storage, True, True, recording=self._log.to_native())
+        layout.disconnect()
+
+    def _flush(self) -> None:
+        """Wait until all that was logged is in the file or with the viewer."""
+        try:
+            self._log.flush(timeout_sec=PATIENCE)
+        except RuntimeError as error:
+            reason = str(error).partition("\n")[0]
+            raise OSError(f"{self._to}: the viewer takes no more frames: {reason}") from error
+        if self._pipe and self._pipe.failure:
+            raise self._pipe.failure
 
     def begin(self, world: World) -> None:
         """Log the surfaces, the classes and how to show all."""
@@ -113,7 +167,7 @@ class Rerun:
         for (name, color), parts in groups.items():
             vertices, faces = joined([part.surface for part in parts], world.origin)
             log(["world", "surfaces", name], self._mesh(vertices, faces, color), static=True)
-        self._log.send_blueprint(_blueprint(rr, world))
+        self._send(_blueprint(rr, world))
 
     def show(self, moment: Moment) -> None:
         """Log a frame."""
@@ -154,6 +208,7 @@ class Rerun:
                 log(path, self._mesh(surface.vertices, surface.outward(), mover.color), static=True)
             place = surface.matrix
             log(path, rr.Transform3D(translation=place[:3, 3] - self._origin, mat3x3=place[:3, :3]))
+        self._flush()
 
     def _mesh(self, vertices: Floats, faces: Any, color: str) -> rerun.Mesh3D:
         mesh: rerun.Mesh3D = self._rerun.Mesh3D(
@@ -162,20 +217,73 @@ class Rerun:
         return mesh
 
 
-def checked_target(to: PathLike) -> Path | str:
-    """Return what `Rerun` shows frames in, a file as a path, after checking that it is one and its folder exists."""
+class _Pipe:
+    """A pipe under a name, whose content goes to a new file: Rerun would report a full disk in lines of its own.
+
+    Without names of pipes, as on Windows, the name is that of the file.
+
+    Attributes
+    ----------
+    name : str
+        What to write to.
+    failure : OSError or None
+        Why the file lacks what has come since.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.name = str(path)
+        self.failure: OSError | None = None
+
+    def __enter__(self) -> Self:
+        """Create the file."""
+        self._copier: threading.Thread | None = None
+        if Path("/dev/fd").is_dir():
+            read, self._write = os.pipe()
+            self.name = f"/dev/fd/{self._write}"
+            try:
+                file = self._path.open("xb", buffering=0)
+            except OSError:
+                os.close(read)
+                os.close(self._write)
+                raise
+            self._copier = threading.Thread(target=self._copy, args=(open(read, "rb", buffering=0), file))  # noqa: PTH123 - closed by the thread
+            self._copier.start()
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Wait for the end of the content, which is when nobody writes to the pipe any more."""
+        if self._copier:
+            os.close(self._write)
+            self._copier.join()
+        if self.failure and error is None:
+            raise self.failure
+
+    def _copy(self, pipe: FileIO, file: FileIO) -> None:
+        with pipe, file:
+            while data := memoryview(pipe.read(1 << 20)):
+                while data and not self.failure:
+                    try:
+                        data = data[file.write(data) :]
+                    except OSError as error:
+                        self.failure = error
+
+
+def checked_target(to: PathLike) -> tuple[str, Path | None]:
+    """Return what `Rerun` shows frames in, as it was given, and the absolute path of a file whose folder exists."""
     if not isinstance(to, str | os.PathLike):
         raise ArgumentTypeError("to", f"{NAME} or a path", type(to).__name__)
-    if to == NAME or str(to).startswith(("rerun://", "rerun+http://", "rerun+https://")):
-        return str(to)
+    name = os.fspath(to)
+    if name == NAME or name.startswith(("rerun://", "rerun+http://", "rerun+https://")):
+        return name, None
     if Path(to).suffix.lower() != ".rrd":
         raise ArgumentValueError("to", f"{NAME}, a .rrd file or rerun+http://HOST:PORT/proxy", shown(to))
     check_folder(to)
-    return Path(to)
+    return name, Path(to).absolute()
 
 
-def _check_answers(to: str) -> None:
-    """Raise an error unless something listens at the address of a viewer."""
+def _check_viewer(to: str) -> None:
+    """Raise an error unless a viewer answers at the address; what answers by TLS may be one."""
     try:
         parts = urlsplit(to)
         host, port = parts.hostname, parts.port
@@ -183,11 +291,61 @@ def _check_answers(to: str) -> None:
         host, port = None, None
     if not host or not port or parts.path != "/proxy":
         raise ArgumentValueError("to", "rerun+http://HOST:PORT/proxy", shown(to))
+    expected = f"to: expected a Rerun viewer that runs, got {short(to)!r}"
     try:
-        socket.create_connection((host, port), timeout=TIMEOUT).close()
-    except (OSError, UnicodeError) as error:
+        if parts.scheme != "rerun+http":
+            socket.create_connection((host, port), timeout=TIMEOUT).close()
+        elif not _is_viewer(host, port):
+            raise OSError(f"{expected}, where something else answers")
+    except (ConnectionError, TimeoutError, socket.gaierror, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise OSError(f"to: expected a Rerun viewer that runs, got {short(to)!r}: no answer ({reason})") from None
+        raise OSError(f"{expected}: no answer ({reason})") from None
+
+
+def _is_viewer(host: str, port: int) -> bool:
+    """Return whether what listens at an address speaks HTTP/2, as viewers do; `OSError` if nothing listens."""
+    with socket.create_connection((host, port), timeout=TIMEOUT) as line, line.makefile("rb") as answers:
+        try:
+            line.sendall(PREFACE)
+            frame = answers.read(9)  # its length (3), type (1), flags (1) and stream (4)
+        except OSError:
+            return False
+    return len(frame) == 9 and frame[3] == SETTINGS
+
+
+def _viewer(*, expose: bool) -> str:
+    """Return the address of the viewer on this machine; start it unless it runs.
+
+    It belongs to the Python environment in use, and listens on the loopback interface unless it is exposed.
+    """
+    here = "127.0.0.1"
+    started: subprocess.Popen[bytes] | None = None
+    end = time.monotonic() + PATIENCE
+    while True:
+        with suppress(ConnectionError):
+            found = _is_viewer(here, PORT)
+            if not found and not started:
+                raise OSError(f"{NAME}: port {PORT} of this machine is taken by something other than a viewer")
+            if expose and not started:
+                raise OSError(f"{NAME}: a viewer runs already at port {PORT}: close it, for the next one to be exposed")
+            if found:
+                return f"rerun+http://{here}:{PORT}/proxy"
+        if started is None:
+            options = ["--port", str(PORT), "--bind", "0.0.0.0" if expose else here]  # noqa: S104
+            started = subprocess.Popen(  # noqa: S603
+                [sys.executable, "-P", "-m", "rerun_cli", *options, "--hide-welcome-screen", "--expect-data-soon"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env={**os.environ, "RERUN_APP_ONLY": "true"},
+                start_new_session=True,
+            )
+            _started.append(started)
+        ended = started.poll() is not None
+        if ended or time.monotonic() > end:
+            what = "has ended" if ended else "does not answer"
+            raise OSError(f"{NAME}: the viewer that was started {what}; `rerun` in a terminal says why")
+        time.sleep(0.05)
 
 
 def import_rerun() -> ModuleType:
