@@ -10,8 +10,11 @@ configurations, recipes and the layouts of data sets, and ``lidarsim/io/README.m
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
+from typing import TYPE_CHECKING, NoReturn
+
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns, worlds
 from lidarsim import viewers as viewers  # registers views
+from lidarsim._base.names import instead
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
@@ -120,3 +123,13 @@ __all__ = [
 ]
 
 __version__ = "0.1.0"
+
+
+if not TYPE_CHECKING:  # type checkers know all names
+
+    def __getattr__(name: str) -> NoReturn:
+        """Raise an error that says where a name is that the package lacks."""
+        place = next((module.__name__ for module in (patterns, materials, datasets, io) if hasattr(module, name)), "")
+        hint = f"it is {place}.{name}" if place else instead("lidarsim", name, __all__)
+        problem = f"module 'lidarsim' has no attribute {name!r}"
+        raise AttributeError(f"{problem}; {hint}" if hint and not name.startswith("_") else problem)

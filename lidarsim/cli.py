@@ -27,7 +27,7 @@ from typer.main import get_command
 import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import check_folder, check_suffix
+from lidarsim._base.files import check_folder, check_suffix, told
 from lidarsim._base.shown import counted, plain
 from lidarsim._base.terminal import facts, paragraph, print_line, say, standard_streams, table, without_native_logs
 from lidarsim._base.validation import integer, shown
@@ -936,7 +936,7 @@ def _insistent_interrupts() -> Iterator[None]:
 def _reason(error: BaseException) -> str:
     """Return the message of an error for the user."""
     if isinstance(error, OSError) and error.errno is not None:  # from the system; the message of ours names the path
-        return f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror)
+        return told(error)
     if hasattr(error, "format_message"):  # typer's errors about arguments, whichever module defines them
         return str(error.format_message())
     text = str(error) or type(error).__name__
@@ -1146,6 +1146,8 @@ def _print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:
     exact = ls.Measurement()
     effects = {field.name: getattr(lidar.measurement, field.name) for field in dataclasses.fields(exact)}
     effects = {name: value for name, value in effects.items() if value != getattr(exact, name)}
+    if lidar.measurement.max_returns == 1 and effects.get("returns") not in {None, "first", "last", 1}:
+        effects["returns"] = f"{effects['returns']} (one: a pulse has one echo without a beam)"
     lines = {
         "pattern": f"{type(lidar.pattern).__name__}, {'the same' if does.repeats else 'another'} in each frame",
         "rings, columns": f"{does.rings:,}, {does.columns:,}",

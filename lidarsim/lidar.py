@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from lidarsim._base.files import check_regular
+from lidarsim._base.names import named
 from lidarsim._base.validation import Instances, Transform, frames, integer, items, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.scan import scan as _scan
@@ -49,6 +50,7 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
     _readers[name] = recognise, read
 
 
+@named
 class Lidar(Sensor):
     """A lidar sensor.
 
@@ -78,6 +80,7 @@ class Lidar(Sensor):
         If an argument has the wrong type or is out of its range.
     """
 
+    @named
     def scan(
         self,
         scene: Scene,

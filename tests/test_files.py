@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim._base.files import atomic_writer, unquoted
+from lidarsim._base.files import atomic_writer, told, unquoted
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.pointcloud import PointCloud
 
@@ -244,3 +244,44 @@ def test_what_lidarsim_says_is_kept() -> None:
         ls.Lidar.preset("nobody's")
     assert '"nobody\'s"' in str(caught.value)
     assert unquoted(caught.value) == str(caught.value)
+
+
+READERS = {
+    "x.glb": ls.Scene.from_file,
+    "x.obj": ls.Scene.from_file,
+    "x.stl": ls.TriangleMesh.from_file,
+    "x.asc": ls.TriangleMesh.from_raster,
+    "x.pcd": ls.PointCloud.load,
+    "x.txt": ls.Trajectory.load,
+    "x.json": ls.Lidar.from_file,
+    "x.yaml": ls.config.load,
+    "x.npz": ls.Waveforms.load,
+    "x.mcap": lambda path: next(ls.io.rosbag.read(path)),
+    "bag": lambda path: next(ls.io.rosbag.read(path)),
+    "x.csv": ls.ImuSamples.load,
+    "x.npy": lambda path: ls.patterns.Table.from_file(path, rate=10.0),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("state", ["missing", "a folder", "in a file"])
+def test_what_cannot_be_opened_is_named_without_the_number_of_the_error(name: str, state: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    if state == "a folder":
+        path.mkdir()
+    elif state == "in a file":
+        (tmp_path / "file").write_text("")
+        path = tmp_path / "file" / name
+    with pytest.raises((OSError, ls.errors.LidarsimError)) as caught:
+        READERS[name](path)
+    assert name in str(caught.value)
+    assert "Errno" not in str(caught.value)
+    if isinstance(caught.value, OSError) and state == "missing":
+        assert type(caught.value) is FileNotFoundError
+
+
+def test_an_error_of_the_system_reads_as_ours() -> None:
+    with pytest.raises(FileNotFoundError) as caught:
+        Path("nowhere").read_bytes()
+    assert told(caught.value) == "nowhere: No such file or directory"
+    assert told(OSError(errno.ENOSPC, "No space left on device")) == "No space left on device"

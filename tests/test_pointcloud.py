@@ -63,7 +63,7 @@ def test_a_cloud_of_a_cloud_has_all_that_it_has() -> None:
     given.class_names, given.flow = {7: "ball"}, np.ones((len(given), 2))
     made = PointCloud(given)
     assert made.fields == given.fields
-    assert all(getattr(made, name) is getattr(given, name) for name in given.fields)
+    assert all(getattr(made, name).ctypes.data == getattr(given, name).ctypes.data for name in given.fields)
     assert (made.class_names, made._in_sensor_frame) == ({7: "ball"}, True)
     more = PointCloud(given, class_names={7: "sphere"}, cluster=np.zeros(len(given)))
     assert more.class_names == {7: "sphere"}
@@ -224,6 +224,43 @@ def test_concatenated_clouds_keep_order_fields_and_names() -> None:
     assert (whole.fields, whole.ring.dtype, whole.class_names) == (first.fields, np.uint16, {1: "car", 2: "road"})
     with pytest.raises(ValueError, match="expected one name for each label, got 'car' and 'bus' for 1"):
         PointCloud.concatenate([first, PointCloud(xyz=XYZ, ring=[1, 2], class_names={1: "bus"})])
+
+
+def test_a_sum_is_the_concatenation(cloud: PointCloud) -> None:
+    both = cloud + cloud[:1]
+    assert both.fields == cloud.fields
+    for name in cloud.fields:
+        np.testing.assert_array_equal(getattr(both, name), np.concatenate([getattr(cloud, name)] * 2)[:3])
+    with pytest.raises(ValueError, match="the same fields in all, got clouds"):
+        _ = cloud + PointCloud(XYZ)
+    with pytest.raises(TypeError, match="unsupported operand"):
+        _ = cloud + 1.0  # type: ignore[operator]
+
+
+def test_to_pandas_has_a_column_per_component_and_the_classes() -> None:
+    pandas = pytest.importorskip("pandas")
+    cloud = PointCloud(
+        xyz=XYZ, normal=[[0, 0, 1], [1, 0, 0]], label=[7, 9], ring=[3, 4], flow=np.ones((2, 2), np.float32),
+        class_names={7: "car", 3: "car", 8: "tree"},
+    )  # fmt: skip
+    frame = cloud.to_pandas()
+    columns = {"x": XYZ[:, 0], "y": XYZ[:, 1], "z": XYZ[:, 2], "ring": cloud.ring, "label": cloud.label,
+               "nx": cloud.normal[:, 0], "ny": cloud.normal[:, 1], "nz": cloud.normal[:, 2],
+               "flow.0": [1, 1], "flow.1": [1, 1]}  # fmt: skip
+    assert list(frame.columns) == list(columns)
+    for name, column in columns.items():
+        np.testing.assert_array_equal(frame[name], column)
+    kinds = [frame.dtypes[name] for name in ("x", "ring", "label", "nx", "flow.0")]
+    assert kinds == ["float64", "uint16", "uint32", "float32", "float32"]
+    frame.loc[0, "x"] = 99.0
+    assert cloud.xyz[0, 0] == XYZ[0, 0]  # a copy
+    named = cloud.to_pandas(class_names=True)["class"]
+    assert list(named.cat.categories) == ["car", "tree"]
+    assert named[0] == "car"
+    assert pandas.isna(named[1])  # no class has 9
+    assert "class" not in PointCloud(XYZ).to_pandas(class_names=True)
+    with pytest.raises(TypeError, match="class_names: expected True or False"):
+        cloud.to_pandas(class_names={7: "car"})  # type: ignore[arg-type]
 
 
 def test_copies_share_nothing_and_records_hold_every_field(cloud: PointCloud) -> None:

@@ -97,9 +97,14 @@ def _note(path: PathLike) -> None:
 
 
 def check_regular(path: PathLike) -> None:
-    """Raise an error if `path`, a file to read, is a pipe or device: it may be endless and not be readable twice."""
-    if _special(path):
-        raise FileFormatError(f"{path}: expected a regular file, got a pipe or device")
+    """Raise an error if `path`, a file to read, cannot be opened, or is a folder, a pipe or a device.
+
+    A pipe or device may be endless and not be readable twice.
+    """
+    with reading(path):
+        if _special(path):
+            raise FileFormatError(f"{path}: expected a regular file, got a pipe or device")
+        Path(path).open("rb").close()
     _note(path)
 
 
@@ -167,6 +172,24 @@ def writing(path: PathLike) -> Iterator[None]:
         reason = error.strerror or str(error)
         failure = OSError(f"{path}: cannot be written: {reason}")
         failure.strerror = reason  # for callers that word their own error
+        raise failure from error
+
+
+@contextmanager
+def reading(path: PathLike) -> Iterator[None]:
+    """Turn an `OSError` of the system in the block into one of its kind that says that `path` cannot be read, and why.
+
+    Its message has the words of the system without its number, ``[Errno 2]``.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in {None, errno.EINVAL}:  # worded already, or a sign of a damaged file
+            raise
+        missing = isinstance(error, FileNotFoundError)
+        kind = type(error) if type(error).__module__ == "builtins" else OSError
+        failure = kind(f"{path}: no such file" if missing else f"{path}: cannot be read: {error.strerror}")
+        failure.strerror = error.strerror  # for callers that word their own error
         raise failure from error
 
 
@@ -251,8 +274,13 @@ def _exit(number: int, _: object) -> NoReturn:
 
 
 def told(error: BaseException) -> str:
-    """Return the first line of an error's message, of bounded length, or its type if the message is empty."""
+    """Return the first line of an error's message, of bounded length, or its type if the message is empty.
+
+    An error of the system, ``[Errno 2] No such file or directory: 'a.pcd'``, reads as ours: ``a.pcd: No such file …``.
+    """
     text = str(error).strip().partition("\n")[0] or type(error).__name__
+    if isinstance(error, OSError) and error.errno is not None and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
 
 
@@ -294,13 +322,16 @@ def reading_as(path: PathLike, what: str) -> Iterator[None]:
 def parsing(path: PathLike, kind: str) -> Iterator[None]:
     """Turn exceptions of a parser into one-line `FileFormatError` exceptions that name the file.
 
-    Errors for missing packages and unreadable disks pass through. Out-of-range seeks (EINVAL) and the `OSError` of a
-    decompressor, which has no number, are signs of a damaged file and are converted.
+    Errors for missing packages and, as `reading` words them, of unreadable disks pass through. Out-of-range seeks
+    (EINVAL) and the `OSError` of a decompressor, which has no reason of the system, are signs of a damaged file and are
+    converted.
     """
     try:
-        yield
+        with reading(path):
+            yield
     except Exception as error:
-        if isinstance(error, ImportError) or (isinstance(error, OSError) and error.errno not in {None, errno.EINVAL}):
+        worded = isinstance(error, OSError) and error.errno is None and error.strerror is not None
+        if isinstance(error, ImportError) or worded:
             raise
         raise FileFormatError(f"{path}: not a readable {kind}: {unquoted(error)}") from error
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import copy
 import pickle
 from dataclasses import MISSING, fields
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import numpy as np
 
+from lidarsim._base.names import instead
 from lidarsim._base.shown import short
 
 FORMAT = 2
@@ -52,6 +53,17 @@ class Pickled:
         for name, value in contents.items():
             object.__setattr__(made, name, value)
         return made
+
+    if not TYPE_CHECKING:  # type checkers know all attributes
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Raise an error that names the attribute that is probably meant; called only for a missing one."""
+            try:
+                object.__getattribute__(self, name)  # the error of Python, or that of a property
+            except AttributeError as error:
+                known = [] if name.startswith("_") else [other for other in dir(type(self)) if other[0] != "_"]
+                hint = instead(type(self).__name__, name, known) if known and name not in known else ""
+                raise AttributeError(f"{error}; {hint}" if hint else str(error), name=name, obj=self) from None
 
     def __repr__(self) -> str:
         """Return the class and its contents, with long arrays abbreviated."""

@@ -430,6 +430,8 @@ def _shape_hint(name: str, given: tuple[int, ...], wanted: Sequence[int | str]) 
             return "of one, [[x, y, z]]"
         if len(given) == 2 and given[0] == 3:
             return "transposed?"
+        if name == "directions" and given[1:] == (2,):
+            return "of azimuth a and elevation e: [cos e · cos a, cos e · sin a, sin e]"
     return ""
 
 

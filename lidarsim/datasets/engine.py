@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
+from lidarsim._base.files import told
 from lidarsim._base.validation import integer, shown
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
@@ -154,7 +155,9 @@ def _histogram(ranges: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
 
 
 def _told(error: BaseException) -> str:
-    return str(error) if isinstance(error, LidarsimError | OSError) else f"{type(error).__name__}: {error}"
+    if isinstance(error, OSError):
+        return told(error)
+    return str(error) if isinstance(error, LidarsimError) else f"{type(error).__name__}: {error}"
 
 
 def _full(error: BaseException | None) -> bool:
@@ -355,7 +358,7 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
         try:
             client = distributed.Client(scheduler)
         except (OSError, TimeoutError, ValueError) as error:
-            raise LidarsimError(f"--scheduler: cannot reach {shown(scheduler)}: {error}") from None
+            raise LidarsimError(f"--scheduler: cannot reach {shown(scheduler)}: {told(error)}") from None
         with client:
             yield client
         return

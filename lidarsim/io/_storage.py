@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, parsing, replacing, sync, temporary_folder, writing
+from lidarsim._base.files import PathLike, parsing, reading, replacing, sync, temporary_folder, writing
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
 
@@ -242,7 +242,7 @@ def listed(folder: Path) -> list[Path]:
 
 
 def _read(path: Path) -> Metadata:
-    with path.open("rb") as file:
+    with reading(path), path.open("rb") as file:
         data = file.read(LONGEST + 1)
     if len(data) > LONGEST:
         raise FileFormatError(f"its {METADATA} is longer than {LONGEST:,} bytes")

@@ -155,7 +155,7 @@ def _opened(path: Path, rasterio: Any) -> Iterator[Any]:
     with path.open("rb") as head:
         tiff = head.read(4) in TIFF
     if not tiff:
-        for file in projections(path):
+        for file in filter(Path.exists, projections(path)):
             check_regular(file)
     kind = {"driver": "GTiff"} if tiff else {"driver": "AAIGrid", "DATATYPE": "Float64"}
     with warnings.catch_warnings():  # of a missing geotransform, which `_check` refuses

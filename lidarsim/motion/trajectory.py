@@ -17,6 +17,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer, check_regular, check_suffix
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import Floats, Transform, array
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
@@ -109,6 +110,7 @@ class Trajectory(Immutable):
     array([2.5, 0. , 2. ])
     """
 
+    @named
     def __init__(
         self,
         times: npt.ArrayLike,
@@ -130,7 +132,8 @@ class Trajectory(Immutable):
             shape = ()
         if len(shape) != 3 or shape[0] != len(rising):
             got = shape or "a ragged sequence"
-            raise ArgumentValueError("poses", f"shape ({len(rising)}, 4, 4), one per time", got)
+            hint = "positions are poses[:, :3, 3]" if shape[-1:] == (3,) else ""
+            raise ArgumentValueError("poses", f"shape ({len(rising)}, 4, 4), one per time", got, hint)
         matrices = _rigid(np.array(array("poses", given, ("n", 4, 4))))
         validation.one_of("interpolation", interpolation, INTERPOLATIONS)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

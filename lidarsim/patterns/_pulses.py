@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.shown import extent
-from lidarsim._base.validation import array, frequency, in_order, integer
+from lidarsim._base.validation import array, frequency, in_order, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 
@@ -203,7 +203,8 @@ def check_pattern(pattern: object) -> None:
         If it lacks one of them, its rate is not a number > 0, or its shape not two integers >= 0.
     """
     if not isinstance(pattern, Pattern) or isinstance(pattern, type):
-        raise ArgumentTypeError("pattern", "a scan pattern (rate, shape, pulses)", repr(pattern))
+        hint = "Lidar.preset(name) makes a sensor" if isinstance(pattern, str) else ""
+        raise ArgumentTypeError("pattern", "a scan pattern (rate, shape, pulses)", shown(pattern), hint)
     frequency("pattern.rate", pattern.rate)
     shape = pattern.shape
     if not isinstance(shape, tuple | list) or len(shape) != 2:

@@ -10,6 +10,7 @@ from typing import ClassVar, cast
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, Vector, angle, angles, array, frequency, frozen, integer, real
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -105,6 +106,7 @@ class Spinning(Value):
     field_of_view: float
     start_azimuth: float
 
+    @named
     def __init__(
         self,
         elevations: npt.ArrayLike,

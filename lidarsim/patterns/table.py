@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.files import check_regular, load_array, told
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angles, array, frequency, frozen, integer, nonzero_vectors
 from lidarsim.errors import ArgumentValueError, FileFormatError
@@ -63,6 +64,7 @@ class Table(Value):
     origins: Floats
     rate: float
 
+    @named
     def __init__(
         self,
         directions: npt.ArrayLike,

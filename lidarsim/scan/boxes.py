@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
+from lidarsim._base.labels import Labels
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import counted, html_table, plain, text_table
 from lidarsim._base.validation import Floats, array
@@ -50,7 +51,7 @@ class Boxes(Pickled):
     velocity : ndarray of float64, shape (m, 3)
         Velocity of the centre relative to the world, in the axes of the frame, m/s.
     label : ndarray of uint32, shape (m,)
-        Label of the first object, or of most of its faces.
+        Label of the first object, or of most of its faces; it compares with class names, too: ``boxes.label == "car"``.
     instance : ndarray of uint32, shape (m,)
         Instance number.
     points : ndarray of int64, shape (m,)
@@ -83,6 +84,10 @@ class Boxes(Pickled):
     time: Floats
     class_names: Mapping[int, str] = field(default_factory=dict)
     in_sensor_frame: bool = False
+
+    def __post_init__(self) -> None:
+        """Let labels compare with class names."""
+        object.__setattr__(self, "label", Labels(self.label, self.class_names))
 
     def __len__(self) -> int:
         """Return the number of boxes."""

@@ -16,7 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base import validation
-from lidarsim._base.files import PathLike, atomic_writer, check_folder, check_path, check_regular, check_suffix, parsing
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import (
+    PathLike,
+    atomic_writer,
+    check_folder,
+    check_path,
+    check_regular,
+    check_suffix,
+    parsing,
+    reading,
+)
+from lidarsim._base.labels import Labels
+from lidarsim._base.names import instead
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import html_table, text_table
 from lidarsim._base.validation import Transform, as_array, named_labels, shown
@@ -28,6 +40,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     import open3d
+    import pandas as pd
     import pyproj
     import pyvista
 
@@ -102,7 +115,7 @@ class PointCloud(Pickled, Plotted):
     instance : ndarray of uint32, shape (n,)
         Instance of that object, shared by all its parts.
     label : ndarray of uint32, shape (n,)
-        Label of that object, or of the face that was hit.
+        Label of that object, or of the face that was hit. It compares with class names, too: ``cloud.label == "car"``.
     source : ndarray of uint8, shape (n,)
         `Source` of the point: a surface, the atmosphere, or none; only of scans with false returns or in air that has
         echoes.
@@ -196,8 +209,8 @@ class PointCloud(Pickled, Plotted):
     ) -> PointCloud:
         """Return a cloud of fields of equal length, already in the form that `_field` returns."""
         cloud = cls.__new__(cls)
-        cloud.class_names = class_names
         cloud.__dict__.update(arrays)
+        cloud.class_names = class_names
         return cloud._place(in_sensor_frame=in_sensor_frame)
 
     def _place(self, *, in_sensor_frame: bool) -> Self:
@@ -213,6 +226,8 @@ class PointCloud(Pickled, Plotted):
     @class_names.setter
     def class_names(self, names: Mapping[int, str] | None) -> None:
         object.__setattr__(self, "_class_names", named_labels("class_names", names))
+        if "label" in self.__dict__:
+            self.__dict__["label"] = Labels(self.label, self._class_names)
 
     def __setattr__(self, name: str, values: npt.ArrayLike) -> None:
         """Set or add a field."""
@@ -224,11 +239,13 @@ class PointCloud(Pickled, Plotted):
         array = _field(name, values)
         if "xyz" in self.__dict__ and len(array) != len(self):
             raise ArgumentValueError(name, f"one entry for each of the {len(self)} points", len(array))
-        self.__dict__[name] = array
+        self.__dict__[name] = Labels(array, self._class_names) if name == "label" else array
 
     def __getattr__(self, name: str) -> npt.NDArray[Any]:
         """Raise an error that names the existing fields; called only for a missing one."""
-        raise AttributeError(f"this point cloud has no {name!r}; its fields are {', '.join(self.fields)}")
+        hint = "" if name.startswith("_") else instead("PointCloud", name, [*self.fields, *dir(PointCloud)])
+        problem = f"this point cloud has no {name!r}{hint and f': {hint}'}"
+        raise AttributeError(f"{problem}; its fields are {', '.join(self.fields)}", name=name, obj=self)
 
     def __delattr__(self, name: str) -> None:
         """Remove a field."""
@@ -363,6 +380,10 @@ class PointCloud(Pickled, Plotted):
             arrays["normal"] = np.divide(turned, length, out=np.zeros_like(turned), where=length != 0)
         return PointCloud(arrays, class_names=self._class_names)
 
+    def __add__(self, other: object) -> PointCloud:
+        """Return the points of both clouds, as `concatenate` does."""
+        return PointCloud.concatenate([self, other]) if isinstance(other, PointCloud) else NotImplemented
+
     @classmethod
     def concatenate(cls, clouds: Iterable[PointCloud]) -> PointCloud:
         """Concatenate clouds.
@@ -429,6 +450,49 @@ class PointCloud(Pickled, Plotted):
         for name, array in arrays.items():
             records[name] = array
         return records
+
+    def to_pandas(self, *, class_names: bool = False) -> pd.DataFrame:
+        """Return a pandas data frame with one row per point.
+
+        Parameters
+        ----------
+        class_names : bool
+            Whether to add a column ``class``, with the name of each label as a category; labels without a name have
+            none.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A copy. `xyz` becomes the columns x, y and z, `normal` becomes nx, ny and nz, other vector fields become
+            ``flow.0``, ``flow.1``, …, as in CSV files; all columns keep their dtypes.
+
+        Raises
+        ------
+        MissingExtraError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> cloud = PointCloud(xyz=[[1, 2, 3], [4, 5, 6]], label=[7, 9], class_names={7: "car"})
+        >>> frame = cloud.to_pandas(class_names=True)  # doctest: +SKIP
+        >>> frame.groupby("class", observed=True).z.mean()  # doctest: +SKIP
+        """
+        pandas = import_extra("pandas", "pandas", "to_pandas")
+        columns: dict[str, Any] = {}
+        for name, array in self._arrays().items():
+            if array.ndim == 1:
+                columns[name] = np.asarray(array)
+            else:
+                parts = {"xyz": ["x", "y", "z"], "normal": ["nx", "ny", "nz"]}.get(name)
+                columns |= zip(parts or [f"{name}.{i}" for i in range(array.shape[1])], array.T, strict=True)
+        if validation.flag("class_names", class_names) and "label" in columns:
+            names = list(dict.fromkeys(self._class_names.values()))
+            codes = {label: names.index(name) for label, name in self._class_names.items()}
+            labels, inverse = np.unique(columns["label"], return_inverse=True)
+            of_labels = np.array([codes.get(label, -1) for label in labels.tolist()], dtype=np.intp)
+            columns["class"] = pandas.Categorical.from_codes(of_labels[inverse], names)
+        frame: pd.DataFrame = pandas.DataFrame(columns, copy=True)
+        return frame
 
     def _arrays(self) -> Fields:
         """Return the fields by name, without copies."""
@@ -599,21 +663,16 @@ class PointCloud(Pickled, Plotted):
         options = {} if columns is None else {"columns": _columns(columns)}
         if path.is_dir():
             raise IsADirectoryError(f"{path}: expected a file, got a folder")
-        try:
-            check_regular(path)
-            with path.open("rb") as file:
-                suffix = _recognised(file.read(_HEAD), path)
-                load = _FORMATS[suffix].load
-                if not options.keys() <= inspect.signature(load).parameters.keys():
-                    expected = f"none, since {suffix} files name their columns"
-                    raise ArgumentValueError("columns", expected, f"some for {path}")
-                file.seek(0)
-                with parsing(path, f"{suffix} point cloud"):
-                    return cls(adopted(load(file, **options)))
-        except FileNotFoundError:
-            raise FileNotFoundError(f"{path}: no such file") from None
-        except OSError as error:
-            raise OSError(f"{path}: cannot be read: {error.strerror or error}") from error
+        check_regular(path)
+        with reading(path), path.open("rb") as file:
+            suffix = _recognised(file.read(_HEAD), path)
+            load = _FORMATS[suffix].load
+            if not options.keys() <= inspect.signature(load).parameters.keys():
+                expected = f"none, since {suffix} files name their columns"
+                raise ArgumentValueError("columns", expected, f"some for {path}")
+            file.seek(0)
+            with parsing(path, f"{suffix} point cloud"):
+                return cls(adopted(load(file, **options)))
 
     def to_open3d(self) -> open3d.t.geometry.PointCloud:
         """Return an Open3D tensor point cloud with all fields as attributes.

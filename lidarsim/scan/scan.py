@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base import validation
+from lidarsim._base.labels import Labels
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import extent, html_table, text_table
 from lidarsim._base.validation import Floats, Instances, Transform, as_array, instances, integer, one_of, real, shown
@@ -161,7 +162,7 @@ class Scan(Pickled, Plotted):
     instance : ndarray of uint32, shape (n, k)
         Instance of that object.
     label : ndarray of uint32, shape (n, k)
-        Label of that object, or of the face that was hit.
+        Label of that object, or of the face that was hit; it compares with class names, too: ``scan.label == "car"``.
     normal : ndarray of float32, shape (n, k, 3)
         Unit outward normal at the hit, in world coordinates.
     incidence : ndarray of float32, shape (n, k)
@@ -239,6 +240,10 @@ class Scan(Pickled, Plotted):
     """The scene as it was scanned."""
     _shot: _Shot | None = field(default=None, repr=False)
     """How its pulses were fired."""
+
+    def __post_init__(self) -> None:
+        """Let labels compare with class names."""
+        object.__setattr__(self, "label", Labels(self.label, self.class_names))
 
     def _contents(self) -> dict[str, Any]:
         contents = Pickled._contents(self)  # `super()` fails in a dataclass with slots

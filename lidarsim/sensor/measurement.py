@@ -26,6 +26,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import angle, array, beam_angle, integer, is_several, real, share
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -154,6 +155,7 @@ class Beam(Immutable):
         object.__setattr__(self, "separation", real("separation", self.separation, at_least=0.0))
 
 
+@named
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Measurement(Immutable):
     """How a sensor measures what its pulses hit. Every effect is off by default.
@@ -206,8 +208,8 @@ class Measurement(Immutable):
         Diverging beam. Default: none; each pulse is a single ray.
     returns : {"strongest", "first", "last", "dual"} or int
         Which echoes of a pulse are reported. "dual": the strongest and the last or, if these are the same echo, the two
-        strongest. A number: at most that many, the nearest first. More than one requires a `beam` or a `depth` of
-        more than 1, since otherwise a pulse has one echo; it is at most the number of rays times the depth, and 255.
+        strongest. A number up to 255: at most that many, the nearest first. Without a `beam`, and with a `depth` of
+        1, a pulse has one echo, so that "dual" and numbers report one return, too.
     depth : int
         The most surfaces that light meets one after another, 1 to 255. With 1, each ray ends at the first surface. With
         more, light goes on from surfaces whose `Material` has a `transmission` or a `mirror`. See the notes.
@@ -302,11 +304,13 @@ class Measurement(Immutable):
         if self.beam is not None and not isinstance(self.beam, Beam):
             raise ArgumentTypeError("beam", "a Beam or None", repr(self.beam))
         object.__setattr__(self, "depth", integer("depth", self.depth, at_least=1, at_most=255))
-        object.__setattr__(self, "returns", _returns(self.returns, self.beam, self.depth))
+        object.__setattr__(self, "returns", _returns(self.returns))
 
     @property
     def max_returns(self) -> int:
-        """Maximum number of returns of a pulse: int."""
+        """Maximum number of returns of a pulse: int; 1 of a single ray whose light does not go on."""
+        if self.beam is None and self.depth == 1:
+            return 1
         return self.returns if isinstance(self.returns, int) else 2 if self.returns == "dual" else 1
 
 
@@ -349,19 +353,10 @@ def _crossover(value: object) -> tuple[float, float]:
     return near, far
 
 
-def _returns(value: object, beam: Beam | None, depth: int) -> ReturnMode | int:
+def _returns(value: object) -> ReturnMode | int:
     names = get_args(ReturnMode)
-    if isinstance(value, str):
-        if value not in names:
-            raise ArgumentValueError("returns", f"{', '.join(map(repr, names))} or a number", repr(value))
-        number = 2 if value == "dual" else 1
-    else:
-        number = value = integer("returns", value, at_least=1)
-    most = min((1 if beam is None else beam.rays) * depth, 255)
-    if number > most:
-        reason = "a pulse has one echo without a beam" if beam is None else f"the beam has {beam.rays} rays"
-        if depth > 1:
-            rays = "a pulse has one ray" if beam is None else reason
-            reason = f"{rays} and depth is {depth}"
-        raise ArgumentValueError("returns", f"at most {most}, since {reason}", repr(value))
+    if not isinstance(value, str):
+        return integer("returns", value, at_least=1, at_most=255)
+    if value not in names:
+        raise ArgumentValueError("returns", f"{', '.join(map(repr, names))} or a number", repr(value))
     return value  # type: ignore[return-value]

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from lidarsim import _native as core
 from lidarsim._base.files import PathLike, check_regular
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable, Pickled
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import (
@@ -55,6 +56,9 @@ HEAD = 1 << 16  # bytes at the start of a file that determine its kind
 MOST_LINES = 12  # maximum lines of a repr
 MOST = 2**31 - 1  # maximum id: hits store ids as int32
 
+
+FILES = "TriangleMesh.from_file(path) reads a mesh"
+"""Hint at what a path given as a shape means."""
 
 FIELDS = ("id", "shape", "name", "label", "instance", "material", "transform", "motion")
 
@@ -112,7 +116,9 @@ def _checked(  # noqa: PLR0917 - the fields, in their order
 ) -> SceneObject:
     """Return an object after checking its fields; `like` is one with the same label, instance and material."""
     if not isinstance(shape, Shape):
-        raise ArgumentTypeError("shape", "a lidarsim shape", _kind(shape))
+        raise ArgumentTypeError(
+            "shape", "a lidarsim shape", _kind(shape), FILES if isinstance(shape, str | Path) else ""
+        )
     if not isinstance(name, str):
         raise ArgumentTypeError("name", "a string", repr(name))
     if not isinstance(material, Material):
@@ -267,6 +273,7 @@ class Scene(Pickled, Plotted):
     array([3.])
     """
 
+    @named
     def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
         self._class_names = named_labels("class_names", class_names)
         self._atmosphere: Atmosphere | None = None
@@ -276,6 +283,7 @@ class Scene(Pickled, Plotted):
         self._animations: Animations | None = None
         self._changed()
 
+    @named
     def add(
         self,
         shape: Shape,
@@ -1001,6 +1009,9 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
 
 def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
+    if isinstance(value, str):
+        expected = f"an integer from 0 to {UINT32}"
+        raise ArgumentTypeError("label", expected, shown(value), "names of labels are the class_names of the scene")
     if not isinstance(value, (np.ndarray, list, tuple)):
         return integer("label", value, at_least=0, at_most=UINT32)
     given = as_array("label", value, "one integer, or one per face")

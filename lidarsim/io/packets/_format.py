@@ -11,6 +11,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatErr
 if TYPE_CHECKING:
     from lidarsim.lidar import Lidar
     from lidarsim.scan.scan import Scan
+    from lidarsim.sensor.measurement import Measurement, ReturnMode
 
 __all__ = ["Encoder", "Packet", "PacketFormat", "format_of", "names", "register", "variants"]
 
@@ -75,6 +76,11 @@ class Encoder(Protocol):
             The content of each file by its suffix, such as ``.json``.
         """
         ...
+
+
+def mode_of(measurement: Measurement) -> ReturnMode | int:
+    """Return the `returns` for packets: the strongest for "dual" of a sensor whose pulses have one echo."""
+    return "strongest" if measurement.returns == "dual" and measurement.max_returns == 1 else measurement.returns
 
 
 class PacketFormat(NamedTuple):

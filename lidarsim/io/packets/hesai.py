@@ -50,7 +50,7 @@ from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
 from lidarsim.io.packets._cycles import Cycles, moments
-from lidarsim.io.packets._format import Packet, PacketFormat, register
+from lidarsim.io.packets._format import Packet, PacketFormat, mode_of, register
 from lidarsim.patterns import Spinning, Table
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ class _Encoder:
         self._lidar, self._start, self._port = lidar, start, port
         self._layout = layout = LAYOUTS[lidar.model]
         self._rotor = _rotor(lidar, layout)
-        returns = lidar.measurement.returns
+        returns = mode_of(lidar.measurement)
         if returns not in layout.modes:
             modes = ", ".join(map(repr, dict.fromkeys(layout.modes)))
             raise FileFormatError(f"returns: expected one of {modes} for packets of {lidar.model}, got {returns!r}")

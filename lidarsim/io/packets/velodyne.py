@@ -36,7 +36,7 @@ import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
-from lidarsim.io.packets._format import Packet, PacketFormat, register
+from lidarsim.io.packets._format import Packet, PacketFormat, mode_of, register
 from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning
 from lidarsim.patterns._parts import TURN, directions_of
@@ -89,7 +89,7 @@ class _Encoder:
         del variant  # there is one
         self._lidar = lidar
         self._model = MODELS[lidar.model]
-        returns = lidar.measurement.returns
+        returns = mode_of(lidar.measurement)
         if returns not in MODES:
             raise FileFormatError(f"returns: expected {', '.join(MODES)} for {lidar.model} packets, got {returns!r}")
         self._mode = MODES[cast("str", returns)]

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.names import named
 from lidarsim._base.validation import Floats, Transform, Vector, frozen
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.world.shapes._shape import Shape
@@ -53,6 +54,7 @@ class Cylinder(Shape):
     _positive: ClassVar = frozenset({"radius"})
     configuration: ClassVar = {"start_m": Vector, "end_m": Vector, "radius_m": float, "capped": bool}
 
+    @named
     def __init__(
         self,
         start: npt.ArrayLike,

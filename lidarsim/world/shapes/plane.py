@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
+from lidarsim._base.names import named
 from lidarsim._base.validation import Floats, Transform
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
@@ -51,6 +52,7 @@ class Plane(Shape):
 
     bounded: ClassVar = False
 
+    @named
     def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
         self._set("Plane", {"normal": normal}, {"distance": distance}, transform)
 

@@ -383,6 +383,17 @@ def test_nothing_in_sight(model: str, returns: str) -> None:
     assert len(decoded(sent, manual).time) == 0
 
 
+def test_dual_of_a_sensor_without_a_beam_is_sent_as_its_strongest_return() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -1.8))
+    sent = []
+    for returns in ("dual", "strongest"):
+        lidar = ls.Lidar.preset("velodyne-vlp16")
+        measurement = ls.Measurement(returns=returns)  # type: ignore[arg-type]
+        sent.append(data(encoded((dataclasses.replace(lidar, measurement=measurement).scan(scene),))))
+    assert sent[0] == sent[1]
+
+
 def test_pairs_of_returns_are_the_last_and_the_strongest_or_second_strongest() -> None:
     """Before a wall at 8 m: a leaf that returns less, one that returns more, and none."""
     scene = ls.Scene()
