@@ -11,20 +11,37 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lidarsim.worlds._asset import Asset, Part, Walker
     from lidarsim.worlds._labels import CLASS_NAMES
+    from lidarsim.worlds.buildings import building
+    from lidarsim.worlds.furnishings import furniture
     from lidarsim.worlds.pedestrians import pedestrian
+    from lidarsim.worlds.plants import tree
     from lidarsim.worlds.vehicles import vehicle
 
-GENERATORS = ("vehicle", "pedestrian")
+GENERATORS = ("vehicle", "pedestrian", "tree", "building", "furniture")
 """Names of the generators of assets, which are also shapes in YAML."""
 
-__all__ = ["CLASS_NAMES", "GENERATORS", "Asset", "Part", "Walker", "pedestrian", "vehicle"]
+__all__ = [
+    "CLASS_NAMES",
+    "GENERATORS",
+    "Asset",
+    "Part",
+    "Walker",
+    "building",
+    "furniture",
+    "pedestrian",
+    "tree",
+    "vehicle",
+]
 
 _MODULES = {
     "CLASS_NAMES": "_labels",
     "Asset": "_asset",
     "Part": "_asset",
     "Walker": "_asset",
+    "building": "buildings",
+    "furniture": "furnishings",
     "pedestrian": "pedestrians",
+    "tree": "plants",
     "vehicle": "vehicles",
 }
 

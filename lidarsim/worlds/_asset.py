@@ -187,6 +187,8 @@ def merged(name: str, pieces: Iterable[Piece]) -> Iterator[Part]:
     """
     kinds: dict[tuple[Any, ...], list[Piece]] = {}
     for piece in pieces:
+        if not len(piece.faces):
+            continue
         material = piece.material
         kind = {key: value for key, value in material._contents().items() if key not in {"reflectivity", "per"}}
         kinds.setdefault(tuple(kind.items()), []).append(piece)

@@ -14,7 +14,10 @@ import pytest
 
 import lidarsim as ls
 from lidarsim.worlds import _labels as labels
+from lidarsim.worlds.buildings import BUILDINGS
+from lidarsim.worlds.furnishings import FURNITURE
 from lidarsim.worlds.pedestrians import LOADS, POSTURES
+from lidarsim.worlds.plants import TREES
 from lidarsim.worlds.vehicles import LABELS, SIZES, VEHICLES
 
 Floats = npt.NDArray[np.float64]
@@ -28,6 +31,12 @@ def generators() -> Iterator[tuple[str, Make]]:
         yield load, partial(ls.worlds.pedestrian, load=load, posture="walking")
     for posture in POSTURES:
         yield posture, partial(ls.worlds.pedestrian, load="nothing", posture=posture)
+    for tree in TREES:
+        yield tree, partial(ls.worlds.tree, tree)
+    for building in BUILDINGS:
+        yield building, partial(ls.worlds.building, building)
+    for furniture in FURNITURE:
+        yield furniture, partial(ls.worlds.furniture, furniture)
 
 
 GENERATORS = dict(generators())
@@ -58,7 +67,7 @@ def surfaces(asset: ls.worlds.Asset) -> dict[str, tuple[Floats, npt.NDArray[np.i
 
 def open_edges(vertices: Floats, faces: npt.NDArray[np.int64]) -> int:
     """Number of edges that are not passed once in each direction for each surface that they are part of."""
-    number = np.unique(vertices, axis=0, return_inverse=True)[1].ravel()
+    number = np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].ravel()
     corners = number[faces]
     edges = Counter(map(tuple, np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]).tolist()))
     return sum(count != edges[end, start] for (start, end), count in edges.items() if start != end)
@@ -81,7 +90,7 @@ def test_surfaces_are_closed(name: str) -> None:
     for seed in range(5):
         asset = GENERATORS[name](np.random.default_rng(seed))
         meshes = surfaces(asset)
-        assert meshes
+        assert meshes or name in {"hedge", "bush", "grass"}
         for vertices, faces in meshes.values():
             assert open_edges(vertices, faces) == 0
             assert volume(vertices, faces) > 0
@@ -102,7 +111,7 @@ def test_an_asset_is_one_instance_with_feet_or_wheels_on_the_ground(name: str) -
     assert len(ids) == len(asset.parts)
     known = set(labels.CLASS_NAMES)
     assert all(set(np.unique(part.label).tolist()) <= known for part in asset.parts)
-    assert asset.bounds[0, 2] == pytest.approx(0.0, abs=0.02)
+    assert name == "cable" or asset.bounds[0, 2] == pytest.approx(0.0, abs=0.02)
     assert (scene.bounds[0] <= asset.bounds[0] + 1e-9).all()
     assert (scene.bounds[1] >= asset.bounds[1] - 1e-9).all()
     moved = np.eye(4)

@@ -1,0 +1,200 @@
+"""Plants: trunks and branches that bear leaves as disks, with gaps that let pulses through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from lidarsim import materials
+from lidarsim._base.validation import Floats, one_of, real, shown
+from lidarsim.errors import ArgumentValueError
+from lidarsim.materials import Material
+from lidarsim.world.shapes import Disks
+from lidarsim.worlds._asset import Asset, Part, Piece, drawn, merged, tube
+from lidarsim.worlds._labels import TERRAIN, TRUNK, VEGETATION
+
+__all__ = ["TREES", "TreeKind", "tree"]
+
+TreeKind = Literal["broadleaf", "conifer", "young", "hedge", "bush", "grass"]
+TREES: tuple[TreeKind, ...] = get_args(TreeKind)
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Habit:
+    """How a plant grows.
+
+    Attributes
+    ----------
+    height : (float, float)
+        Least and greatest height, m.
+    stem : (float, float)
+        Height of the crown's foot over that of the plant.
+    spread : (float, float)
+        Radius of the crown over the height of the plant.
+    girth : float
+        Radius of the trunk at its foot over the height of the plant; 0 if it has no trunk.
+    density : float
+        Area of leaves per volume of the crown, one side, m²/m³.
+    leaf : float
+        Radius of a disk, m: a bunch of leaves or needles, or a blade.
+    """
+
+    height: Span
+    stem: Span
+    spread: Span
+    girth: float
+    density: float
+    leaf: float
+
+
+HABITS: dict[TreeKind, Habit] = {
+    "broadleaf": Habit((7.0, 14.0), (0.2, 0.35), (0.2, 0.36), 0.018, 0.8, 0.085),
+    "conifer": Habit((7.0, 16.0), (0.06, 0.16), (0.14, 0.22), 0.016, 1.8, 0.08),
+    "young": Habit((4.0, 6.5), (0.33, 0.45), (0.14, 0.22), 0.008, 0.9, 0.06),
+    "hedge": Habit((1.0, 2.0), (0.0, 0.0), (0.0, 0.0), 0.0, 5.0, 0.05),
+    "bush": Habit((0.8, 2.2), (0.0, 0.0), (0.4, 0.65), 0.0, 3.0, 0.06),
+    "grass": Habit((0.15, 0.45), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.035),
+}
+"""Height and spread of trees in towns: H. Pretzsch et al., 2015, Crown size and growing space requirement of common
+tree species in urban centres, parks, and forests, Urban Forestry & Urban Greening 14, 466-479. Young trees are as
+nurseries sell them (FLL, 2020, Gütebestimmungen für Baumschulpflanzen): trunks 16 to 25 cm around. Leaves: an index of
+3 to 5 of crowns 4 to 7 m deep (J. Klingberg et al., 2017, Mapping leaf area of urban greenery using aerial LiDAR and
+ground-based measurements in Gothenburg, Sweden, Urban Forestry & Urban Greening 26, 31-40); hedges have more."""
+
+HEDGE_DEPTH = 0.4
+"""Half the thickness of a hedge over its height."""
+
+TUFTS = 2.0
+"""Width of a patch of grass tufts, m."""
+
+
+def tree(
+    kind: TreeKind, rng: np.random.Generator, *, height: float | None = None, length: float | None = None
+) -> Asset:
+    """Make a plant that stands above the origin.
+
+    Parameters
+    ----------
+    kind : str
+        "broadleaf", "conifer", "young", "hedge" (along x), "bush" or "grass" (tufts on a square of 2 m).
+    rng : numpy.random.Generator
+        Draws size, branches and leaves.
+    height : float, optional
+        Height, 0.05 to 60 m. Default: drawn.
+    length : float, optional
+        Length of a hedge, 0.5 to 50 m. Default: drawn, 2 to 6 m.
+
+    Returns
+    -------
+    Asset
+        Trunk and branches, if there are any, as a mesh, and leaves as `Disks`. The trunk below the crown is of the
+        class trunk, grass of the class terrain, and all else vegetation.
+
+    Raises
+    ------
+    ValueError
+        If there is no such kind, or a length is out of range or given for something else than a hedge.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lidarsim as ls
+    >>> oak = ls.worlds.tree("broadleaf", np.random.default_rng(5), height=10.0)
+    >>> [part.name for part in oak.parts]
+    ['wood', 'leaves']
+    """
+    one_of("kind", kind, TREES)
+    habit = HABITS[kind]
+    tall = drawn(rng, habit.height) if height is None else real("height", height, at_least=0.05, at_most=60.0)
+    if kind == "hedge":
+        long = drawn(rng, (2.0, 6.0)) if length is None else real("length", length, at_least=0.5, at_most=50.0)
+        return Asset((_clipped(rng, habit, tall, long),))
+    if length is not None:
+        raise ArgumentValueError("length", "None, but for a hedge", shown(length))
+    if kind == "grass":
+        return Asset((_tufts(rng, habit, tall),))
+    foot, radius = drawn(rng, habit.stem) * tall, drawn(rng, habit.spread) * tall
+    twigs = _twigs(kind, rng, foot, tall, radius)
+    volume = 2 / 3 * 2 * np.pi * radius**2 * (tall - foot) / 2 * (0.5 if kind == "conifer" else 1.0)
+    count = int(habit.density * volume / (np.pi * habit.leaf**2))
+    # Leaves gather around the twigs, so that there are gaps between them.
+    bunch = (0.16 if kind != "conifer" else 0.13) * radius
+    at = twigs[rng.integers(len(twigs), size=count)] + rng.normal(0.0, bunch, (count, 3)) * (1, 1, 0.7)
+    at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, habit.leaf), tall)
+    material = materials.CONIFER if kind == "conifer" else materials.FOLIAGE
+    leaves = _leaves(rng, at, habit.leaf, material)
+    if not habit.girth:
+        return Asset((leaves,))
+    wood = merged("wood", _wood(rng, twigs, habit.girth * tall, foot, (0.95 if kind == "conifer" else 0.7) * tall))
+    return Asset((*wood, leaves))
+
+
+def _leaves(rng: np.random.Generator, at: Floats, radius: float, material: Material, label: int = VEGETATION) -> Part:
+    """Return leaves that face all ways alike."""
+    normals = rng.normal(size=(len(at), 3))
+    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.7, 1.3, len(at))), label, material)
+
+
+def _twigs(kind: TreeKind, rng: np.random.Generator, foot: float, tall: float, radius: float) -> Floats:
+    """Return points on the crown and in it, more of them outside: the ends of branches."""
+    count = 90
+    if kind == "conifer":
+        share = np.sqrt(rng.random(count))  # from the top down
+        turn, out = rng.uniform(0, 2 * np.pi, count), share * radius * rng.uniform(0.5, 1.0, count)
+        return np.column_stack([out * np.cos(turn), out * np.sin(turn), tall - 0.2 - share * (tall - foot - 0.2)])
+    ways = rng.normal(size=(count, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    deep = rng.uniform(0.45, 0.9, count)[:, None]
+    # A crown is not round: it bulges in some directions.
+    lumps = 1 + 0.3 * np.sin(ways @ rng.normal(0, 2.5, (3, 3)) + rng.uniform(0, 6, 3)).mean(axis=1, keepdims=True)
+    half = (tall - foot) / 2
+    points: Floats = ways * deep * lumps * (radius, radius, half) + (0, 0, foot + half)
+    return points
+
+
+def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, tall: float) -> list[Piece]:
+    """Return the trunk, which is part of the crown above its foot, and the branches to some of the twigs."""
+    fork = max(foot, 0.3)
+    bend = rng.normal(0, 0.02 * tall, (2, 2))
+    top = (*bend[1], tall)
+    radius = girth * rng.uniform(0.8, 1.3)
+    middle = (*bend[0], fork)
+    pieces = [
+        tube([(0, 0, 0), (0, 0, 0.3 * fork), middle], [1.25 * radius, radius, 0.85 * radius], 9, TRUNK, materials.BARK),
+        tube([middle, top], [0.85 * radius, 0.2 * radius], 7, VEGETATION, materials.BARK),
+    ]
+    for end in twigs[rng.permutation(len(twigs))[:12]]:
+        height = np.clip(end[2] - 0.6 * np.hypot(*end[:2]), fork, 0.9 * top[2])
+        share = (height - fork) / (top[2] - fork)
+        start = np.array([*(bend[0] + share * (bend[1] - bend[0])), height])
+        knee = (start + end) / 2 - (0, 0, 0.08 * np.linalg.norm(end - start))
+        thick = radius * (0.45 - 0.25 * share)
+        pieces.append(tube([start, knee, end], [thick, 0.6 * thick, 0.2 * thick], 5, VEGETATION, materials.BARK))
+    return pieces
+
+
+def _clipped(rng: np.random.Generator, habit: Habit, tall: float, long: float) -> Part:
+    """Return the leaves of a hedge, most of which are near its surface."""
+    size = np.array([long, 2 * HEDGE_DEPTH * min(tall, 1.5), tall])
+    count = int(habit.density * size.prod() / (np.pi * habit.leaf**2))
+    at = rng.uniform(-0.5, 0.5, (count, 3))
+    side = rng.integers(1, 3, count)
+    near = np.flatnonzero(rng.random(count) < 0.7)
+    at[near, side[near]] = np.where(at[near, side[near]] < 0, -0.5, 0.5) * rng.uniform(0.86, 1.0, len(near))
+    at = at * size + (0, 0, tall / 2) + rng.normal(0, 0.02, (count, 3))
+    at[:, 2] = np.clip(at[:, 2], habit.leaf, tall)
+    return _leaves(rng, at, habit.leaf, materials.FOLIAGE)
+
+
+def _tufts(rng: np.random.Generator, habit: Habit, tall: float) -> Part:
+    """Return blades that stand up, in tufts."""
+    tufts = rng.uniform(-TUFTS / 2, TUFTS / 2, (30, 2))
+    at = np.repeat(tufts, 12, axis=0) + rng.normal(0, 0.06, (360, 2))
+    heights = rng.beta(1.2, 2.5, 360) * tall
+    normals = rng.normal(size=(360, 3)) * (1, 1, 0.3)
+    blades = Disks(np.column_stack([at, np.maximum(heights, habit.leaf)]), normals, habit.leaf)
+    return Part("leaves", blades, TERRAIN, materials.GRASS)
