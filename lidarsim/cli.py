@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
 import re
 import signal
@@ -34,11 +35,12 @@ from lidarsim._base.validation import integer, shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.config import starter
 from lidarsim.errors import ArgumentError, LidarsimError
-from lidarsim.io import packets, raster, rosbag
-from lidarsim.io._cuts import WORDS
-from lidarsim.io._storage import is_folder
+from lidarsim.io import packets, raster
 from lidarsim.lidar import preset_path
 from lidarsim.patterns import describe
+from lidarsim.run import Run, RunFrame, checked_output
+from lidarsim.run import _output as outputs
+from lidarsim.run.packets import pcap
 from lidarsim.scan.pointcloud import is_point_cloud
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
@@ -48,9 +50,7 @@ from lidarsim.world.scene import is_scene_file
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
-    from lidarsim.io._cuts import Cut
     from lidarsim.io.scenes import Imported
-    from lidarsim.run import Run, RunFrame
 
 app = typer.Typer(
     help="Exact and fast lidar simulation.", add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
@@ -141,17 +141,11 @@ def _file(names: str, metavar: str, text: str) -> Any:
 
 OPTIONS = {
     "color_by": "--color-by",
-    "cut": "--cut",
-    "fields": "--fields",
-    "float32": "--float32",
-    "layout": "--layout",
     "limits": "--limits",
-    "max_duration": "--max-bag-duration",
-    "max_size": "--max-bag-size",
     "pictures": "--pictures",
     "sensor": "--sensor",
     "size": "--size",
-    "variant": "--variant",
+    **{name: option.flag.partition("/")[0] for name, option in outputs.options().items()},
 }
 """Options by the Python arguments that they set: errors of the command line name the option."""
 
@@ -171,6 +165,22 @@ Surfaces = Annotated[
 ]
 View = Annotated[Camera, _option("--camera", "|".join(Camera), "Camera position.")]
 Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Size of windows and pictures in pixels; default 1600x1000.")]
+
+
+def _with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of all kinds of output, which it takes as ``**options``."""
+    own = inspect.signature(command, eval_str=True)
+    texts = {int: _integer, float: _real}
+    named = [parameter for parameter in own.parameters.values() if parameter.kind is not inspect.Parameter.VAR_KEYWORD]
+    for name, option in outputs.options().items():
+        if option.kind is bool:
+            info = typer.Option(option.flag, help=option.help)
+        else:
+            info = _option(option.flag, option.metavar, option.help, parser=texts.get(option.kind))
+        annotation = Annotated[option.kind | None, info]  # type: ignore[name-defined] # known when it runs
+        named.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation))
+    command.__signature__ = own.replace(parameters=named)  # type: ignore[attr-defined]
+    return command
 
 
 def _version(asked: bool) -> None:
@@ -198,6 +208,7 @@ def new(folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New or em
 
 
 @app.command()
+@_with_options
 def scan(
     config: Configuration,
     *,
@@ -214,44 +225,12 @@ def scan(
     seed: Seed = None,
     frame: Frame = None,
     frames: Frames = None,
-    layout: Annotated[
-        str | None,
-        _option("--layout", "NAME", f"Point layout of a bag: {', '.join(rosbag.NAMES)}; default: by vendor."),
-    ] = None,
-    cut: Annotated[
-        str,
-        _option(
-            "--cut",
-            "pattern|driver|DEGREES",
-            "Begin messages of a bag as the pattern (default) or the driver begins frames, or at an azimuth.",
-        ),
-    ] = "pattern",
-    variant: Annotated[
-        str | None,
-        _option("--variant", "NAME", f"Variant of packets: {', '.join(packets.variants())}; default: by the returns."),
-    ] = None,
-    fields: Annotated[
-        str | None, _option("--fields", "NAME,…", "Fields of the points to write besides x, y, z; default: all.")
-    ] = None,
-    float32: Annotated[
-        bool | None,
-        typer.Option(
-            "--float32/--float64", help="Type of x, y, z where a format has both; default: that of the format."
-        ),
-    ] = None,
-    max_bag_size: Annotated[
-        int | None,
-        _option("--max-bag-size", "BYTES", "Split a bag in a folder into files of about this size.", parser=_integer),
-    ] = None,
-    max_bag_duration: Annotated[
-        float | None,
-        _option("--max-bag-duration", "SECONDS", "Split a bag in a folder into files of this duration.", parser=_real),
-    ] = None,
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
     camera: View = Camera.BEHIND,
     size: Size = "1600x1000",
+    **options: Any,
 ) -> None:
     """Scan the scene in CONFIG and write the point cloud.
 
@@ -261,11 +240,8 @@ def scan(
     this in one file. Packets (.pcap), as the sensors send them, are in one file too; next to it are the poses, the
     times and what decoders need. Strips and stations are numbered; a strip is one LAS or LAZ file.
     """
-    from lidarsim.run import checked_output
-
     place = checked_output(output)
-    begins = _cut(cut)
-    chosen = _names(fields)
+    given = {name: outputs.options()[name].parse(value) for name, value in options.items() if value is not None}
     _check_screenshot(screenshot)
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
     start = time.perf_counter()
@@ -296,22 +272,16 @@ def scan(
             points += found
             progress.advance(task)
 
-        options: dict[str, Any] = {"layout": layout, "cut": begins, "max_size": max_bag_size}
-        options |= {"max_duration": max_bag_duration, "variant": variant, "fields": chosen, "float32": float32}
-        run.write(output, each=tell, **options)
+        run.write(output, each=tell, **given)
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
     paragraph(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     for note in filter(None, notes):
         paragraph(note)
-    whole = place.with_stem(f"{place.stem}_*") if run.legs else place
-    paths = [run.path_of(place, "*", "*")]
-    if place.suffix.lower() in rosbag.SUFFIXES or is_folder(place):
-        paths = [whole]
-    elif place.suffix.lower() in packets.SUFFIXES:
-        paths = run.pcap(whole).files
-    files = ", ".join(map(str, [*paths, *([run.path_of(screenshot, "*", "*")] if screenshot else [])]))
+    files = ", ".join(
+        map(str, [*run.output(place).pattern(run), *([run.path_of(screenshot, "*", "*")] if screenshot else [])])
+    )
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
     paragraph(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 
@@ -415,7 +385,7 @@ def stream(
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     run.check_coverage()
     if metadata:
-        run.check_unread(*run.pcap(metadata.with_suffix(".pcap"), variant=variant).files[1:])
+        run.check_unread(*pcap(run, metadata.with_suffix(".pcap"), variant=variant).files[1:])
     with packets.Sender(run.lidars, to, start=run.clock, variant=variant, fast=fast) as sender:
         if metadata:
             for path in (written := sender.save_metadata(metadata)):
@@ -1036,28 +1006,6 @@ def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
     """Yield the items, with a progress bar if stderr is a terminal."""
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         yield from progress.track(items, total=count, description="reading")
-
-
-def _names(text: str | None) -> list[str] | None:
-    """Parse names of fields with commas between them."""
-    names = None if text is None else list(filter(None, text.split(",")))
-    if names == []:
-        raise LidarsimError(f"--fields: expected names such as intensity,ring, or xyz alone, got {shown(text)}")
-    return names
-
-
-def _cut(text: str) -> Cut:
-    """Parse where messages begin: pattern, driver or an azimuth in degrees."""
-    for word in WORDS:
-        if text == word:
-            return word
-    try:
-        degrees = float(text)
-    except ValueError:
-        degrees = math.nan
-    if not -360.0 <= degrees <= 360.0:
-        raise LidarsimError(f"--cut: expected pattern, driver or -360 to 360 degrees, got {shown(text)}")
-    return math.radians(degrees)
 
 
 def _limits(text: str | None) -> tuple[float, float] | None:

@@ -19,6 +19,7 @@ from pydantic_core import PydanticCustomError
 from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
 from lidarsim.datasets.samples import Sample
 from lidarsim.io import _storage, rosbag
+from lidarsim.run.bags import bag
 from lidarsim.sensor.gnss import GnssFixes
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class Bags(Layout):
 
     def _bag(self, path: PathLike, run: Run) -> rosbag.Writer:
         cut = self.cut or "pattern" if self.cut_deg is None else math.radians(self.cut_deg)
-        return run.bag(path, cut=cut)
+        return bag(run, path, cut=cut)
 
     def check(self, run: Run) -> None:
         """Raise an error if a bag cannot hold the sensors."""

@@ -1,0 +1,80 @@
+"""Runs as packets, as the sensors send them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lidarsim.io import packets
+from lidarsim.rig import Rig
+from lidarsim.run._frames import CloudArguments, Frames, RunFrame
+from lidarsim.run._output import Option, Output, Samples, Save, register_output
+
+if TYPE_CHECKING:
+    from lidarsim._base.files import PathLike
+
+__all__ = ["pcap"]
+
+
+def pcap(run: Frames, path: PathLike, **options: Any) -> packets.Writer:
+    """Return a writer of the packets that the sensors of a run send, with its `clock`.
+
+    Parameters
+    ----------
+    run : Frames
+        The run.
+    path : path-like
+        The file, ``.pcap``.
+    **options
+        `variant`, as in `lidarsim.io.packets.Writer`.
+
+    Returns
+    -------
+    packets.Writer
+        A context manager.
+
+    Raises
+    ------
+    FileFormatError, TypeError, ValueError
+        As in `lidarsim.io.packets.Writer`.
+    """
+    sensors = run.lidars if isinstance(run.sensor, Rig) else run.sensor
+    return packets.Writer(path, sensors, start=run.clock, **options)
+
+
+@register_output
+class Packets(Output):
+    """Packets in one file, beside which are the files that decoders need."""
+
+    kind: ClassVar[str] = f"packets ({', '.join(packets.SUFFIXES)})"
+    suffixes: ClassVar[Collection[str]] = packets.SUFFIXES
+    options: ClassVar[Mapping[str, Option]] = {
+        "variant": Option(
+            "--variant",
+            "NAME",
+            f"Variant of packets: {', '.join(packets.variants())}; default: by the returns.",
+        )
+    }
+    cloud: ClassVar[CloudArguments | None] = {"frame": "sensor", "deskew": False}
+
+    def __str__(self) -> str:
+        return f"the packets {self.path}"
+
+    def files(self, part: Frames, path: Path, frames: Collection[int] | None) -> list[Path]:
+        """Return the file of packets and those beside it."""
+        del frames
+        return pcap(part, path).files
+
+    @contextmanager
+    def open(self, part: Frames, path: Path, number: int, samples: Samples) -> Iterator[Save]:
+        """Yield a function that writes the packets of a frame."""
+        del number, samples
+        with pcap(part, path, **self.given) as writer:
+
+            def save(frame: RunFrame) -> Iterable[Path]:
+                writer.write(frame.scans)
+                return writer.files
+
+            yield save
