@@ -252,7 +252,7 @@ def test_the_guide_lists_the_files_of_a_toy(what: str) -> None:
     assert TOYS[what].files == checklist(what)
 
 
-@pytest.mark.parametrize("what", ["effect", "column", "layout"])
+@pytest.mark.parametrize("what", ["effect", "column", "layout", "output of a run"])
 def test_the_guide_lists_files_that_exist(what: str) -> None:
     files = checklist(what)
     assert len(files) >= 3
