@@ -16,6 +16,8 @@ sys.path.append(str(Path(__file__).parent))  # for helpers such as conformance.s
 hypothesis.settings.register_profile("fast", max_examples=40, deadline=None, derandomize=True)
 hypothesis.settings.register_profile("slow", max_examples=5000, deadline=None, print_blob=True)
 
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes would compile the package anew
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="many more random cases (also LIDARSIM_SLOW=1)")
