@@ -423,7 +423,7 @@ class TestSaving:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("scan.fls", "unknown extension '.fls', expected .bin, .csv, "),
+        ("scan.abc", "unknown extension '.abc', expected .bin, .csv, "),
         ("scan", "no extension, expected .bin, .csv, "),
         (".pcd", "no extension, expected .bin, .csv, "),
     ],
@@ -547,3 +547,26 @@ def test_numpy_takes_a_cloud_as_its_points() -> None:
     assert np.array_equal(copied, cloud.xyz)
     assert not np.shares_memory(copied, cloud.xyz)
     assert np.allclose(cloud, cloud.xyz)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "hint"),
+    [
+        ("a.pcap", bytes.fromhex("d4c3b2a1020004"), "recorded packets are not read; convert them to"),
+        ("a.csv", bytes.fromhex("0a0d0d0a"), "recorded packets are not read; convert them to"),
+        ("a.bag", b"", "bags of ROS 1 are not read; convert it: rosbags-convert"),
+        ("world.sdf", b"<sdf/>", "it is of a scene, not of points: lidarsim.Scene.from_file"),
+        ("robot.xacro", b"", "it is of a scene, not of points: lidarsim.Scene.from_file"),
+        ("car.LWO", b"FORM", "it is of a scene, not of points: lidarsim.Scene.from_file"),
+        ("car.glb", b"glTF", "it is of a scene, not of points: lidarsim.Scene.from_file"),
+        ("a.mcap.zstd", b"", "compressed files are not read, but for bags by lidarsim.io.rosbag.read"),
+        ("scan.fls", b"", "scans of FARO are not read; convert them to E57 with FARO SCENE"),
+        ("a.npy", b"", "an array does not name its columns: PointCloud(numpy.load(path)"),
+    ],
+)
+def test_what_to_do_with_files_that_are_not_read(name: str, content: bytes, hint: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value).startswith(f"{path}: {hint}")

@@ -67,7 +67,7 @@ def source(argument: str, given: Given) -> Source:
     if isinstance(given, str | os.PathLike):
         path = Path(given)
         files = _files(path)
-        count = None if any(_is_bag(file) for file in files) else len(files)
+        count = None if any(map(rosbag.is_bag, files)) else len(files)
         return Source(str(path), _read(files), count)
     try:
         frames, count = iter(given), len(given) if isinstance(given, Sized) else None
@@ -102,10 +102,6 @@ def _each(argument: str, frames: Iterator[object]) -> Iterator[PointCloud | Scan
             raise ArgumentTypeError(f"{argument}[{i}]", "a PointCloud, a Scan or a path", shown(frame))
 
 
-def _is_bag(path: Path) -> bool:
-    return path.suffix.lower() in rosbag.SUFFIXES
-
-
 def _files(path: Path) -> list[Path]:
     """Return a file, or those of a folder and its subfolders that hold points, by the numbers in their names."""
     if not path.is_dir():
@@ -114,7 +110,7 @@ def _files(path: Path) -> list[Path]:
         file
         for file in path.rglob("*")
         if not any(part.startswith(".") for part in file.relative_to(path).parts)  # of what is being written
-        and is_point_cloud(file)
+        and (is_point_cloud(file) or rosbag.is_bag(file))
         and file.suffix != ".label"  # SemanticKITTI's, beside the points
         and file.is_file()
     ]
@@ -130,7 +126,7 @@ def _natural(text: str) -> list[tuple[int, str]]:
 
 def _read(files: list[Path]) -> Iterator[PointCloud]:
     for file in files:
-        if not _is_bag(file):
+        if not rosbag.is_bag(file):
             yield PointCloud.load(file)
             continue
         topic = None

@@ -2,7 +2,8 @@
 
 Documents stay YAML nodes until they are complete: presets and changes are merged, and ``--set`` is applied, as nodes,
 so an error always names the place where the offending value was written. Scalars follow the core schema of YAML 1.2:
-``1e-3`` is a number, ``no`` is text. Keys are words, and a mapping has each at most once.
+``1e-3`` is a number, ``no`` is text, ``010`` is ten and ``0o10`` eight. Keys are words, and a mapping has each at most
+once.
 
 `parse` checks the entire document, so that the other functions only see values that `plain` can return.
 """
@@ -42,7 +43,7 @@ _TAG = "tag:yaml.org,2002:"
 def _integer(text: str) -> int:
     if len(text) > MOST_DIGITS:  # int takes quadratic time, and refuses thousands of digits
         raise OverflowError
-    number = int(text, 0)
+    number = int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
     float(number)
     return number
 
@@ -70,7 +71,7 @@ class _Core(yaml.resolver.BaseResolver):
 for _name, _pattern, _first in (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
     ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
-    ("int", r"[-+]?(0|[1-9][0-9]*)|0x[0-9a-fA-F]+", list("-+0123456789")),
+    ("int", r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", list("-+0123456789")),
     (
         "float",
         r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",

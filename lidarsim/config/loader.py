@@ -283,7 +283,13 @@ def _text(node: Node, key: str, place: Place) -> str | None:
 
 
 def checked(model: type[M], root: Node) -> M:
-    """Return `root` as `model`; the error names the first problem in the file and counts the others."""
+    """Return `root` as `model`; the error names the first problem in the file and counts the others.
+
+    If it has none of the keys of `model`, nor one like them, it may be any file, of which the error shows nothing.
+    """
+    found = entries(root)
+    if found and not any(key in model.model_fields or model.nearest(key) for key in found):
+        raise Place(root).error(f"expected a mapping with keys {', '.join(model.model_fields)}, got others")
     try:
         return model.model_validate(plain(root))
     except pydantic.ValidationError as invalid:

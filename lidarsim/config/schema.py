@@ -92,12 +92,17 @@ class Model(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
+    @classmethod
+    def nearest(cls, key: str) -> list[str]:
+        """Return the keys that `key` may be a misspelling of."""
+        return difflib.get_close_matches(key, cls.model_fields)
+
     @model_validator(mode="before")
     @classmethod
     def _suggest(cls, value: object) -> object:
         for key in value if isinstance(value, dict) else ():
             if key not in cls.model_fields:
-                near = difflib.get_close_matches(key, cls.model_fields)
+                near = cls.nearest(key)
                 hint = (
                     f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(cls.model_fields)}"
                 )

@@ -18,6 +18,7 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     semantickitti,
     text,
     trajectories,
+    unread,
     waveforms,
 )
 

@@ -9,7 +9,6 @@ Format: https://mcap.dev/spec.
 from __future__ import annotations
 
 import struct
-import sys
 import zlib
 from collections.abc import Iterator
 from functools import cache
@@ -17,8 +16,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from lidarsim._base.extras import import_extra
+from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import check_expansion
+from lidarsim.io._records import check_expansion, zstd
 
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
@@ -105,13 +105,12 @@ def _chunk(body: memoryview) -> memoryview:
         raise FileFormatError("it is truncated inside a chunk")
     check_expansion(size, len(data))
     if compression:
-        modules = {"zstd": ("backports.zstd", "ZstdDecompressor"), "lz4": ("lz4.frame", "LZ4FrameDecompressor")}
-        if sys.version_info >= (3, 14):
-            modules["zstd"] = "compression.zstd", "ZstdDecompressor"
-        if compression not in modules:
-            raise FileFormatError(f"its chunks are compressed by {compression!r}, expected zstd or lz4")
-        module, name = modules[compression]
-        decompressor = getattr(import_extra(module, "formats", "reading compressed ROS bags"), name)()
+        if compression == "zstd":
+            decompressor = zstd().ZstdDecompressor()
+        elif compression == "lz4":
+            decompressor = import_extra("lz4.frame", "formats", "reading compressed ROS bags").LZ4FrameDecompressor()
+        else:
+            raise FileFormatError(f"its chunks are compressed by {short(ascii(compression))}, expected zstd or lz4")
         data = memoryview(decompressor.decompress(data, max_length=size + 1))
     if len(data) != size or (checksum and zlib.crc32(data) != checksum):
         raise FileFormatError(f"a chunk is damaged: it claims {size:,} bytes and has others, or of another number")

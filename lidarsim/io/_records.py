@@ -18,11 +18,13 @@ import sys
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.extras import import_extra
 from lidarsim._base.validation import UINT32, short
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.pointcloud import CANONICAL, Fields, field_names, first_misfit, held
@@ -201,13 +203,18 @@ def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int, size: in
     read = 0
     yield columns_of(np.empty(0, dtype))
     while part := list(itertools.islice(lines, size)):
-        try:
-            yield columns_of(np.loadtxt(part, dtype, comments=None, ndmin=1))
-        except (ValueError, OverflowError):
-            yield _parsed_one_by_one(part, dtype, read)
+        yield parsed_block(part, dtype, read)
         read += len(part)
     if read < points:
         raise FileFormatError(f"it is truncated: {read} of {points} points")
+
+
+def parsed_block(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:
+    """Return the columns of lines of text, one point each, of which the first has the number `first`."""
+    try:
+        return columns_of(np.loadtxt(lines, dtype, comments=None, ndmin=1))
+    except (ValueError, OverflowError):
+        return _parsed_one_by_one(lines, dtype, first)
 
 
 def as_declared(columns: Fields, dtype: np.dtype[np.void]) -> Fields:
@@ -239,8 +246,8 @@ def _parsed_one_by_one(lines: list[str], dtype: np.dtype[np.void], first: int) -
             if len(numbers) < size:
                 raise FileFormatError(f"{name}[{i}]: expected a number, got the end of the line")
             columns[name].append(numbers)
-        if (word := next(words, None)) is not None:
-            raise FileFormatError(f"point {i}: expected {sum(sizes)} numbers, got more: {short(repr(word))}")
+        if next(words, None) is not None:
+            raise FileFormatError(f"point {i}: expected {sum(sizes)} numbers, got more")
     return {name: _column(columns[name], dtype[name]) for name in names}
 
 
@@ -263,8 +270,9 @@ def number(word: str, what: str) -> float:
             return float(word)
     if found := re.fullmatch(r"([+-]?)(?:1\.#(inf|ind|[qs]nan)|nan\(\w*\))\d*", word.lower()):
         return float(f"{found[1]}inf") if found[2] == "inf" else math.nan
-    comma = " with a point, not a comma" if re.fullmatch(r"[+-]?\d+,\d+", word) else ""
-    raise FileFormatError(f"{what}: expected a number{comma}, got {short(repr(word))}")
+    comma = re.fullmatch(r"[+-]?\d{1,20},\d{1,20}", word)
+    expected, got = ("a number with a point, not a comma", repr(word)) if comma else ("a number", "something else")
+    raise FileFormatError(f"{what}: expected {expected}, got {got}")  # shows no text: it may be any file
 
 
 def columns_of(records: npt.NDArray[np.void]) -> Fields:
@@ -355,10 +363,22 @@ def header_lines(lines: Iterable[str]) -> bytes:
     return header
 
 
+def most_expanded(compressed: int) -> int:
+    """Return the most bytes to which so many compressed ones may expand."""
+    return max(SMALL, EXPANSION * compressed)
+
+
 def check_expansion(size: int, compressed: int) -> None:
     """Raise an error if `compressed` bytes claim to expand to so many that they must be a decompression bomb."""
-    if size > max(SMALL, EXPANSION * compressed):
+    if size > most_expanded(compressed):
         raise FileFormatError(
             f"its {compressed:,} bytes claim to hold {size:,}, more than {EXPANSION} times as many: refused as a"
             " decompression bomb"
         )
+
+
+@cache
+def zstd() -> Any:
+    """Return the module that decompresses Zstandard: that of Python 3.14, or the one that rosbags installs."""
+    name = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return import_extra(name, "formats", "reading compressed ROS bags")

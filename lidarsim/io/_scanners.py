@@ -5,17 +5,18 @@ from __future__ import annotations
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+import numpy.typing as npt
 
-from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import blocks, joined, parsed
+from lidarsim.io._records import blocks, parsed_block
 from lidarsim.io._units import fitting
-from lidarsim.scan.pointcloud import Fields
+from lidarsim.scan.pointcloud import CANONICAL, Fields
 
 COLOURS = ("red", "green", "blue")
 TYPES = {**dict.fromkeys("xyz", "f8"), "intensity": "f4", **dict.fromkeys(COLOURS, "u1")}
@@ -40,40 +41,72 @@ def lines_of(file: BinaryIO, begins: str) -> Iterator[Iterator[str]]:
 def whole_number(line: str, what: str) -> int:
     """Return the number of a line that has one only."""
     if not re.fullmatch(r"\d{1,18}", line.strip()):
-        raise FileFormatError(f"{what}: expected a whole number, got {short(repr(line.strip()))}")
+        raise FileFormatError(f"{what}: expected a whole number, got something else")  # not quoted: it may be any file
     return int(line)
 
 
 def points_of(lines: Iterator[str], count: int, layouts: Mapping[int, tuple[str, ...]]) -> Iterator[Fields]:
     """Yield the columns of the next `count` lines, block by block; memory follows what is there, not the number.
 
-    The number of columns of the first line tells their names.
+    The number of columns of a line tells their names.
     """
-    if not count:
-        return
-    first = next(lines, "")
-    found = len(first.split())
-    if found not in layouts:
-        expected = " or ".join(map(str, layouts))
-        raise FileFormatError(f"expected {expected} columns, got {found}" if first else "it is truncated: no points")
-    dtype = np.dtype([(name, TYPES[name]) for name in layouts[found]])
-    yield from parsed(itertools.chain([first], lines), dtype, count, LINES)
+    read = 0
+    while read < count:
+        part = list(itertools.islice(lines, min(LINES, count - read)))
+        if not part:
+            raise FileFormatError(f"it is truncated: {read or 'no'}{f' of {count}' if read else ''} points")
+        widths = [len(line.split()) for line in part]
+        for i, width in enumerate(widths):
+            if width not in layouts:
+                expected = " or ".join(map(str, layouts))
+                raise FileFormatError(f"point {read + i}: expected {expected} columns, got {width}")
+        if len(set(widths)) == 1:
+            yield _block(part, layouts[widths[0]], read)
+        else:
+            yield _mixed(part, widths, layouts, read)
+        read += len(part)
+
+
+def _block(lines: list[str], names: Sequence[str], first: int) -> Fields:
+    return parsed_block(lines, np.dtype([(name, TYPES[name]) for name in names]), first)
+
+
+def _mixed(lines: list[str], widths: list[int], layouts: Mapping[int, tuple[str, ...]], first: int) -> Fields:
+    """Return the columns of lines of different layouts, in their order."""
+    parts, places = list[Fields](), list[int]()
+    for width in sorted(set(widths)):
+        chosen = [i for i, other in enumerate(widths) if other == width]
+        parts.append(_block([lines[i] for i in chosen], layouts[width], first))
+        places += chosen
+    order = np.argsort(places)
+    return {name: column[order] for name, column in joined_lists(parts).items()}
 
 
 def joined_lists(parts: Iterable[Fields]) -> Fields:
-    """Join the blocks of several lists of points; there are none if all are empty."""
-    known: list[str] = []
+    """Join the blocks of several lists of points; there are none if all are empty.
 
-    def alike() -> Iterator[Fields]:
-        for part in parts:
-            known[:] = known or part
-            if list(part) != known:
-                raise FileFormatError(
-                    f"expected lists of the same columns, got {', '.join(known)} and {', '.join(part)}"
-                )
-            yield part
+    Where a list lacks a column, its points have NaN there, or 0 if the column is of integers.
+    """
+    lists: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(list)
+    points = 0
+    for part in parts:
+        for name in "xyz":
+            if name not in part:
+                raise FileFormatError(f"it has points without {name}")
+        count = len(part["x"])
+        for name in {**part, **lists}:
+            column = np.array(part[name]) if name in part else _lacking(name, lists[name][0].dtype, count)
+            if name not in lists and points:
+                lists[name].append(_lacking(name, column.dtype, points))
+            lists[name].append(column)
+        points += count
+    return {name: np.concatenate(lists.pop(name)) for name in list(lists)} or {name: np.empty(0) for name in "xyz"}
 
-    return joined(alike()) or {name: np.empty(0) for name in "xyz"}
+
+def _lacking(name: str, dtype: np.dtype[Any], count: int) -> npt.NDArray[Any]:
+    """Return what points without a column have in it."""
+    is_integer = np.dtype(CANONICAL.get(name, ((), dtype))[1]).kind in "iu"
+    return np.zeros(count, dtype) if is_integer or dtype.kind in "iu" else np.full(count, np.nan, dtype)
 
 
 def coloured(fields: Fields) -> Fields:

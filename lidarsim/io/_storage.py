@@ -4,6 +4,9 @@ A folder ``drive`` has ``drive_0.mcap``, ``drive_1.mcap`` and so on, one after t
 which lists them with the topics and numbers of messages. Its `custom_data` says that lidarsim wrote it: only such a
 folder is replaced.
 
+A recorder may compress each file (``.mcap.zstd``, ``.db3.zstd``) or each message by Zstandard. Both are told from their
+first bytes, with which neither a bag nor a message in CDR begins.
+
 Format: https://github.com/ros2/rosbag2 (rosbag2_storage, metadata_io.cpp).
 """
 
@@ -16,20 +19,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, parsing, reading, replacing, sync, temporary_folder, writing
+from lidarsim._base.files import PathLike, parsing, replacing, sync, temporary_folder, writing
+from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
+from lidarsim.io._records import check_expansion, most_expanded, zstd
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
 
 __all__ = [
-    "METADATA", "Files", "check_folder", "is_folder", "listed", "lost_writes", "metadata_of", "new_file", "new_folder",
-    "renamed",
+    "METADATA", "ZSTD", "Files", "check_folder", "decompressed", "is_folder", "listed", "lost_writes", "metadata_of",
+    "new_file", "new_folder", "plain_file", "renamed",
 ]  # fmt: skip
 
 METADATA = "metadata.yaml"
@@ -38,6 +44,12 @@ VERSION = 8
 
 WRITTEN_BY = "lidarsim"
 """Key of `custom_data` by which a folder is known as one of ours."""
+
+ZSTD = ".zstd"
+"""Suffix of a compressed file, after that of the bag."""
+
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_BLOCK = 1 << 20
 
 LONGEST = 1 << 20
 """Maximum bytes of metadata that are read; those of 1,000 files have 300 kB."""
@@ -229,16 +241,57 @@ def listed(folder: Path) -> list[Path]:
     Raises
     ------
     FileFormatError
-        If the metadata cannot be read or name something that is no file in the folder.
+        If the metadata cannot be read, name another compression than zstd, or name something that is no file in the
+        folder.
     OSError
         If there are no metadata.
     """
     with parsing(folder, "ROS 2 bag"):
-        paths = [folder / name for name in _names(_read(folder / METADATA))]
+        metadata = _read(folder / METADATA)
+        compression = metadata.get("compression_format") or "zstd"
+        if str(metadata.get("compression_mode", "none")).lower() not in {"", "none"} and compression != "zstd":
+            raise FileFormatError(f"it is compressed by {short(ascii(compression))}, expected zstd or no compression")
+        paths = [folder / name for name in _names(metadata)]
         for path in paths:
             if not path.resolve().is_relative_to(folder.resolve()) or not path.is_file():
                 raise FileFormatError(f"its {METADATA} lists {path.name!a}, which is no file in it")
     return paths
+
+
+@contextmanager
+def plain_file(path: Path) -> Iterator[Path]:
+    """Yield the path of a file or, if it is compressed as a whole, of its content in a temporary one."""
+    with path.open("rb") as file:
+        is_compressed = file.read(len(_ZSTD_MAGIC)) == _ZSTD_MAGIC
+        size = os.fstat(file.fileno()).st_size
+    if not is_compressed:
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        plain = Path(folder, "bag.db3")
+        with zstd().open(path) as source, plain.open("wb") as target:
+            while block := source.read(_BLOCK):
+                check_expansion(target.tell() + len(block), size)
+                target.write(block)
+        yield plain
+
+
+def decompressed(message: memoryview) -> memoryview:
+    """Return the bytes of a message, which may be compressed.
+
+    Raises
+    ------
+    FileFormatError
+        If it is truncated or expands beyond the limit of `check_expansion`.
+    """
+    if message[: len(_ZSTD_MAGIC)] != _ZSTD_MAGIC:
+        return message
+    decompressor = zstd().ZstdDecompressor()
+    data: bytes = decompressor.decompress(message, max_length=most_expanded(len(message)) + 1)
+    check_expansion(len(data), len(message))
+    if not decompressor.eof:
+        raise FileFormatError("a compressed message is truncated")
+    return memoryview(data)
 
 
 def _read(path: Path) -> Metadata:

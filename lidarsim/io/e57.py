@@ -4,8 +4,9 @@ A cloud is one scan, with the pose of `PointCloud.save`: xyz as float64 in the f
 (timeStamp), `column` and `ring` (columnIndex, rowIndex), `return_number` and `return_count` (returnIndex from 0 on,
 returnCount) and the bytes `red`, `green` and `blue`. All other fields are lost.
 
-When a file is read, its scans become one cloud in the world, and `scan` counts them if there are several. Points that
-the file marks as invalid are left out. All numbers of the points are read, also those that lidarsim does not write.
+When a file is read, its scans become one cloud in the world, and `scan` counts them if there are several. Where a scan
+lacks a field of another, its points have NaN there, or 0 in fields of integers. Points that the file marks as invalid
+are left out. All numbers of the points are read, also those that lidarsim does not write.
 
 Format: ASTM E2807.
 """

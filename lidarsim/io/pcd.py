@@ -7,7 +7,8 @@ otherwise. All fields are kept, vectors other than `xyz` and `normal` as one fie
 Files of old versions are read as the Point Cloud Library reads them: FIELDS may be called COLUMNS, missing SIZE and
 TYPE mean float32, VERSION, COUNT, VIEWPOINT and HEIGHT are optional, and POINTS can replace WIDTH. Where a number in an
 ASCII file does not fit the TYPE of its field, such as NaN in an integer field, the field is 0 and a field
-``<name>_raw`` has the numbers of the file. Organised clouds are read row by row.
+``<name>_raw`` has the numbers of the file. Organised clouds are read row by row. A field with the COUNT 0 has no bytes
+and is left out.
 
 Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html.
 """
@@ -187,6 +188,8 @@ def _layout(header: dict[str, list[str]]) -> np.dtype[np.void]:
             raise FileFormatError(f"its header has {len(fields)} FIELDS, but {len(given)} {key}")
     parts: dict[str, tuple[str, tuple[int, ...]]] = {}
     for i, (name, size, kind, count) in enumerate(zip(fields, *values, strict=True)):
+        if count == "0":
+            continue
         if f"{kind.lower()}{size}" not in CODES or not count.isdecimal() or not int(count):
             raise FileFormatError(
                 f"its field {short(name)} has the unknown layout TYPE {kind}, SIZE {size}, COUNT {count}"

@@ -4,7 +4,8 @@ A line has x, y, z in m, and intensity and red, green, blue if the cloud has the
 are lost.
 
 When a file is read, intensity is the number in the file, whose range differs by program: 0 to 1, 0 to 255, or -2048 to
-2047. Several lists of points in a file, each with its number, become one cloud.
+2047. Several lists of points in a file, each with its number, become one cloud. Lines may differ in length: where a
+line has none, intensity is NaN and a colour 0.
 
 Format: https://paulbourke.net/dataformats/pts.
 """

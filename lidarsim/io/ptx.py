@@ -8,7 +8,7 @@ warns of intensity beyond 1, which is written as 1. The pose of `PointCloud.save
 
 When a file is read, the points are transformed by that matrix, into the world. Places without a point are left out;
 `column` and `ring` are those of the grid, unless it is a single row or column, and `scan` counts the scans of a file of
-several.
+several. Points of lines without colours are black among others with colours.
 
 Format: https://paulbourke.net/dataformats/ptx.
 """

@@ -29,6 +29,9 @@ reflectivity, and ambient is 0. Fields that a layout lacks are lost; fields that
 A LaserScan keeps lidarsim's intensity. Its stamp is the time of its first beam, which a sensor that turns clockwise
 fires last: its ``time_increment`` is negative. When it is read, only its beams with a return become points.
 
+Bags are read as the recorder makes them, also with each file (``.mcap.zstd``, ``.db3.zstd``) or each message compressed
+by Zstandard. A cloud that cannot be used, such as one without x, y and z, is left out with a warning.
+
 When a bag is read, `time` is in s since the stamp, `ring` is the layout's ring, channel or line, and a `range` in mm
 is converted to m; all else stays as in the message, including intensity in the vendor's units. Drivers disagree on the
 unit and the zero of point times: lidarsim infers them from the type and size of the numbers and from the stamp, and
@@ -46,6 +49,8 @@ import itertools
 import re
 import shutil
 import struct
+import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import cache, partial
@@ -60,7 +65,8 @@ import numpy.typing as npt
 
 from lidarsim._base import validation
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, check_name, check_regular, check_suffix, linked, parsing
+from lidarsim._base.files import PathLike, check_name, check_regular, check_suffix, linked, parsing, unquoted
+from lidarsim._base.shown import plain
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
@@ -83,10 +89,15 @@ if TYPE_CHECKING:
     from lidarsim.sensor.imu import Imu, ImuSamples
     from lidarsim.sensor.sensor import Sensor
 
-__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "PointCloud2", "Writer", "point_cloud2", "read", "static_mounts"]
+__all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "PointCloud2", "Writer", "is_bag", "point_cloud2", "read",
+    "static_mounts"]  # fmt: skip
 
 SIGNATURES = {".mcap": _mcap.MAGIC, ".db3": b"SQLite format 3\0"}
 SUFFIXES = (*SIGNATURES,)
+ROS_1 = b"#ROS"
+ROS_1_HINT = "bags of ROS 1 are not read; convert it: rosbags-convert --src FILE.bag --dst FOLDER"
+NAME = 100
+"""Most characters of the name of a topic in a message."""
 OLDEST = 0, 11
 """Oldest supported version of rosbags."""
 
@@ -738,25 +749,32 @@ class Message(NamedTuple):
     cloud: PointCloud
 
 
+def is_bag(path: PathLike) -> bool:
+    """Return whether the name of a file is that of a bag that `read` reads."""
+    return Path(path).name.lower().removesuffix(_storage.ZSTD).endswith(SUFFIXES)
+
+
 def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     """Read the point clouds of a ROS 2 bag, one by one.
 
     Parameters
     ----------
     path : path-like
-        A ``.mcap`` or ``.db3`` file, or the folder of a bag, whose files are read in the order of its metadata.yaml.
+        A ``.mcap`` or ``.db3`` file, which may be compressed (``.mcap.zstd``), or the folder of a bag, whose files are
+        read in the order of its metadata.yaml.
     topic : str, optional
         Only clouds of this topic.
 
     Yields
     ------
     Message
-        A point cloud; messages come in file order.
+        A point cloud; messages come in file order. For each topic with clouds that cannot be used, a warning says why
+        the first of them is left out, and a last one how many are.
 
     Raises
     ------
     FileFormatError
-        If the bag is damaged or has no point clouds, or none under that topic.
+        If the bag is damaged or has no point clouds that can be used, or none under that topic.
     MissingExtraError
         If rosbags is not installed.
     OSError
@@ -809,7 +827,7 @@ def _static_transforms(path: Path) -> dict[str, tuple[str, npt.NDArray[np.float6
     ros, found, seen = _typestore(), {}, set()
     for name, kind, _, data in _messages(path):
         if kind == _TRANSFORMS and name == "/tf_static":
-            message: Any = ros.deserialize_cdr(data, kind)
+            message: Any = ros.deserialize_cdr(_storage.decompressed(data), kind)
             for stamped in message.transforms:
                 place, turn = stamped.transform.translation, stamped.transform.rotation
                 numbers = np.array([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w])
@@ -862,23 +880,59 @@ def load(file: BinaryIO) -> Fields:
 
 
 def _read(paths: list[Path], topic: str | None) -> Iterator[Message]:
+    """Yield the clouds of the files of a bag, and warn of those that cannot be used."""
     ros = _typestore()
     topics: dict[str, str] = {}
+    read, odd, errors = Counter[str](), Counter[str](), dict[str, Exception]()
     for name, kind, recorded, data in itertools.chain.from_iterable(map(_messages, paths)):
         topics[name] = kind
-        if kind in _PARSERS and topic in {None, name}:
-            yield Message(name, *_PARSERS[kind](ros, data, recorded))
+        if kind not in _PARSERS or topic not in {None, name}:
+            continue
+        message = None
+        try:
+            message = Message(name, *_PARSERS[kind](ros, _storage.decompressed(data), recorded))
+            read[name] += 1
+        except Exception as error:
+            if isinstance(error, ImportError | OSError | MemoryError):  # no fault of this message
+                raise
+            odd[name] += 1
+            if odd[name] == 1:
+                errors[name] = error
+        while read and errors:  # once it is known that the bag has clouds
+            of, reason = errors.popitem()
+            _warn(paths, f"a cloud of {plain(of, most=NAME)} is left out: {unquoted(reason)}")
+        if message is not None:
+            yield message
+            del message  # free it before the next is read
+    if errors:
+        raise next(iter(errors.values()))
+    for name, count in odd.items():
+        if count > 1:
+            _warn(paths, f"{count:,} of {count + read[name]:,} clouds of {plain(name, most=NAME)} are left out")
     if not any(kind in _PARSERS and topic in {None, name} for name, kind in topics.items()):
-        there = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
-        raise FileFormatError(f"it has no point clouds{f' under {topic}' if topic else ''}; its topics are {there}")
+        there = ", ".join(f"{plain(name, most=NAME)} ({plain(kind, most=NAME)})" for name, kind in topics.items())
+        raise FileFormatError(
+            f"it has no point clouds{f' under {topic}' if topic else ''}; its topics are {there or 'none'}"
+        )
+
+
+def _warn(paths: list[Path], problem: str) -> None:
+    """Warn, at the call that reads the next cloud of a bag."""
+    name = paths[0] if len(paths) == 1 else paths[0].parent
+    warnings.warn(f"{name}: {problem}", stacklevel=4)
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
-    """Yield topic, type, recording time (ns) and data of each message of a file, by its signature or else its name."""
-    with path.open("rb") as file:
-        head = file.read(max(map(len, SIGNATURES.values())))
-    told = next((suffix for suffix, signature in SIGNATURES.items() if head.startswith(signature)), path.suffix.lower())
-    return _mcap.messages(path) if told == ".mcap" else _rows(path)
+    """Yield topic, type, recording time (ns) and data of each message of a file, by its signature."""
+    with _storage.plain_file(path) as file:
+        with file.open("rb") as opened:
+            head = opened.read(max(map(len, SIGNATURES.values())))
+        if head.startswith(ROS_1):
+            raise FileFormatError(ROS_1_HINT)
+        told = next((suffix for suffix, start in SIGNATURES.items() if head.startswith(start)), None)
+        if told is None:
+            raise FileFormatError("it begins neither as an MCAP file nor as an SQLite database does")
+        yield from _mcap.messages(file) if told == ".mcap" else _rows(file)
 
 
 def _rows(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:

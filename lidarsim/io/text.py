@@ -1,4 +1,4 @@
-"""Points as text: ``.csv`` with commas, ``.xyz`` with spaces, each with a header line of column names.
+"""Points as text: ``.csv`` with commas, ``.xyz`` and ``.txt`` with spaces, each with a header line of column names.
 
 All fields are kept, vectors other than `xyz` and `normal` as one column per component, each number with the fewest
 digits that restore it. Text has no types: fields that lidarsim knows get their own type, all others are read as
@@ -72,11 +72,11 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
     try:
         head = _head(text)
         if head.names is not None:
+            if not {"x", "y", "z"}.intersection(name.lower() for name in head.names):
+                raise FileFormatError("it has no x among its fields")  # shows no content: it may be any file
             twice = next((name for name, count in Counter(head.names).items() if count > 1), None)
             if twice is not None:
                 raise FileFormatError(f"it has two columns named {short(repr(twice))}")
-        if head.names is not None and not {"x", "y", "z"}.intersection(name.lower() for name in head.names):
-            raise FileFormatError("it has no x among its fields")  # shows no content: it may be any file
         if head.names is not None and columns is not None:
             raise FileFormatError(f"columns: expected none, since a line names them: {short(', '.join(head.names))}")
         names = head.names or columns or [f"column {i + 1}" for i in range(head.columns)]
@@ -215,7 +215,7 @@ def _parsed(
             numbers = np.empty((0, 0))
         if numbers.shape != (len(part), len(names)):
             numbers = np.array([_numbers(line, at, names, between) for at, line in part], np.float64)
-        great = (np.abs(numbers) > 2**53).any(axis=0)
+        great = (np.abs(numbers) >= 2**53).any(axis=0)  # 2**53 + 1 is rounded to 2**53
         columns = [_narrow(name, column) for name, column in zip(names, numbers.T, strict=True)]
         for i in np.flatnonzero(great):
             columns[i] = _exact([_cells(line, between)[i] for _, line in part], columns[i])
@@ -299,4 +299,5 @@ def _numeric(words: list[str]) -> bool:
 
 
 register_format(".csv", save=partial(save, head="", between=","), load=load)
-register_format(".xyz", save=partial(save, head="# ", between=" "), load=load)
+for _suffix in (".xyz", ".txt"):
+    register_format(_suffix, save=partial(save, head="# ", between=" "), load=load)

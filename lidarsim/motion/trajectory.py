@@ -951,6 +951,22 @@ def numbers(texts: Sequence[str], count: int) -> list[float]:
     return values
 
 
+def cells(line: str) -> list[str]:
+    """Return the cells of a line of CSV, without blanks and quotation marks.
+
+    Parameters
+    ----------
+    line : str
+        The line.
+
+    Returns
+    -------
+    list of str
+        The texts between its commas.
+    """
+    return [cell.strip().strip('"').strip() for cell in line.split(",")]
+
+
 @dataclass(frozen=True, slots=True)
 class _Tables:
     name: str

@@ -16,6 +16,7 @@ from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angles, array, frequency, frozen, integer, nonzero_vectors
 from lidarsim.errors import ArgumentValueError, FileFormatError
+from lidarsim.motion.trajectory import cells
 from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 
@@ -238,7 +239,7 @@ def columns_of(lines: Sequence[str]) -> dict[str, Floats]:
     ValueError
         If the lines are not such a table. The message shows nothing of them, which may be those of any file.
     """
-    names = [name.strip().lower() for name in lines[0].split(",")] if lines else []
+    names = [name.lower() for name in cells(lines[0])] if lines else []
     if len(lines) < 2:
         raise ValueError("expected a line of names and lines of numbers, got no numbers")
     values = number_rows(lines[1:], first=2)
@@ -258,15 +259,15 @@ def number_rows(lines: Sequence[str], *, first: int = 1) -> Floats:
     if not any(map(str.strip, lines)):
         raise ValueError("expected lines of numbers, got none")
     try:
-        return np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+        return np.loadtxt(lines, delimiter=",", ndmin=2, comments=None, quotechar='"')
     except ValueError:
         width = 0
         for number, line in enumerate(lines, first):
-            cells = line.split(",") if line.strip() else []
-            width = width or len(cells)
-            if cells and len(cells) != width:
-                raise ValueError(f"line {number}: expected {width} numbers, got {len(cells)}") from None
-            if not all(map(_is_number, cells)):
+            texts = cells(line) if line.strip() else []
+            width = width or len(texts)
+            if texts and len(texts) != width:
+                raise ValueError(f"line {number}: expected {width} numbers, got {len(texts)}") from None
+            if not all(map(_is_number, texts)):
                 raise ValueError(f"line {number}: expected numbers, got something else") from None
         raise ValueError("expected lines of numbers, got something else") from None
 

@@ -972,6 +972,7 @@ def _options(written: _Format) -> set[str]:
 
 _HEAD = 16  # bytes at the start of a file, enough for any signature
 _FORMATS: dict[str, _Format] = {}
+_UNREAD: dict[str, tuple[str, tuple[bytes, ...]]] = {}
 
 
 def register_format(
@@ -1000,6 +1001,21 @@ def register_format(
         First bytes of every file of the format, which identify it whatever its name; empty if there are none.
     """
     _FORMATS[suffix] = _Format(save, load, signature)
+
+
+def register_unread(suffix: str, problem: str, *signatures: bytes) -> None:
+    """Let `PointCloud.load` say what to do with files of a format that it does not read.
+
+    Parameters
+    ----------
+    suffix : str
+        With its dot, in lower case.
+    problem : str
+        What is not read, and what to do: the error for such a file.
+    *signatures : bytes
+        First bytes of files of the format, which identify it whatever its name.
+    """
+    _UNREAD[suffix] = problem, signatures
 
 
 def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -1073,4 +1089,9 @@ def _recognised(head: bytes, path: Path) -> str:
     """Return the suffix of a file's format, from its first bytes or else from its name."""
     told = {suffix for suffix, format_ in _FORMATS.items() if format_.signature and head.startswith(format_.signature)}
     own = path.suffix.lower()
-    return own if own in told else min(told) if told else check_suffix(path, _FORMATS)
+    if told:
+        return own if own in told else min(told)
+    for suffix, (problem, signatures) in _UNREAD.items():
+        if head.startswith(signatures) or own == suffix:
+            raise FileFormatError(f"{path}: {problem}")
+    return check_suffix(path, _FORMATS)

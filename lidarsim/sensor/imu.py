@@ -14,7 +14,7 @@ from lidarsim._base.files import PathLike, atomic_writer
 from lidarsim._base.pickling import Pickled, Value
 from lidarsim._base.validation import Floats
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.motion.trajectory import LineReader, Trajectory, normals, numbers, product
+from lidarsim.motion.trajectory import LineReader, Trajectory, cells, normals, numbers, product
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Transform
@@ -451,7 +451,7 @@ def load_rows(path: PathLike, columns: int, what: str) -> tuple[Floats, Floats]:
     """Return the times, s, (n,), and the table, (n, columns), of a file that `save_rows` writes."""
     lines = LineReader(path)
     with lines.refusals():
-        table = np.array([numbers(line.split(","), columns + 1) for line in lines]).reshape(-1, columns + 1)
+        table = np.array([numbers(cells(line), columns + 1) for line in lines]).reshape(-1, columns + 1)
         if not len(table):
             raise ValueError(f"expected {what}, got none")
     return lines.rising(table[:, 0] / 1e9), table[:, 1:]

@@ -119,3 +119,27 @@ def test_without_pye57(cloud: PointCloud, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setitem(sys.modules, "pye57", None)
     with pytest.raises(MissingExtraError, match=r"E57 files needs pye57"):
         cloud.save(tmp_path / "a.e57")
+
+
+INTENSITY = {"intensity": np.array([0.5])}
+COLOURS = {f"color{name}": np.array([7], np.uint8) for name in ("Red", "Green", "Blue")}
+GRID = {"rowIndex": np.array([1]), "columnIndex": np.array([2])}
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_scans_of_other_columns(turned: bool, tmp_path: Path) -> None:
+    path = tmp_path / "scans.e57"
+    scans = [INTENSITY, COLOURS, GRID]
+    written = pye57.E57(str(path), mode="w")
+    for i, more in enumerate(scans[::-1] if turned else scans):
+        place = {f"cartesian{axis}": np.array([float(i)]) for axis in "XYZ"}
+        written.write_scan_raw(place | more, rotation=np.array([1.0, 0, 0, 0]), translation=np.array([0.0, 0, 5]))
+    written.close()
+    read = PointCloud.load(path)
+    assert read.xyz.tolist() == [[0, 0, 5], [1, 1, 6], [2, 2, 7]]
+    assert read.scan.tolist() == [0, 1, 2]
+    order = slice(None, None, -1 if turned else 1)
+    np.testing.assert_array_equal(read.intensity[order], np.array([0.5, np.nan, np.nan], np.float32))
+    assert (read.red.dtype, read.red[order].tolist()) == (np.uint8, [0, 7, 0])
+    assert (read.ring[order].tolist(), read.column[order].tolist()) == ([0, 0, 1], [0, 0, 2])
+    assert not [name for name in read.fields if name.endswith("_raw")]

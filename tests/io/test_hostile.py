@@ -345,6 +345,21 @@ def test_a_link_to_itself_is_one_line(tmp_path: Path) -> None:
 
 
 LINES = "root:x:0:0:hunter2:/root:/bin/bash\n-----BEGIN KEY-----\nMIIhunter2==\n\"hunter2\" 'hunter2' `hunter2`\n"
+FOREIGN = [
+    LINES,
+    '{"hunter2": "hunter2", "b": {"hunter2": 1}}',
+    "[hunter2]\nhunter2 = hunter2\n",
+    "hunter2,password,hunter2\nhunter2,x,hunter2\n",
+    "x,y,z\nhunter2,x,y\n",
+    "1 2 3 4\n1 2 3 hunter2\n",
+    "2\n1 2 hunter2\n",
+    "0 1 2 3 0 0 0 1\n1 2 3 4 hunter2 0 0 1\n",
+    "hunter2: hunter2\nother: [hunter2]\n",
+    "<?xml version='1.0'?><hunter2 hunter2='hunter2'>hunter2</hunter2>",
+    "\x1b[2Jhunter2\x1b[31m\n",
+    "ply\nhunter2 hunter2\n",
+    "solid hunter2\nhunter2 hunter2\n",
+]
 
 
 def readers(path: Path) -> dict[str, Callable[[], object]]:
@@ -353,7 +368,22 @@ def readers(path: Path) -> dict[str, Callable[[], object]]:
     poses = path.with_name("poses.txt")
     poses.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n", encoding="utf-8")
     suffixes = [".obj", ".off", ".ply", ".stl", ".glb", ".gltf", ".xyz", ".dxf", ".zip"]
-    clouds = [".bin", ".csv", ".db3", ".las", ".laz", ".mcap", ".npz", ".pcd", ".pcd.bin", ".ply", ".xyz"]
+    clouds = [
+        ".bin",
+        ".csv",
+        ".db3",
+        ".las",
+        ".laz",
+        ".mcap",
+        ".npz",
+        ".pcd",
+        ".pcd.bin",
+        ".ply",
+        ".pts",
+        ".ptx",
+        ".txt",
+        ".xyz",
+    ]
     return {
         "trajectory": lambda: ls.Trajectory.load(path),
         "times": lambda: ls.Trajectory.load(poses, times=path),
@@ -384,14 +414,15 @@ def named(path: Path, suffix: str) -> Path:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links take permission there")
-def test_no_error_shows_lines_of_a_file_that_is_something_else(tmp_path: Path) -> None:
+@pytest.mark.parametrize("content", FOREIGN)
+def test_no_error_shows_lines_of_a_file_that_is_something_else(content: str, tmp_path: Path) -> None:
     path = tmp_path / "secret"
-    path.write_text(LINES, encoding="utf-8")
+    path.write_text(f"{content}\n" if len(content) % 4 == 0 else content, encoding="utf-8")  # may be no labels
     shown = {}
     for name, read in readers(path).items():
         with pytest.raises((FileFormatError, ConfigError)) as caught:
             read()
-        if re.search("root|hunter2|KEY", str(caught.value).replace(str(tmp_path), "")):
+        if re.search("root|hunter2|KEY|[^ -~§–…°×²]", str(caught.value).replace(str(tmp_path), "")):
             shown[name] = str(caught.value)
     assert shown == {}
 

@@ -1091,3 +1091,100 @@ def test_laser_scans_are_refused_of_other_sensors_and_of_clouds(cloud: PointClou
     with pytest.raises(ValueError, match="expected to be written in a with block"):
         rosbag.Writer(tmp_path / "a.mcap", layout="laserscan").write(ls.Lidar.preset("sick-lms111").scan(ls.Scene()))
     assert not any(tmp_path.iterdir())
+
+
+COMPRESSED = [(plugin, mode) for plugin in StoragePlugin for mode in (CompressionMode.FILE, CompressionMode.MESSAGE)]
+
+
+def compressed(folder: Path, ros: Any, plugin: StoragePlugin, mode: CompressionMode, *clouds: Any) -> Path:
+    """The bag of some clouds as the recorder compresses it."""
+    writer = BagWriter(folder, version=8, storage_plugin=plugin)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/points", CLOUD, typestore=ros)
+        for time, message in enumerate(clouds):
+            writer.write(connection, time, ros.serialize_cdr(message, CLOUD))
+    return folder
+
+
+@pytest.mark.parametrize(("plugin", "mode"), COMPRESSED)
+def test_bags_that_the_recorder_compresses(
+    plugin: StoragePlugin, mode: CompressionMode, ros: Any, tmp_path: Path
+) -> None:
+    clouds = [point_cloud(ros, THREE), point_cloud(ros, np.zeros(2000, THREE.dtype))]
+    folder = compressed(tmp_path / "bag", ros, plugin, mode, *clouds)
+    (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
+    assert (file.suffix == ".zstd") == (mode is CompressionMode.FILE)
+    for path in (folder, file):
+        assert [len(message.cloud) for message in rosbag.read(path)] == [2, 2000]
+    assert rosbag.is_bag(file)
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("zstd\n", "lzma\n"))
+    with pytest.raises(FileFormatError, match="it is compressed by 'lzma', expected zstd or no compression"):
+        list(rosbag.read(folder))
+
+
+@pytest.mark.parametrize(("plugin", "mode"), COMPRESSED)
+def test_bombs_of_the_recorder(
+    plugin: StoragePlugin, mode: CompressionMode, ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = compressed(tmp_path / "bag", ros, plugin, mode, point_cloud(ros, np.zeros(400_000, THREE.dtype)))
+    assert len(next(rosbag.read(folder)).cloud) == 400_000
+    monkeypatch.setattr(_records, "SMALL", 1 << 16)
+    with pytest.raises(FileFormatError, match="refused as a decompression bomb"):
+        list(rosbag.read(folder))
+
+
+def test_a_truncated_compressed_file(ros: Any, tmp_path: Path) -> None:
+    folder = compressed(tmp_path / "bag", ros, StoragePlugin.MCAP, CompressionMode.FILE, point_cloud(ros, THREE))
+    (file,) = folder.glob("*.zstd")
+    file.write_bytes(file.read_bytes()[:-9])
+    with pytest.raises(FileFormatError, match="not a readable ROS 2 bag"):
+        list(rosbag.read(folder))
+
+
+def test_a_message_whose_compression_is_damaged_is_left_out(ros: Any, tmp_path: Path) -> None:
+    clouds = [point_cloud(ros, THREE), point_cloud(ros, THREE)]
+    folder = compressed(tmp_path / "bag", ros, StoragePlugin.MCAP, CompressionMode.MESSAGE, *clouds)
+    (file,) = folder.glob("*.mcap")
+    data = bytearray(file.read_bytes())
+    at = data.index(b"\x28\xb5\x2f\xfd")
+    data[at + 4 : at + 40] = bytes(36)
+    file.write_bytes(data)
+    with pytest.warns(UserWarning, match="a cloud of /points is left out"):
+        assert len(list(rosbag.read(folder))) == 1
+
+
+def test_odd_clouds_do_not_stop_the_others(ros: Any, tmp_path: Path) -> None:
+    flat = np.zeros(2, [("range", "<f4"), ("speed", "<f4")])
+    good, odd = point_cloud(ros, THREE), point_cloud(ros, flat)
+    sent = [("/radar", odd), ("/points", good), ("/radar", odd), ("/mixed", good), ("/mixed", odd), ("/points", good)]
+    with BagWriter(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {topic: writer.add_connection(topic, CLOUD, typestore=ros) for topic in dict(sent)}
+        for time, (topic, message) in enumerate(sent):
+            writer.write(topics[topic], time, ros.serialize_cdr(message, CLOUD))
+    path = tmp_path / "bag" / "bag.mcap"
+    with pytest.warns(UserWarning, match="left out") as caught:
+        read = [message.topic for message in rosbag.read(path)]
+    assert read == ["/points", "/mixed", "/points"]
+    reason = "is left out: it has no x among its fields range, speed"
+    assert sorted(str(warning.message) for warning in caught) == sorted(
+        f"{path}: {text}"
+        for text in (
+            f"a cloud of /radar {reason}",
+            f"a cloud of /mixed {reason}",
+            "2 of 2 clouds of /radar are left out",
+        )
+    )
+    assert {warning.filename for warning in caught} == {__file__}
+    with pytest.raises(FileFormatError, match="it has no x among its fields range, speed"):
+        list(rosbag.read(path, topic="/radar"))
+
+
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3"])
+def test_bags_of_ros_1_are_told_apart(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"#ROSBAG V2.0\nE\0\0\0")
+    for read in (PointCloud.load, lambda path: list(rosbag.read(path))):
+        with pytest.raises(FileFormatError, match="bags of ROS 1 are not read; convert it: rosbags-convert --src"):
+            read(path)

@@ -144,19 +144,18 @@ def test_clouds_that_cannot_be_written(
 @pytest.mark.parametrize(
     ("name", "text", "problem"),
     [
-        ("a.pts", "x\n", "number of points: expected a whole number, got 'x'"),
-        ("a.pts", "-1\n", "number of points: expected a whole number, got '-1'"),
+        ("a.pts", "x\n", "number of points: expected a whole number, got something else"),
+        ("a.pts", "-1\n", "number of points: expected a whole number, got something else"),
         ("a.pts", "3\n1 2 3\n", "it is truncated: 1 of 3 points"),
         ("a.pts", "3\n", "it is truncated: no points"),
         ("a.pts", f"{10**17}\n1 2 3\n", "it is truncated: 1 of 100000000000000000 points"),
         ("a.pts", f"{10**30}\n1 2 3\n", "number of points: expected a whole number, got"),
-        ("a.pts", "1\n1 2 3 4 5\n", "expected 3 or 4 or 6 or 7 columns, got 5"),
-        ("a.pts", "2\n1 2 3 4\n1 2 3\n", "intensity[1]: expected a number, got the end of the line"),
-        ("a.pts", "1\n1 2 3\n1\n1 2 3 4\n", "expected lists of the same columns, got x, y, z and x, y, z, intensity"),
-        ("a.pts", "1\n1 2 x\n", "z[0]: expected a number, got 'x'"),
+        ("a.pts", "1\n1 2 3 4 5\n", "point 0: expected 3 or 4 or 6 or 7 columns, got 5"),
+        ("a.pts", "2\n1 2 3\n1 2 3 4 5\n", "point 1: expected 3 or 4 or 6 or 7 columns, got 5"),
+        ("a.pts", "1\n1 2 x\n", "z[0]: expected a number, got something else"),
         ("a.pts", "", "expected the number of points, got nothing"),
         ("a.ptx", "\n\n", "expected the number of columns, got nothing"),
-        ("a.ptx", "2\n", "number of rows: expected a whole number, got ''"),
+        ("a.ptx", "2\n", "number of rows: expected a whole number, got something else"),
         ("a.ptx", "2\n3\n0 0\n", "position: expected 3 finite numbers, got 2"),
         ("a.ptx", HEAD.replace("10 20 30 1", "10 20 30"), "row 4 of the matrix: expected 4 finite numbers, got 3"),
         ("a.ptx", HEAD.replace("0 0 1 0", "0 0 1 2") + GRID, "its matrix has the last column [0.0, 0.0, 2.0, 1.0]"),
@@ -171,3 +170,29 @@ def test_damaged_files(name: str, text: str, problem: str, tmp_path: Path) -> No
         PointCloud.load(path)
     assert str(path) in str(caught.value)
     assert problem in str(caught.value)
+
+
+def test_lists_and_lines_of_other_columns(tmp_path: Path) -> None:
+    path = tmp_path / "a.pts"
+    path.write_text("3\n1 0 0 0.5 1 2 3\n2 0 0\n3 0 0 0.25\n2\n4 0 0 7 8 9\n5 0 0 0.75\n")
+    cloud = PointCloud.load(path)
+    assert cloud.xyz[:, 0].tolist() == [1, 2, 3, 4, 5]
+    np.testing.assert_array_equal(cloud.intensity, np.array([0.5, np.nan, 0.25, np.nan, 0.75], np.float32))
+    assert np.column_stack([cloud.red, cloud.green, cloud.blue]).tolist() == [
+        [1, 2, 3],
+        [0] * 3,
+        [0] * 3,
+        [7, 8, 9],
+        [0] * 3,
+    ]
+    assert cloud.red.dtype == np.uint8
+
+
+def test_scans_of_ptx_of_other_columns(tmp_path: Path) -> None:
+    path = tmp_path / "a.ptx"
+    coloured_grid = "1 2 3 0.25 1 2 3\n" + "0 0 0 0.5\n" * 2 + "4 5 6 0.75 4 5 6\n" * 3
+    path.write_text(HEAD + GRID + HEAD + coloured_grid)
+    cloud = PointCloud.load(path)
+    assert cloud.scan.tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+    assert cloud.red.tolist() == [0, 0, 0, 0, 1, 4, 4, 4]
+    assert cloud.intensity[4:].tolist() == [0.25, 0.75, 0.75, 0.75]

@@ -139,15 +139,15 @@ def test_files_of_others(text: str, fields: dict[str, list[float]], suffix: str,
         (b"x y z\n1 2\n", "line 2: expected 3 numbers (x, y, z), got 2"),
         (b"x,y,z\n1,5,2,5,3,5\n", "line 2: expected 3 numbers (x, y, z), got 6"),
         (b"x y z\n1 2 3\n\n# a\n1 2\n", "line 5: expected 3 numbers (x, y, z), got 2"),
-        (b"x y z\n1 2 three\n", "line 2, z: expected a number, got 'three'"),
-        (b"x,y,z\n" + b"1,2,3\n" * COUNT + b"1,-,3\n", f"line {COUNT + 2}, y: expected a number, got '-'"),
+        (b"x y z\n1 2 three\n", "line 2, z: expected a number, got something else"),
+        (b"x,y,z\n" + b"1,2,3\n" * COUNT + b"1,-,3\n", f"line {COUNT + 2}, y: expected a number, got something else"),
         (b"x;y;z\n1,5;2;3\n", "line 2, x: expected a number with a point, not a comma, got '1,5'"),
         (b"1,5;2,5;3,5\n", "line 1, column 1: expected a number with a point, not a comma, got '1,5'"),
         (b"1,5 2,5 3,5\n", "line 1, column 1: expected a number with a point, not a comma, got '1,5'"),
         (b"1,5\t2,5\t3,5\n", "line 1, column 1: expected a number with a point, not a comma, got '1,5'"),
-        (b"x y z\n1 2 1_000\n", "line 2, z: expected a number, got '1_000'"),
-        (b"x y z\n1 2 \xff\n", "line 2, z: expected a number, got '\ufffd'"),
-        (b"x y z\n1 2 3\0\n", "line 2, z: expected a number, got '3\\x00'"),
+        (b"x y z\n1 2 1_000\n", "line 2, z: expected a number, got something else"),
+        (b"x y z\n1 2 \xff\n", "line 2, z: expected a number, got something else"),
+        (b"x y z\n1 2 3\0\n", "line 2, z: expected a number, got something else"),
         (b"3\n1 2 3\n4 5 6\n", "its first line says 3 points, but there are 2"),
         (b"1\n1 2 3\n4 5 6\n", "its first line says 1 points, but there are 2"),
         (b"7\n", "its first line says 7 points, but there are 0"),
@@ -195,3 +195,11 @@ def test_columns_by_name(tmp_path: Path) -> None:
         ValueError, match=r"^columns: expected none, since \.pcd files name their columns, got some for .*a\.pcd"
     ):
         PointCloud.load(tmp_path / "a.pcd", columns=list("xyz"))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".xyz", ".txt"])
+def test_integers_that_float64_rounds_are_kept(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    for value in (2**53 - 1, 2**53, 2**53 + 1, -(2**53) - 1, 2**53 + 3, 2**63 - 1):
+        PointCloud(xyz=np.zeros((2, 3)), identity=np.array([value, 1])).save(path)
+        assert PointCloud.load(path).identity.tolist() == [value, 1]

@@ -73,10 +73,10 @@ def _frame(frame: Mapping[str, rosbag.Message], places: Mapping[str, Floats], na
 
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
-        return [path] if path.suffix.lower() in rosbag.SUFFIXES else []
+        return [path] if rosbag.is_bag(path) else []
     inside = [path, *folders(path)]
     return [file for folder in inside for file in sorted(_bags(folder), key=lambda file: natural(file.name))]
 
 
 def _bags(folder: Path) -> Iterator[Path]:
-    return (file for file in folder.iterdir() if file.suffix.lower() in rosbag.SUFFIXES and file.is_file())
+    return (file for file in folder.iterdir() if rosbag.is_bag(file) and file.is_file())

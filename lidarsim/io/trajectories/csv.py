@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 from lidarsim._base.validation import Floats
 from lidarsim.io.trajectories._quaternions import poses_of, table_of
-from lidarsim.motion.trajectory import numbers, register_trajectory_format
+from lidarsim.motion.trajectory import cells, numbers, register_trajectory_format
 
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
@@ -20,16 +20,16 @@ def recognise(line: str) -> bool:
 def read(lines: Iterator[str]) -> tuple[Floats, Floats]:
     """Return times and poses; other columns are skipped."""
     header = next(lines)
-    names = [name.strip() for name in header.split(",")]
+    names = cells(header)
     if any(names.count(name) != 1 for name in COLUMNS):
         raise ValueError(f"expected each of the columns {','.join(COLUMNS)} once, got others")
     places = [names.index(name) for name in COLUMNS]
 
     def row(line: str) -> list[float]:
-        cells = line.split(",")
-        if len(cells) != len(names):
-            raise ValueError(f"expected {len(names)} values, as the first line has names, got {len(cells)}")
-        return numbers([cells[place] for place in places], len(COLUMNS))
+        texts = cells(line)
+        if len(texts) != len(names):
+            raise ValueError(f"expected {len(names)} values, as the first line has names, got {len(texts)}")
+        return numbers([texts[place] for place in places], len(COLUMNS))
 
     return poses_of(map(row, lines))
 

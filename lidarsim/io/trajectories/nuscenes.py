@@ -130,7 +130,7 @@ def _check(row: dict[str, Any], kinds: dict[str, type], number: int) -> None:
         raise ValueError(f"expected at most {MOST_ROWS:,} rows, got more")
     for key, kind in kinds.items():
         if type(row.get(key)) is not kind:
-            raise ValueError(f"{key}: expected {NAMES[kind]}, got {shown(row.get(key))}")
+            raise ValueError(f"{key}: expected {NAMES[kind]}, got {'something else' if key in row else 'none'}")
     if "timestamp" in kinds and not abs(row["timestamp"]) < 2**63:
         raise ValueError(f"expected a timestamp of 64 bits, got {shown(row['timestamp'])}")
 

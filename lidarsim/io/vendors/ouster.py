@@ -42,6 +42,12 @@ PRESETS = {"OS-0": "ouster-os0-128", "OS-1": "ouster-os1-128", "OS-2": "ouster-o
 BEAM_ORIGIN_MM = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}
 """Distance from the axis to the beam origins, for old files that lack it (ouster-sdk, ouster_client/src/types.cpp)."""
 
+STEEPEST = ("OS-0", 45.0), ("OS-1", 22.5), ("OS-1", 16.6), ("OS-2", 11.25)
+"""Greatest absolute altitude angle of the beams of a product, degrees; files without a prod_line are told by it."""
+
+MARGIN = 1.5
+"""Tolerance for the beams of a unit, degrees."""
+
 LOW_DATA_RATE_STEP = 0.008
 """Step of the ranges, m, in the profiles of low data rate, whose ranges have 15 bits (ouster-sdk, lidar_frame.rst)."""
 
@@ -57,6 +63,8 @@ def recognise(path: Path, text: str) -> bool:
 
 def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Lidar:
     """Return the sensor that an Ouster metadata JSON describes.
+
+    Files that older software has reduced have no ``prod_line``: then the angles of the beams tell the product.
 
     Parameters
     ----------
@@ -87,7 +95,7 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
             raise FileFormatError(f"{path}: {KIND}: not valid JSON at line {error.lineno}: {error.msg}") from None
         parts = ("config_params", "sensor_info", "beam_intrinsics", "lidar_intrinsics")
         keys = document | {key: value for part in parts for key, value in _mapping(document, part).items()}
-        product = str(keys.get("prod_line", ""))
+        product = str(keys.get("prod_line") or "") or _product(keys)
         if product[:4] not in PRESETS:
             known = ", ".join(PRESETS)
             raise ArgumentValueError("prod_line", f"a product that starts with {known}", shown(product))
@@ -105,11 +113,24 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
     )
 
 
+def _product(keys: dict[str, Any]) -> str:
+    """Return the prod_line that the number and the angles of the beams tell; empty if they fit none."""
+    altitudes = _altitudes(keys)
+    steepest = np.abs(altitudes).max(initial=0.0)
+    found = next((product for product, angle in STEEPEST if abs(steepest - angle) <= MARGIN), None)
+    return f"{found}-{len(altitudes)}" if found else ""
+
+
+def _altitudes(keys: dict[str, Any]) -> Floats:
+    if "beam_altitude_angles" not in keys:
+        raise ValueError("beam_altitude_angles is missing")
+    return array("beam_altitude_angles", keys["beam_altitude_angles"], ("channels",))
+
+
 def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning:
-    for key in ("beam_altitude_angles", "beam_azimuth_angles"):
-        if key not in keys:
-            raise ValueError(f"{key} is missing")
-    altitudes = array("beam_altitude_angles", keys["beam_altitude_angles"], ("channels",))
+    altitudes = _altitudes(keys)
+    if "beam_azimuth_angles" not in keys:
+        raise ValueError("beam_azimuth_angles is missing")
     azimuths = array("beam_azimuth_angles", keys["beam_azimuth_angles"], (len(altitudes),))
     columns, rate = _mode(mode, keys.get("lidar_mode"))
     data_format = _data_format(keys)

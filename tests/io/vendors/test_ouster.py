@@ -228,3 +228,22 @@ def test_unknown_option_is_refused() -> None:
     message = "rate: expected none, since Ouster metadata JSON has mode, noise as options, got 10.0"
     with pytest.raises(TypeError, match=f"^{message}$"):
         ls.Lidar.from_file(FILES[0], rate=10.0)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("given", [None, ""])
+def test_a_file_without_a_product_is_told_by_its_beams(path: Path, given: str | None, tmp_path: Path) -> None:
+    keys = flattened(path)
+    product = keys.pop("prod_line")
+    reduced = tmp_path / "reduced.json"
+    reduced.write_text(json.dumps(keys if given is None else {**keys, "prod_line": given}))
+    lidar, whole = ls.Lidar.from_file(reduced), ls.Lidar.from_file(path)
+    assert (lidar.max_range, lidar.range_offset) == (whole.max_range, whole.range_offset)
+    assert lidar.name.startswith(f"ouster-{product[:4].lower()}-{len(keys['beam_altitude_angles'])}")
+    keys["beam_altitude_angles"] = [2 * angle for angle in keys["beam_altitude_angles"]]
+    reduced.write_text(json.dumps(keys))
+    if product.startswith("OS-0"):
+        with pytest.raises(
+            FileFormatError, match="prod_line: expected a product that starts with OS-0, OS-1, OS-2, got ''"
+        ):
+            ls.Lidar.from_file(reduced)
