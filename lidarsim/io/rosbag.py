@@ -750,7 +750,18 @@ class Message(NamedTuple):
 
 
 def is_bag(path: PathLike) -> bool:
-    """Return whether the name of a file is that of a bag that `read` reads."""
+    """Return whether the name of a file is that of a bag that `read` reads.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it ends in ``.mcap`` or ``.db3``, or in one of these and ``.zstd``.
+    """
     return Path(path).name.lower().removesuffix(_storage.ZSTD).endswith(SUFFIXES)
 
 
