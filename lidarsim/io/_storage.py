@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, parsing, replacing, sync, temporary_folder, writing
+from lidarsim._base.files import PathLike, parsing, reading, replacing, sync, temporary_folder, writing
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
