@@ -261,7 +261,7 @@ def listed(folder: Path) -> list[Path]:
 @contextmanager
 def plain_file(path: Path) -> Iterator[Path]:
     """Yield the path of a file or, if it is compressed as a whole, of its content in a temporary one."""
-    with path.open("rb") as file:
+    with reading(path), path.open("rb") as file:
         is_compressed = file.read(len(_ZSTD_MAGIC)) == _ZSTD_MAGIC
         size = os.fstat(file.fileno()).st_size
     if not is_compressed:
