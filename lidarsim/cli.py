@@ -302,7 +302,8 @@ def generate(
     ] = None,
     shard: Annotated[str | None, _option("--shard", "I/N", "Make only part I of N, counting from 0.")] = None,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Only check the existing files against the manifest.")
+        bool,
+        typer.Option("--verify", help="Compare all existing files with the manifest; with RECIPE, repair them."),
     ] = False,
     pictures: Annotated[
         int, _option("--pictures", "N", "Number of frames to show in the data card; default 3.", parser=_integer)
@@ -311,18 +312,22 @@ def generate(
         list[str] | None, _option("--set", "KEY=VALUE", "Override a value in RECIPE, e.g. frames=100.")
     ] = None,
 ) -> None:
-    """Make the data set described by RECIPE, or resume it.
+    """Make the data set described by RECIPE, resume it, or make its lost files again.
 
-    Existing files are kept: after a crash, a full disk or Ctrl-C, run the same command again to continue. The files are
+    Existing files are kept: after a crash, a full disk or Ctrl-C, run the same command again to continue. Files that
+    are missing or of another size are made again; with --verify, so are those of another content. The files are
     byte-identical for any number of workers. With --workers, Dask's dashboard is reachable only from this machine; from
     another, forward its port: ssh -L PORT:127.0.0.1:PORT.
     """
     if not output:
         raise LidarsimError("--output: expected a folder or URL, got an empty one")
-    if verify:
+    if verify and recipe is None:
         problems = ls.datasets.verify(output)
         if problems:
-            raise LidarsimError(f"{output}: {counted(len(problems), 'file')} not as in the manifest: {problems[0]}")
+            raise LidarsimError(
+                f"{output}: {counted(len(problems), 'file')} not as in the manifest: {problems[0]}; "
+                "`lidarsim generate RECIPE -o FOLDER --verify` makes them again"
+            )
         paragraph(f"{output}: all files match the manifest")
         return
     if recipe is None:
@@ -333,9 +338,21 @@ def generate(
         if client is not None and client.dashboard_link:
             paragraph(f"dashboard: {client.dashboard_link}")
         made = ls.generate(
-            recipe, output, client=client, part=_part(shard), overrides=overrides or (), pictures=pictures
+            recipe,
+            output,
+            client=client,
+            part=_part(shard),
+            overrides=overrides or (),
+            pictures=pictures,
+            verify=verify,
         )
     paragraph(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    if made.made_again:
+        paragraph(f"made again: {_listed([plain(name, most=NAME) for name in made.made_again])}")
+    elif verify and not made.frames:
+        paragraph(f"{output}: all files match the manifest")
+    for line in made.left_out:
+        paragraph(f"scattered: {plain(line)}")
     if made.shards_left:
         paragraph(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
 
@@ -638,9 +655,39 @@ def _counted(items: Iterable[Item], tell: Callable[[], None]) -> Iterator[Item]:
         tell()
 
 
+CHECKED = 3
+"""Sequences of a recipe that `check` draws unless it is told otherwise."""
+
+
 @app.command()
-def check(config: Configuration, overrides: Overrides = None) -> None:
-    """Check CONFIG: build all of it, scan its first and last frame, and print a summary."""
+def check(
+    config: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CONFIG", help="YAML configuration or recipe, or a packaged one: demo, detection.", parser=_path
+        ),
+    ],
+    *,
+    sequences: Annotated[
+        int | None, _option("--sequences", "N", f"Sequences of a recipe to draw; default {CHECKED}.", parser=_integer)
+    ] = None,
+    screenshot: Annotated[
+        Path | None, _file("--screenshot", "PNG|JPG", "Draw the first frame of each sequence of a recipe.")
+    ] = None,
+    overrides: Overrides = None,
+) -> None:
+    """Check CONFIG: build all of it, scan its first and last frame, and print a summary.
+
+    Of a recipe, draw a few sequences, and print how many objects of each group were asked for and placed, which rules
+    refused places for the others, and which objects of the scene are in the sensor's way.
+    """
+    path = starter.configuration(config)
+    if _is_recipe(path):
+        _check_recipe(path, overrides, integer("--sequences", sequences or CHECKED, at_least=1), screenshot)
+        return
+    for option, value in {"--sequences": sequences, "--screenshot": screenshot}.items():
+        if value is not None:
+            raise LidarsimError(f"{option}: expected only with a recipe, got {config}")
     run = _load(config, overrides)
     run.check_coverage()
     for frame in sorted({run.numbers[0], run.numbers[-1]}):
@@ -689,6 +736,42 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     legs = [counted(len(run.legs), "strip" if moving else "station")] if run.legs else []
     counts = [counted(len(run.scene), "object"), *legs, counted(len(run.numbers), "frame")]
     paragraph(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
+
+
+def _check_recipe(path: Path, overrides: list[str] | None, count: int, screenshot: Path | None) -> None:
+    """Draw the first sequences of a recipe, and print and draw what is in them."""
+    from lidarsim.datasets import recipe
+    from lidarsim.datasets.scattered import Scattered
+
+    _check_screenshot(screenshot)
+    made = recipe.load(path, overrides or ())
+    count = min(count, made.sequences)
+    total, warnings, pictures = Scattered(), [], []
+    for sequence in _progress(range(count), count):
+        run = made.source.run(sequence, 0)
+        run.check_coverage()
+        made.layout.check(run)
+        made.layout.check_labels(made.class_names, run.scene)
+        total += made.source.scattered(sequence)
+        for name, moment in made.source.nearby(sequence).items():
+            warnings.append(f"in sequence {sequence}, the sensor meets {plain(name)} of the scene at {moment:.1f} s")
+        (scans,) = dataclasses.replace(run, frames=range(run.frames.start, run.frames.start + 1)).scans()
+        if screenshot:
+            picture = screenshot.with_stem(f"{screenshot.stem}-{sequence}") if sequence else screenshot
+            ls.show(scans, scene=run.scene, color_by="label", class_names=made.class_names, save=picture)
+            pictures.append(picture)
+    if total.groups:
+        rows = [
+            (plain(name, most=NAME), tally.asked, tally.placed, plain(tally.rules))
+            for name, tally in total.groups.items()
+        ]
+        table(("group", "asked", "placed", "places refused by"), rows, left=("group", "places refused by"))
+    for warning in warnings:
+        paragraph(f"warning: {warning}")
+    for picture in pictures:
+        paragraph(f"picture: {picture}")
+    drawn = f"drew {count} of {counted(made.sequences, 'sequence')} of {counted(made.frames, 'frame')}"
+    paragraph(f"{path}: ok, {drawn}, layout {made.layout.type}, seed {made.seed}")
 
 
 def _print_others(run: Run) -> None:
@@ -925,11 +1008,16 @@ def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> 
     return ls.config.load(config, [*(overrides or []), *given])
 
 
-def _described(path: Path, overrides: list[str] | None, **settings: int | None) -> tuple[Run, Mapping[int, str] | None]:
-    """Return the run of a configuration, or the first run of a recipe with its class names."""
+def _is_recipe(path: Path) -> bool:
+    """Return whether a YAML file is a recipe, which has the configuration that it varies under ``run``."""
     from lidarsim.config.document import entries, read
 
-    if "run" not in entries(read(path)):
+    return "run" in entries(read(path))
+
+
+def _described(path: Path, overrides: list[str] | None, **settings: int | None) -> tuple[Run, Mapping[int, str] | None]:
+    """Return the run of a configuration, or the first run of a recipe with its class names."""
+    if not _is_recipe(path):
         return _load(path, overrides, **settings), None
     from lidarsim.datasets import recipe
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from lidarsim._base.shown import counted
-from lidarsim._base.validation import integer, named_labels, one_of, shown
+from lidarsim._base.validation import flag, integer, named_labels, one_of, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 
 if TYPE_CHECKING:
@@ -44,17 +44,24 @@ class Generated:
     Attributes
     ----------
     frames, points : int
-        Frames and points made by this call; existing ones are not counted.
+        Frames and points made by this call; existing ones are not counted, those of lost files are.
     seconds : float
         Duration, s.
     shards_left : int
         Shards that other parts still have to make; 0 if the data set is complete.
+    made_again : tuple of str
+        Names of lost and damaged files that were made again.
+    left_out : tuple of str
+        Of the sequences whose first frame this call made, one line per group of scattered objects that were not all
+        placed, with both numbers and the rules that refused them, and one per object of the scene in the sensor's way.
     """
 
     frames: int
     points: int
     seconds: float
     shards_left: int
+    made_again: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
 def generate(
@@ -74,10 +81,12 @@ def generate(
     frame: Literal["sensor", "world"] = "sensor",
     deskew: Deskew | None = None,
     pictures: int = 3,
+    verify: bool = False,
 ) -> Generated:
-    """Make a data set, or resume an incomplete one.
+    """Make a data set, resume an incomplete one, or make the lost files of a complete one again.
 
-    Existing files of the same data set are kept: after a crash, the same call continues where the last one stopped.
+    Existing files of the same data set are kept: after a crash, the same call continues where the last one stopped. Its
+    files that are missing or of another size are made again, with the same bytes.
     Several calls may make the same data set at once. Nothing is written outside the output, and only files that a data
     set of the same recipe wrote are replaced or removed.
 
@@ -123,7 +132,10 @@ def generate(
         boxes, else False. In a layout with boxes, the points of moving things are moved along. A YAML recipe has
         ``run.cloud.deskew``.
     pictures : int
-        Number of frames that the data card shows; none without PyVista.
+        Number of frames that the data card shows; none without PyVista. A complete data set keeps its number.
+    verify : bool
+        Whether to compare the SHA-256 of all existing files, too, which reads them whole; those that differ are made
+        again. Default: only their sizes are compared.
 
     Returns
     -------
@@ -136,7 +148,8 @@ def generate(
         If the recipe cannot be used.
     LidarsimError
         If the output holds another data set, other files under names of this one, or damaged notes
-        (`FileFormatError`), if the scheduler is lost, or if shards failed three times; all other shards are made.
+        (`FileFormatError`), if the scheduler is lost, if lost files cannot be made again with the same bytes, or if
+        shards failed three times; all other shards are made.
     OSError
         If the disk is full. Finished files stay, and the same call resumes.
     TypeError, ValueError
@@ -165,6 +178,7 @@ def generate(
         raise ArgumentTypeError("recipe", "a path or a function", shown(recipe))
     part = _part(part)
     pictures = integer("pictures", pictures, at_least=0)
+    verify = flag("verify", verify)
     if deskew is not None:
         moment_of(deskew, 1.0)  # only checks it
     one_of("frame", frame, ("sensor", "world"))
@@ -196,7 +210,7 @@ def generate(
             given["class_names"] = {str(label): name for label, name in names.items()}
         values = {name: value for name, value in given.items() if value is not None}
         made = recipes.load(Path(recipe), overrides, values)
-    result, failed = run(made, output, client, part, pictures)
+    result, failed = run(made, output, client, part, pictures, verify=verify)
     if failed:
         more = f" (and {len(failed) - TOLD} more)" if len(failed) > TOLD else ""
         raise LidarsimError(f"{counted(len(failed), 'shard')} failed; " + "; ".join(map(str, failed[:TOLD])) + more)

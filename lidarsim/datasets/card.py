@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import short
+from lidarsim.datasets import manifest
 from lidarsim.datasets.engine import RANGES
 from lidarsim.datasets.layouts import class_name
 from lidarsim.datasets.statistics import POINTS, VISIBILITY, BoxStatistics, box_statistics
@@ -23,10 +24,11 @@ from lidarsim.viewers import show
 
 if TYPE_CHECKING:
     from lidarsim.datasets.engine import Plan
-    from lidarsim.datasets.layouts import Summary
+    from lidarsim.datasets.layouts import Files, Summary
     from lidarsim.datasets.layouts._layout import BoxFilter
     from lidarsim.datasets.recipe import Recipe
     from lidarsim.lidar import Lidar
+    from lidarsim.datasets.scattered import Scattered
     from lidarsim.run import Run
 
 __all__ = ["write"]
@@ -39,13 +41,15 @@ SPECIAL = re.compile(r"[\\`*\[\]<>&!|~$^{}]|(?<![^\W_])_|_(?![^\W_])|(?<=www)\.|
 """Characters with a meaning in Markdown, HTML and tables; underscores only at the edge of a word."""
 
 
-def write(plan: Plan, summary: Summary, ranges: Sequence[int], pictures: int) -> None:
+def write(plan: Plan, files: Files, summary: Summary, ranges: Sequence[int], pictures: int) -> None:
     """Write the card, with pictures of evenly spaced frames; without PyVista there are none.
 
     Parameters
     ----------
     plan : Plan
         The data set and its store.
+    files : Files
+        Where the card and its pictures are written.
     summary : Summary
         Its records, classes and splits.
     ranges : sequence of int
@@ -68,7 +72,8 @@ def write(plan: Plan, summary: Summary, ranges: Sequence[int], pictures: int) ->
 
 {points:,} points, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed {recipe.seed}.
 Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, and
-`lidarsim generate --verify -o FOLDER` checks them.
+`lidarsim generate --verify -o FOLDER` checks them. The command that made the data set makes lost files again, this card
+among them.
 
 Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, run)}
 {air}{recipe.layout.reading}
@@ -80,9 +85,10 @@ Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, r
 {_table("range", list(zip(spans, ranges, strict=True))[used[0] : used[-1] + 1], points)}"""
     if recipe.layout.kept is not None:
         text += "\n" + _boxes(recipe, run, summary)
-    if drawn := _pictures(plan, pictures):
+    text += _scattered(summary.scattered)
+    if drawn := _pictures(plan, files, pictures):
         text += "\n## Frames\n" + "".join(f"\n![{about}]({name})\n\n{about}\n" for name, about in drawn)
-    plan.store.write("README.md", text.encode())
+    files.write(manifest.CARD, text.encode())
 
 
 def escaped(text: str) -> str:
@@ -179,6 +185,19 @@ def _filter(kept: BoxFilter | None) -> str:
     return ", ".join(parts)
 
 
+def _scattered(scattered: Scattered) -> str:
+    """Return the section on scattered objects; empty without groups."""
+    if not scattered.groups:
+        return ""
+    rows = [
+        f"| {escaped(name)} | {tally.asked} | {tally.placed} | {escaped(tally.rules)} |\n"
+        for name, tally in scattered.groups.items()
+    ]
+    text = "\n## Scattered objects\n\nObjects without room are left out; shares are of the places tried for these.\n"
+    text += "\n| group | asked | placed | places refused by |\n|---|---:|---:|---|\n" + "".join(rows)
+    return text + "".join(f"\nWarning: {escaped(line)}.\n" for line in scattered.warnings())
+
+
 def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of numbers with a name per row, which may have several cells."""
     lines = ["| " + " | ".join(head) + " |", "|---" * (1 + head[0].count("|")) + "|---:" * (len(head) - 1) + "|"]
@@ -202,7 +221,7 @@ def _table(head: str, rows: Sequence[tuple[str, int]], points: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
+def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
     """Measure frames again and draw them, coloured by label; return the name and description of each picture."""
     recipe = plan.recipe
     total = recipe.sequences * recipe.frames
@@ -212,7 +231,7 @@ def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
         run = recipe.source.run(sequence, frame)
         number = run.frames.start + frame
         (scans,) = dataclasses.replace(run, frames=range(number, number + 1)).scans()
-        name = f"pictures/{sequence:06}_{frame:06}.png"
+        name = f"{manifest.PICTURES}/{sequence:06}_{frame:06}.png"
         with TemporaryDirectory() as folder:
             path = Path(folder) / "frame.png"
             try:
@@ -226,6 +245,6 @@ def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
                 )
             except MissingExtraError:
                 return []
-            plan.store.write(name, path.read_bytes())
+            files.write(name, path.read_bytes())
         drawn.append((name, f"Sequence {sequence}, frame {frame}"))
     return drawn

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ from lidarsim._base.validation import integer, shown
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
 from lidarsim.datasets.samples import RANGES, Record, samples
+from lidarsim.datasets.scattered import Scattered
 from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
@@ -82,7 +83,8 @@ class Plan:
 class Made:
     """Result of a shard: what was made and, if it failed, the `problem` and its frame.
 
-    `full` means that the disk is full, so that nothing more can be made.
+    `full` means that the disk is full, so that nothing more can be made; `scattered` has the counts of the sequences
+    that begin in the shard.
     """
 
     shard: int
@@ -93,6 +95,7 @@ class Made:
     frame: int = 0
     seed: int = 0
     full: bool = False
+    scattered: Scattered = field(default_factory=Scattered)
 
     def __str__(self) -> str:
         """Return the problem in one line."""
@@ -107,6 +110,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
     records: list[Record] = []
     sequence, frame, seed = 0, 0, recipe.seed
     made: list[int] = []
+    scattered = Scattered()
     try:
         with plan.store.batch() as store, recipe.layout.writer(files := Files(store), shard) as write:
             for sequence, frames in recipe.shard(shard):
@@ -125,6 +129,8 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                             points += sample.record.points
                         tell(1, points)
                         made.append(points)
+                if frames.start == 0:
+                    scattered += recipe.source.scattered(sequence)
         part = {
             "recipe": plan.head.recipe,
             "shard": shard,
@@ -132,11 +138,12 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
             "records": records,
             "labels": {str(label): count for label, count in sorted(labels.items())},
             "ranges": ranges.tolist(),
+            "scattered": scattered,
         }
         manifest.write_part(plan.store, manifest.Part.model_validate(part))
     except Exception as error:  # noqa: BLE001 - any error is reported with its frame
         return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
-    return Made(shard, len(made), sum(made))
+    return Made(shard, len(made), sum(made), scattered=scattered)
 
 
 def _counted(labels: npt.NDArray[np.uint32]) -> dict[int, int]:

@@ -2,12 +2,14 @@
 
 ``manifest/start.json`` records the sources and versions of the data set. It claims the place: it is created only if
 there is none, so if two data sets begin at once, one is refused. ``manifest/000000.json`` records that a shard is done.
-``manifest.jsonl`` is written last. Its first line is the claim with the number and the SHA-256 of the lines after it;
-each of these names a file with its SHA-256, size and contents: points, the time of the frame in its sequence, the seed
-of its noise. Once it exists, the data set is complete, and any call that sees it removes the other notes.
+``manifest.jsonl`` is written last, and completes the data set. Its first line is the claim with the number and the
+SHA-256 of the lines after it; each of these names a file with its SHA-256, size and contents: points, the time of the
+frame in its sequence, the seed of its noise. The files of a shard come before its part, and all others, such as tables,
+after the last part.
 
 After a kill at any moment, the same call can resume. Parts depend only on the recipe, so concurrent writers replace
-files by equal ones and need not wait for each other.
+files by equal ones and need not wait for each other. The parts stay: if a file of a shard is lost, this shard is made
+again, and if a table is lost, all tables are made again from the parts.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import re
 import time
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -29,6 +32,7 @@ from lidarsim._base.files import told
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import short
 from lidarsim.datasets.samples import RANGES, Record
+from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError, LidarsimError
 
@@ -39,8 +43,8 @@ if TYPE_CHECKING:
     from lidarsim.datasets.store import Store
 
 __all__ = [
-    "MANIFEST", "PARTS", "Head", "Part", "complete", "done", "finish", "is_complete", "missing",
-    "part_name", "parts", "records", "start", "tidy", "verify", "versions", "write_part",
+    "CARD", "MANIFEST", "PARTS", "PICTURES", "Head", "Part", "complete", "differences", "done", "finish", "is_complete",
+    "lost", "missing", "part_name", "parts", "pictures", "records", "start", "verify", "versions", "write_part",
 ]  # fmt: skip
 
 MANIFEST, PARTS, RECIPE, CARD, PICTURES = "manifest.jsonl", "manifest", "recipe.yaml", "README.md", "pictures"
@@ -104,7 +108,7 @@ class Entry(_Note):
 class Part(_Note):
     """Notes of a shard: its files, the records of its samples, and the number of points by label and range.
 
-    `recipe` is the SHA-256 of ``recipe.yaml``.
+    `recipe` is the SHA-256 of ``recipe.yaml``, and `scattered` has the counts of the sequences that begin in the shard.
     """
 
     recipe: Digest
@@ -113,6 +117,7 @@ class Part(_Note):
     records: list[Record]
     labels: dict[Annotated[str, Field(pattern="^[0-9]{1,10}$")], Count]
     ranges: Annotated[list[Count], Field(min_length=len(RANGES) - 1, max_length=len(RANGES) - 1)]
+    scattered: Scattered = Scattered()
 
 
 def versions() -> dict[str, str]:
@@ -125,8 +130,8 @@ def part_name(shard: int) -> str:
     return f"{PARTS}/{shard:06}.json"
 
 
-def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
-    """Claim the place for a data set, and return whether it is already complete.
+def start(plan: Plan, recipe: bytes, names: Collection[str]) -> tuple[bool, list[str]]:
+    """Claim the place for a data set.
 
     Parameters
     ----------
@@ -137,6 +142,13 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
     names : collection of str
         Top-level names of the layout.
 
+    Returns
+    -------
+    complete : bool
+        Whether the data set is complete.
+    again : list of str
+        Names of its own files that were lost or damaged: they are made again, the manifest when all shards are done.
+
     Raises
     ------
     FileFormatError
@@ -145,6 +157,7 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
         If the place has a data set with another recipe, other files or other versions, or files of no data set.
     """
     store, head = plan.store, plan.head
+    again: list[str] = []
     for attempt in range(CLAIMS):
         time.sleep(0.05 * 2**attempt if attempt else 0.0)
         # The order matters: no claim and then no manifest means no data set when the files were listed.
@@ -159,35 +172,48 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
             if not (cut or is_complete(store)):
                 raise
             begun = None
-        whole = complete(store)
+        try:
+            whole = complete(store)
+        except FileFormatError:
+            if begun != head:
+                raise
+            whole = None
+            store.remove(MANIFEST)
+            again.append(MANIFEST)
         if cut and not whole:
             store.write(_START, head.line())  # a writer was killed before it made anything else
             continue
         found = whole or begun
-        if found is None:
-            if others:
-                raise LidarsimError(
-                    f"{store}: expected an empty place or one with the same recipe, got "
-                    f"{short(', '.join(map(ascii, others)))}, which no data set noted as its own"
-                )
-            if not store.create(_START, head.line()):
-                continue  # another call was first
-        elif found.recipe != head.recipe:
-            raise LidarsimError(
-                f"{store}: expected an empty place or one with the same recipe, got another {RECIPE} there"
-            )
-        elif found != head:
-            key = next(key for key in Head.model_fields if getattr(found, key) != getattr(head, key))
-            raise LidarsimError(
-                f"{store}: expected an empty place or one with the same {key} ({getattr(head, key)}), got "
-                f"{short(ascii(getattr(found, key)))} there"
-            )
-        if whole is None and written is None:
-            store.write(RECIPE, recipe)
-        elif whole is None and written != recipe:
+        _check_claim(store, found, head, others)
+        if found is None and not store.create(_START, head.line()):
+            continue  # another call was first
+        if whole is None and written not in {None, recipe}:
             raise LidarsimError(f"{store}/{RECIPE}: expected the recipe of the data set, got another file: remove it")
-        return whole is not None
+        if whole is not None and begun is None:
+            store.write(_START, head.line())
+            again.append(_START)
+        if written != recipe:
+            store.write(RECIPE, recipe)
+            again += [RECIPE] * (found is not None)
+        return whole is not None, again
     raise LidarsimError(f"{store}/{_START}: expected to write it or to read that of another, got neither")
+
+
+def _check_claim(store: Store, found: Head | None, head: Head, others: Collection[str]) -> None:
+    """Raise an error unless a place has the claim of this data set, or none and no `others`."""
+    if found == head:
+        return
+    expected = f"{store}: expected an empty place or one with the same"
+    if found is None:
+        if others:
+            names = short(", ".join(map(ascii, others)))
+            raise LidarsimError(f"{expected} recipe, got {names}, which no data set noted as its own")
+        return
+    if found.recipe != head.recipe:
+        raise LidarsimError(f"{expected} recipe, got another {RECIPE} there")
+    key = next(key for key in Head.model_fields if getattr(found, key) != getattr(head, key))
+    got = short(ascii(getattr(found, key)))
+    raise LidarsimError(f"{expected} {key} ({getattr(head, key)}), got {got} there")
 
 
 def _is_cut(store: Store) -> bool:
@@ -231,8 +257,8 @@ def _head(store: Store, name: str) -> Head | None:
 
 def done(store: Store) -> set[int]:
     """Return the shards that have a part, without reading it."""
-    numbers = (re.fullmatch(r"([0-9]{6,18})\.json", name) for name in store.names(PARTS))
-    return {int(found[1]) for found in numbers if found and part_name(int(found[1])) == f"{PARTS}/{found[0]}"}
+    numbers = (_shard_of(f"{PARTS}/{name}") for name in store.names(PARTS))
+    return {number for number in numbers if number is not None}
 
 
 def write_part(store: Store, part: Part) -> None:
@@ -244,7 +270,12 @@ def write_part(store: Store, part: Part) -> None:
 
 
 def _part(plan: Plan, shard: int) -> Part:
-    """Return the part of a shard.
+    """Return the part of a shard."""
+    return _note_of(plan, shard)[0]
+
+
+def _note_of(plan: Plan, shard: int) -> tuple[Part, bytes]:
+    """Return the part of a shard, and the content of its file.
 
     Raises
     ------
@@ -274,20 +305,81 @@ def _part(plan: Plan, shard: int) -> Part:
         rigid = (np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)) <= 5e-6).all() and (np.linalg.det(turns) > 0).all()
     if not rigid:
         raise FileFormatError(f"{store}/{name}: expected rigid poses")
-    return part
+    return part, data
 
 
-def missing(plan: Plan, shards: Iterable[int]) -> list[int]:
-    """Return the shards that have no part or a damaged one, and must be made."""
-    present = done(plan.store)
+@dataclass(frozen=True)
+class _Check:
+    """Check of files: their sizes, from one listing per folder, and their contents if asked to."""
 
-    def is_made(shard: int) -> bool:
-        try:
-            return shard in present and _part(plan, shard) is not None
-        except (LidarsimError, FileNotFoundError):
+    store: Store
+    contents: bool
+    folders: dict[str, dict[str, int]] = field(default_factory=dict)
+
+    def passes(self, entry: Entry) -> bool:
+        """Return whether a file is there and, as far as checked, as its entry says."""
+        folder, _, name = entry.file.rpartition("/")
+        if folder not in self.folders:
+            self.folders[folder] = self.store.sizes(folder)
+        if self.folders[folder].get(name) != entry.bytes:
             return False
+        return not self.contents or not _difference(self.store, entry.file, entry.sha256, entry.bytes)
 
-    return [shard for shard in shards if not is_made(shard)]
+
+def missing(plan: Plan, shards: Iterable[int], *, contents: bool = False) -> dict[int, list[str]]:
+    """Return the shards that must be made, each with the names of its lost or damaged files.
+
+    These shards have no part, a damaged one, or one whose files are not there or of another size; with `contents`, the
+    SHA-256 of each file is compared, too.
+    """
+    present, check = done(plan.store), _Check(plan.store, contents)
+    found: dict[int, list[str]] = {}
+    for shard in shards:
+        try:
+            part = _part(plan, shard) if shard in present else None
+        except (LidarsimError, FileNotFoundError):
+            part = None
+        gone = [] if part is None else [entry.file for entry in part.files if not check.passes(entry)]
+        if part is None or gone:
+            found[shard] = gone
+    return found
+
+
+def lost(store: Store, *, contents: bool) -> dict[int | None, list[str]]:
+    """Return the files of a complete data set that are lost or damaged, by the shard that makes them; None for tables.
+
+    These are missing or of another size; with `contents`, the SHA-256 of each file is compared, too.
+    """
+    check = _Check(store, contents)
+    found: dict[int | None, list[str]] = {}
+    names: list[str] = []
+    for entry in _entries(store):
+        if not check.passes(entry):
+            names.append(entry.file)
+        if (shard := _shard_of(entry.file)) is not None:
+            if names:
+                found[shard] = names
+            names = []
+    return found | ({None: names} if names else {})
+
+
+def _shard_of(name: str) -> int | None:
+    """Return the shard whose part is the file `name`; None if it is no part."""
+    found = re.fullmatch(rf"{PARTS}/([0-9]{{6,18}})\.json", name)
+    return int(found[1]) if found and part_name(int(found[1])) == name else None
+
+
+def pictures(store: Store) -> int | None:
+    """Return the number of pictures of a complete data set; None if its manifest does not list its card."""
+    names = [entry.file for entry in _entries(store)]
+    return sum(name.startswith(f"{PICTURES}/") for name in names) if CARD in names else None
+
+
+def differences(store: Store, names: Collection[str]) -> list[str]:
+    """Return how some files of a complete data set differ from their entries, one line each."""
+    wanted = {*names}
+    entries = (entry for entry in _entries(store) if entry.file in wanted)
+    return list(filter(None, (_difference(store, entry.file, entry.sha256, entry.bytes) for entry in entries)))
 
 
 def parts(plan: Plan) -> Iterator[Part]:
@@ -313,8 +405,10 @@ def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:
         raise LidarsimError(f"{store}: another data set was begun here at the same time: choose another place")
 
     def lines() -> Iterator[bytes]:
-        for part in parts(plan):
-            yield from (json.dumps(entry.model_dump()).encode() + b"\n" for entry in part.files)
+        for shard in range(plan.recipe.shards):
+            part, data = _note_of(plan, shard)
+            note = Entry(file=part_name(shard), sha256=hashlib.sha256(data).hexdigest(), bytes=len(data))
+            yield from (json.dumps(entry.model_dump()).encode() + b"\n" for entry in (*part.files, note))
         yield from (json.dumps(entry).encode() + b"\n" for entry in tables)
 
     count, digest = 0, hashlib.sha256()
@@ -325,14 +419,6 @@ def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:
     with store.writing(MANIFEST) as path, path.open("wb") as file:
         file.write(whole.line() + b"\n")
         file.writelines(lines())
-
-
-def tidy(plan: Plan) -> None:
-    """Remove the notes that a complete data set does not need, and the remains of killed writers."""
-    made = done(plan.store).intersection(range(plan.recipe.shards))
-    names = *map(part_name, sorted(made)), _START
-    plan.store.remove(PARTS, [name.removeprefix(f"{PARTS}/") for name in names])
-    plan.store.tidy()
 
 
 def is_complete(store: Store) -> bool:
@@ -403,13 +489,18 @@ def verify(store: Store) -> Iterator[str]:
         raise FileFormatError(f"{store}: no {MANIFEST}: the data set is incomplete") from None
     with file:
         head = _whole(store, file)
-        yield _difference(store, RECIPE, head.recipe, None)
-        file.seek(0)
-        next(file)
+    yield _difference(store, RECIPE, head.recipe, None)
+    yield from (_difference(store, entry.file, entry.sha256, entry.bytes) for entry in _entries(store))
+
+
+def _entries(store: Store) -> Iterator[Entry]:
+    """Yield the entries of a manifest."""
+    with store.open(MANIFEST) as file:
+        _line(f"{store}/{MANIFEST}", file)
         for line in file:
             with _parsing(f"{store}/{MANIFEST}"):
                 entry = Entry.model_validate_json(line)
-            yield _difference(store, entry.file, entry.sha256, entry.bytes)
+            yield entry
 
 
 def _difference(store: Store, name: str, expected: str, size: int | None) -> str:

@@ -38,7 +38,8 @@ from lidarsim.config.starter import configuration
 from lidarsim.datasets.draws import Draw, Stream
 from lidarsim.datasets.fingerprint import fingerprint, name_of
 from lidarsim.datasets.layouts import AnyLayout, Layout
-from lidarsim.datasets.scatter import Placed, Scatter, scatter
+from lidarsim.datasets.scatter import Placed, Scatter, nearby, scatter
+from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.sources import hashes, located, paths
 from lidarsim.datasets.splits import Splits, check_splits
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -95,6 +96,12 @@ class Source(Protocol):
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of each file, or part of a function, that the runs depend on, by name."""
+
+    def scattered(self, sequence: int) -> Scattered:
+        """Return the counts of the scattered objects of a sequence."""
+
+    def nearby(self, sequence: int) -> dict[str, float]:
+        """Return the objects of the scene that are in the sensor's way in a sequence, and when each is first, s."""
 
 
 @dataclass(frozen=True)
@@ -175,6 +182,8 @@ class Document:
     assembled: dict[tuple[int, ...], Node] = field(default_factory=dict, repr=False)
     placed: dict[int, list[Placed]] = field(default_factory=dict, repr=False)
     """The objects of the last sequence."""
+    counts: dict[int, Scattered] = field(default_factory=dict, repr=False)
+    """Their numbers."""
     runs: dict[int, Run] = field(default_factory=dict, repr=False)
     """The run of the last sequence, unless its frames differ."""
 
@@ -204,11 +213,27 @@ class Document:
         things = self.placed.get(sequence)
         if things is None:
             first = self._drawn(sequence, 0) if self.by_frame else run
-            things = scatter(groups, place, first, self.settings.seed, sequence) if groups else []
+            none: tuple[list[Placed], Scattered] = [], Scattered()
+            things, counts = scatter(groups, place, first, self.settings.seed, sequence) if groups else none
             _replace(self.placed, sequence, things)
+            _replace(self.counts, sequence, counts)
         for thing in things:
             thing.add_to(run.scene, place)
         return run
+
+    def scattered(self, sequence: int) -> Scattered:
+        """Return the counts of the scattered objects of a sequence."""
+        counts = self.counts.get(sequence)
+        if counts is None:
+            groups, place = self.settings.scatter, Place(self.root, (), self.loaded) / "scatter"
+            if not groups:
+                return Scattered()
+            _, counts = scatter(groups, place, self._drawn(sequence, 0), self.settings.seed, sequence)
+        return counts
+
+    def nearby(self, sequence: int) -> dict[str, float]:
+        """Return the objects of the scene that are in the sensor's way in a sequence, and when each is first, s."""
+        return nearby(self._drawn(sequence, 0), self.settings.scatter)
 
     def _drawn(self, sequence: int, frame: int | None) -> Run:
         """Return the run with its drawn values."""
@@ -364,6 +389,15 @@ class Function:
     def files(self) -> dict[str, str]:
         """Return the hashes of the function's code and of the values that it takes from outside."""
         return dict(self.made_of)
+
+    def scattered(self, sequence: int) -> Scattered:
+        """Return no counts: a function places its objects itself."""
+        del sequence
+        return Scattered()
+
+    def nearby(self, sequence: int) -> dict[str, float]:
+        """Return the objects that the sensor passes through in a sequence."""
+        return nearby(self.run(sequence), {})
 
 
 def from_function(

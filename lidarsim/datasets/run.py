@@ -5,15 +5,18 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidarsim._base.shown import counted
 from lidarsim._base.validation import integer
 from lidarsim.datasets import Generated, card, manifest
 from lidarsim.datasets.engine import RANGES, Made, Plan, make
 from lidarsim.datasets.layouts import Files, Summary, class_name
 from lidarsim.datasets.progress import Progress
+from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.store import open_store
 from lidarsim.errors import FileFormatError, LidarsimError
 
@@ -27,7 +30,7 @@ __all__ = ["run"]
 
 
 def run(
-    recipe: Recipe, output: PathLike, client: Client | None, part: tuple[int, int], pictures: int
+    recipe: Recipe, output: PathLike, client: Client | None, part: tuple[int, int], pictures: int, *, verify: bool
 ) -> tuple[Generated, list[Made]]:
     """Make the missing part of a data set; return what was made, and the shards that failed."""
     count = integer("part", part[1], at_least=1)
@@ -45,19 +48,21 @@ def run(
     )
     plan = Plan(recipe, open_store(output), head)
     try:
-        complete = manifest.start(plan, resolved, recipe.layout.names(first, recipe.sequences))
+        complete, again = manifest.start(plan, resolved, recipe.layout.names(first, recipe.sequences))
     except FileFormatError as damaged:
         raise FileFormatError(f"{damaged}; choose another place, or remove the damaged data set") from None
-    if complete:
-        manifest.tidy(plan)
-        return Generated(0, 0, 0.0, 0), []
     shards = range(recipe.shards)
-    present = manifest.done(plan.store).intersection(shards)
-    there = sum(len(frames) for shard in present for _, frames in recipe.shard(shard))
-    with Progress(recipe.sequences * recipe.frames, there) as progress:
-        failed = _make(plan, manifest.missing(plan, shards[mine::count]), client, progress)
+    if complete:
+        return _repair(plan, shards[mine::count], client, again, verify=verify)
+    todo = manifest.missing(plan, shards[mine::count], contents=verify)
+    with Progress(recipe.sequences * recipe.frames, _there(plan, todo)) as progress:
+        made = _make(plan, todo, client, progress)
+        failed = [shard for shard in made if shard.problem]
         if not failed and manifest.done(plan.store).issuperset(shards):  # other parts may have left damaged notes
-            failed = _make(plan, manifest.missing(plan, shards), client, progress)
+            rest = manifest.missing(plan, shards)
+            todo |= rest
+            made += _make(plan, rest, client, progress)
+            failed = [shard for shard in made if shard.problem]
         seconds = progress.seconds
     left = 0
     try:
@@ -68,18 +73,65 @@ def run(
     except (LidarsimError, OSError):
         if not manifest.is_complete(plan.store):
             raise
-    if whole := manifest.complete(plan.store):  # by this call or another, which may have removed this one's notes
+    if whole := manifest.complete(plan.store):  # by this call or another
         if whole != head:
             raise LidarsimError(f"{plan.store}: another data set was made here at the same time: choose another place")
         failed, left = [], 0
-        manifest.tidy(plan)
-    return Generated(progress.new, progress.points, seconds, left), failed
+        plan.store.tidy()
+    again += _names(todo, failed)
+    return Generated(progress.new, progress.points, seconds, left, tuple(again), _left_out(made)), failed
 
 
-def _make(plan: Plan, shards: list[int], client: Client | None, progress: Progress) -> list[Made]:
-    """Make shards until another call has completed the data set, and return those that failed."""
+def _repair(
+    plan: Plan, mine: Sequence[int], client: Client | None, again: list[str], *, verify: bool
+) -> tuple[Generated, list[Made]]:
+    """Make the lost and damaged files of a complete data set again: `mine` of the shards, and then the tables."""
+    store = plan.store
+    lost = manifest.lost(store, contents=verify)
+    tables = lost.pop(None, [])
+    todo = {shard: lost[shard] for shard in mine if shard in lost}
+    if tables:  # they are made from the parts of all shards
+        todo = manifest.missing(plan, mine) | todo
+    with Progress(plan.recipe.sequences * plan.recipe.frames, _there(plan, todo)) as progress:
+        made = list(make(plan, sorted(todo), client, progress.add))
+        seconds = progress.seconds
+    failed = [shard for shard in made if shard.problem]
+    again = [*again, *_names(todo, failed)]
+    if wrong := manifest.differences(store, again):
+        raise LidarsimError(
+            f"{store}: {counted(len(wrong), 'file')} made again, but not as in the manifest: {wrong[0]}"
+        )
+    left = len(lost.keys() - todo.keys()) or len(failed)
+    if tables and not left:
+        left = len(manifest.missing(plan, range(plan.recipe.shards)))
+        if not left:
+            _finish(plan, manifest.pictures(store) or 0)
+            again += tables
+    store.tidy()
+    return Generated(progress.new, progress.points, seconds, left, tuple(again), _left_out(made)), failed
+
+
+def _there(plan: Plan, todo: Collection[int]) -> int:
+    """Return the number of frames in the shards that are done and need not be made again."""
+    shards = manifest.done(plan.store).intersection(range(plan.recipe.shards)).difference(todo)
+    return sum(len(frames) for shard in shards for _, frames in plan.recipe.shard(shard))
+
+
+def _make(plan: Plan, shards: Iterable[int], client: Client | None, progress: Progress) -> list[Made]:
+    """Make shards until another call has completed the data set, and return their results."""
     pending = itertools.takewhile(lambda _: not manifest.is_complete(plan.store), shards)
-    return [made for made in make(plan, pending, client, progress.add) if made.problem]
+    return list(make(plan, pending, client, progress.add))
+
+
+def _names(todo: Mapping[int, list[str]], failed: Iterable[Made]) -> list[str]:
+    """Return the names of the lost files of the shards that did not fail."""
+    without = {made.shard for made in failed}
+    return [name for shard, names in sorted(todo.items()) if shard not in without for name in names]
+
+
+def _left_out(made: Iterable[Made]) -> tuple[str, ...]:
+    """Return in words which scattered objects were left out in the sequences that begin in some shards."""
+    return tuple(sum((shard.scattered for shard in made if not shard.problem), Scattered()).lines())
 
 
 def _finish(plan: Plan, pictures: int) -> None:
@@ -87,9 +139,11 @@ def _finish(plan: Plan, pictures: int) -> None:
     recipe = plan.recipe
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
+    scattered = Scattered()
     for part in manifest.parts(plan):
         labels.update({int(label): count for label, count in part.labels.items()})
         ranges += part.ranges
+        scattered += part.scattered
     boxed = {box.label for record in manifest.records(plan) for box in record.boxes}
     names = {label: class_name(label, {}) for label in sorted(boxed.union(labels)) if label} | recipe.class_names
     tables = Files(plan.store)
@@ -101,7 +155,8 @@ def _finish(plan: Plan, pictures: int) -> None:
         plan.head.recipe,
         splits,
         lambda: (entry.model_dump() for part in manifest.parts(plan) for entry in part.files),
+        scattered,
     )
     recipe.layout.finish(tables, summary)
-    card.write(plan, summary, ranges.tolist(), pictures)
+    card.write(plan, tables, summary, ranges.tolist(), pictures)
     manifest.finish(plan, tables.entries)

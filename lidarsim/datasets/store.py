@@ -12,7 +12,7 @@ import re
 import shutil
 import stat
 import sys
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -69,11 +69,14 @@ class Store(Protocol):
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder; empty if it does not exist."""
 
+    def sizes(self, folder: str) -> dict[str, int]:
+        """Return the sizes of the files in a folder by name, in bytes; empty if it does not exist. "" is the top."""
+
     def taken(self, names: Collection[str]) -> list[str]:
         """Return the existing top-level names in `names`, ignoring case and empty folders."""
 
-    def remove(self, folder: str, names: Iterable[str]) -> None:
-        """Remove these files of a folder if they exist, and then the folder if it is empty."""
+    def remove(self, name: str) -> None:
+        """Remove a file if it exists."""
 
     def tidy(self) -> None:
         """Remove the remains of killed writers."""
@@ -200,11 +203,23 @@ class Folder:
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""
-        path = self.root / check_path(folder)
+        return set(self.sizes(folder))
+
+    def sizes(self, folder: str) -> dict[str, int]:
+        """Return the sizes of the files in a folder; a link counts as its file, unless it leads outside."""
+        path = self.root / check_path(folder) if folder else self.root
+        found: dict[str, int] = {}
         try:
-            return {entry.name for entry in self._inside(path).iterdir() if entry.is_file()}
+            with os.scandir(self._inside(path)) as entries:
+                for entry in entries:
+                    with suppress(LidarsimError, OSError):
+                        real = self._inside(path / entry.name) if entry.is_symlink() else None
+                        status = entry.stat() if real is None else real.stat()
+                        if stat.S_ISREG(status.st_mode):
+                            found[entry.name] = status.st_size
         except (FileNotFoundError, NotADirectoryError):
-            return set()
+            pass
+        return found
 
     def taken(self, names: Collection[str]) -> list[str]:
         """Return the existing top-level names in `names`."""
@@ -215,15 +230,9 @@ class Folder:
             return []
         return [path.name for path in there if path.name.lower() in lower and not _is_empty_folder(path)]
 
-    def remove(self, folder: str, names: Iterable[str]) -> None:
-        """Remove these files of a folder, and then the folder if it is empty."""
-        path = self.root / check_path(folder)
-        if not path.is_symlink():
-            for name in names:
-                with suppress(FileNotFoundError):
-                    (path / name).unlink()
-            with suppress(OSError):  # it has other files, or another call removed it
-                path.rmdir()
+    def remove(self, name: str) -> None:
+        """Remove a file."""
+        self._path(name).unlink(missing_ok=True)
 
     def tidy(self) -> None:
         """Remove the temporary folders whose writers have ended."""
@@ -399,8 +408,12 @@ class Remote:
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""
-        listed = self._listed(*self._file(folder))
-        return {entry["name"].rpartition("/")[2] for entry in listed if entry["type"] == "file"}
+        return set(self.sizes(folder))
+
+    def sizes(self, folder: str) -> dict[str, int]:
+        """Return the sizes of the files in a folder."""
+        listed = self._listed(*(self._file(folder) if folder else self._place))
+        return {entry["name"].rpartition("/")[2]: entry["size"] for entry in listed if entry["type"] == "file"}
 
     def _listed(self, filesystem: Any, path: str) -> list[dict[str, Any]]:
         with self._problems():
@@ -417,12 +430,11 @@ class Remote:
         there = {entry["name"].rstrip("/").rpartition("/")[2] for entry in self._listed(*self._place)}
         return sorted(name for name in there if name.lower() in lower)
 
-    def remove(self, folder: str, names: Iterable[str]) -> None:
-        """Remove these files of a folder."""
-        filesystem, path = self._file(folder)
-        if there := self.names(folder).intersection(names):
-            with self._problems(), suppress(FileNotFoundError):
-                filesystem.rm([f"{path}/{name}" for name in sorted(there)])
+    def remove(self, name: str) -> None:
+        """Remove a file."""
+        filesystem, path = self._file(name)
+        with self._problems(), suppress(FileNotFoundError):
+            filesystem.rm_file(path)
 
     def tidy(self) -> None:
         """Do nothing: an interrupted put leaves nothing behind."""

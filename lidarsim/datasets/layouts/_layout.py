@@ -19,6 +19,7 @@ from lidarsim._base.files import check_names
 from lidarsim._base.validation import UINT32, Floats
 from lidarsim.config.schema import Model
 from lidarsim.datasets.samples import Annotation, Record, Sample
+from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.store import Store
 from lidarsim.errors import ArgumentValueError
 from lidarsim.rig import Rig
@@ -90,6 +91,8 @@ class Summary:
         Sequences of each split; empty without splits.
     files : callable
         Returns an iterator over the entries of the shards' files in the manifest, in order.
+    scattered : Scattered
+        Counts of the scattered objects.
     """
 
     records: Callable[[], Iterator[Record]]
@@ -98,6 +101,7 @@ class Summary:
     digest: str
     splits: dict[str, list[int]] = field(default_factory=dict)
     files: Callable[[], Iterator[dict[str, Any]]] = lambda: iter(())
+    scattered: Scattered = field(default_factory=Scattered)
 
 
 def class_name(label: int, names: Mapping[int, str]) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from lidarsim._base.validation import Floats
@@ -20,6 +20,7 @@ from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, st
 from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of
 from lidarsim.datasets.scatter._ways import STEP, Path, Way, path_of
 from lidarsim.motion.trajectory import Trajectory
+from lidarsim.datasets.scattered import Scattered, Tally
 from lidarsim.rig import Rig
 from lidarsim.world.scene import Scene, SceneObject
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from lidarsim.config.document import Place
     from lidarsim.run import Run
 
-__all__ = ["Placed", "Scatter", "scatter"]
+__all__ = ["Placed", "Scatter", "clearance", "nearby", "scatter"]
 
 TRIES = 200
 """Number of places tried for an object."""
@@ -202,7 +203,22 @@ class Placed:
             part.add_to(scene, place / self.group / "objects" / self.index, instance)
 
 
-def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, sequence: int) -> list[Placed]:
+@dataclass(frozen=True)
+class _Rule:
+    """Obstacles that refuse places nearer than a gap, and the words for that, in which {} is the name of an obstacle.
+
+    With `along`, the outline of the object is that with its gap ahead and behind.
+    """
+
+    words: str
+    obstacles: Obstacles
+    gap: float = 0.0
+    along: bool = False
+
+
+def scatter(
+    groups: dict[str, Scatter], place: Place, run: Run, seed: int, sequence: int
+) -> tuple[list[Placed], Scattered]:
     """Place the objects of all groups in a sequence, group by group.
 
     Parameters
@@ -220,8 +236,10 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
 
     Returns
     -------
-    list of Placed
+    placed : list of Placed
         The placed objects; those without room are left out.
+    counts : Scattered
+        Numbers of objects, why places were refused, and the objects of the scene that are in the sensor's way.
 
     Raises
     ------
@@ -229,19 +247,30 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
         If an object to stand on does not exist, a path is too short for the speed, a drawn number is out of range, a
         walker would have to run, or a sequence is too long.
     """
-    start, stop = run.time(run.frames.start), run.time(run.frames.stop + 1)
-    stop += max((part.offset for part in run.sensor.values()), default=0.0) if isinstance(run.sensor, Rig) else 0.0
-    times = _moments(start, stop, run, groups.values(), place)
+    times = _moments(*_span(run), run, groups.values(), place)
     placed: list[Placed] = []
-    others = Obstacles([])
+    tallies: dict[str, Tally] = {}
+    # Things in areas, things on paths, and the latter with their gaps ahead and behind.
+    others, lanes, spaced = Obstacles(), Obstacles(), Obstacles()
     for name, group in groups.items():
         there = place / name
         ground, obstacles = _divided(run.scene, group.on, times, there)
-        sensor = _sensor(run, times, group.clear_m)
+        along = bool(group.paths)
+        rules = [
+            _Rule("clear of the sensor", _sensor(run, times, group.clear_m)),
+            _Rule("meets {} of the scene", obstacles),
+            _Rule("gap to {}", others, group.gap_m),
+            *(
+                [_Rule("gap to {}", lanes, along=True), _Rule("gap to {}", spaced)]
+                if along
+                else [_Rule("gap to {}", lanes, group.gap_m)]
+            ),
+        ]
         things: dict[int, Thing] = {}
-        missed = 0
-        apart = partial(_apart, [(sensor, 0.0), (obstacles, 0.0), (others, group.gap_m)])
-        for number in range(int(group.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))):
+        count = int(group.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))
+        missed, done = 0, len(placed)
+        refused: Counter[str] = Counter()
+        for number in range(count):
             stream = Stream(seed, f"scatter.{name}.{number}", sequence)
             index = stream.integer(0, len(group.objects) - 1)
             if index not in things:
@@ -250,19 +279,89 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
             way = Way(group, stream, times, there)
             phase = Stream(seed, f"scatter.{name}.{number}.phase", sequence).unit()
             swing = things[index].swing(scale, way, phase, there)
-            found = _place(way, stream, swing, ground, tilt=group.tilt, apart=apart)
+            found, reasons = _place(way, stream, swing, ground, rules)
             if found is None:
+                refused += reasons
                 missed += 1
                 if missed == FULL:
                     break
                 continue
             missed = 0
-            poses, outline = found
+            poses, outline, spaced_out = found
             motion = Trajectory(times, poses) if way.moves else poses[0]
             parts = things[index].placed(scale, swing, motion, times[0])
             placed.append(Placed(name, index, scale, motion, parts))
-            others.add(outline)
-    return placed
+            (lanes if along else others).add(name, outline)
+            if along:
+                spaced.add(name, spaced_out)
+        tallies[name] = Tally(count, len(placed) - done, dict(refused))
+    near = dict.fromkeys(nearby(run, groups), 1) if clearance(groups) else {}
+    return placed, Scattered(1, tallies, near)
+
+
+def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
+    """Return the objects of a run's scene that are in the way of its sensor, and when each is first, s.
+
+    If a group has a `clear_m`, these are the objects within the least `clear_m`, along x and along y, of the sensor, or
+    the body of a rig, that begin below the highest sensor. Objects are taken as boxes. Ground and flat objects such as
+    road markings are in nobody's way, nor is what the sensor is always inside of, such as a room. Without `clear_m`,
+    they are the static objects whose surface a sensor passes through, exactly.
+    """
+    start, stop = _span(run)
+    moves = isinstance(run.pose, Trajectory) or any(item.motion is not None for item in run.scene.objects)
+    count = max(1, min(math.ceil((stop - start) / STEP), MOST_STEPS)) if moves else 1
+    times = np.linspace(start, stop, count + 1)
+    clear = clearance(groups)
+    if not clear:
+        return _crossed(run, times)
+    on = {name for group in groups.values() for name in group.on}
+    positions = _positions(run, times)
+    mounts = [part.mount[2, 3] for part in run.sensor.values()] if isinstance(run.sensor, Rig) else []
+    path = Outline(_square(positions, clear), -np.inf, positions[:, 2].max() + max(mounts, default=0.0))
+    found: dict[str, float] = {}
+    for item in run.scene.objects:
+        if item.name in on or not item.shape.bounded or item.bounds[0, 2] == item.bounds[1, 2]:
+            continue
+        outline = _obstacle(item, times)
+        encloses = (outline.box[0, :2] <= path.box[0, :2]).all() and (outline.box[1] >= path.box[1]).all()
+        free = path.separated(outline, 0.0)
+        if outline.low <= path.high and not encloses and not free.all():
+            found.setdefault(_name(item), float(times[free.argmin()]))
+    return found
+
+
+def clearance(groups: dict[str, Scatter]) -> float:
+    """Return the least `clear_m` of groups that have one, else 0."""
+    return min((group.clear_m for group in groups.values() if group.clear_m), default=0.0)
+
+
+def _crossed(run: Run, times: Floats) -> dict[str, float]:
+    """Return the static objects of a scene that a sensor passes through, straight from one time to the next."""
+    found: dict[str, float] = {}
+    if not isinstance(run.pose, Trajectory):
+        return found
+    scene = Scene()
+    items = [item for item in run.scene.objects if item.motion is None]
+    for item in items:
+        scene.add(item.shape, transform=item.transform)
+    poses = run.pose.at(np.clip(times, *run.pose.span)).as_matrix()
+    for mount in [part.mount for part in run.sensor.values()] if isinstance(run.sensor, Rig) else [np.eye(4)]:
+        positions = (poses @ mount)[:, :3, 3]
+        steps_of = np.diff(positions, axis=0)
+        there = np.flatnonzero(steps_of.any(axis=1))
+        if len(there):
+            hits = scene.cast(positions[there], steps_of[there], t_max=1.0)
+            for index in np.flatnonzero(hits.hit):
+                name, time = _name(items[hits.object_id[index]]), float(times[there[index]])
+                found[name] = min(time, found.get(name, time))
+    return found
+
+
+def _span(run: Run) -> tuple[float, float]:
+    """Return the start of a run, and the end of the frame after its last."""
+    stop = run.time(run.frames.stop + 1)
+    late = max((part.offset for part in run.sensor.values()), default=0.0) if isinstance(run.sensor, Rig) else 0.0
+    return run.time(run.frames.start), stop + late
 
 
 def _moments(start: float, stop: float, run: Run, groups: Iterable[Scatter], place: Place) -> Floats:
@@ -278,69 +377,90 @@ def _moments(start: float, stop: float, run: Run, groups: Iterable[Scatter], pla
 
 
 def _place(
-    way: Way,
-    stream: Stream,
-    swing: Swing,
-    ground: Scene,
-    apart: Callable[[Outline], npt.NDArray[np.bool_]],
-    *,
-    tilt: bool,
-) -> tuple[Floats, Outline] | None:
-    """Return the poses and the outline of an object at the first of `TRIES` places with room for it; None if none has.
+    way: Way, stream: Stream, swing: Swing, ground: Scene, rules: Sequence[_Rule]
+) -> tuple[tuple[Floats, Outline, Outline] | None, Counter[str]]:
+    """Return an object's poses and outlines, as `_stand` does, at the first of `TRIES` places with room for it.
 
-    Places are tried several at a time, more the longer it takes.
+    Places are tried several at a time, more the longer it takes. The first is None if no place has room; then the
+    second has the number of places that each rule refused.
     """
     tried, count = 0, 1
+    refused: Counter[str] = Counter()
     while tried < TRIES:
         count = min(count, TRIES - tried)
         drawn = [way.poses(stream) for _ in range(count)]
         starts = np.array([poses for poses in drawn if poses is not None])
         if not len(starts):
-            return None
-        poses, outline = _stand(starts, swing, ground, tilt=tilt)
-        free = np.flatnonzero(apart(outline))
-        if len(free):
-            return poses[free[0]], outline.at(free[0])
+            return None, Counter({"no room along the path": 1})
+        poses, outline, spaced = _stand(starts, swing, ground, way.group)
+        reasons = _reasons(rules, outline, spaced)
+        if "" in reasons:
+            free = reasons.index("")
+            return (poses[free], outline.at(free), spaced.at(free)), refused
+        refused[f"no room on {', '.join(way.group.on)}"] += len(starts) - len(poses)
+        refused.update(reasons)
         tried, count = tried + count, count * MORE
-    return None
+    return None, refused
 
 
-def _stand(poses: Floats, swing: Swing, ground: Scene, *, tilt: bool) -> tuple[Floats, Outline]:
-    """Return the poses, (m, k, 4, 4), of those places where all of an object is on the ground, and its outline there.
+def _stand(poses: Floats, swing: Swing, ground: Scene, group: Scatter) -> tuple[Floats, Outline, Outline]:
+    """Return the poses, (m, k, 4, 4), of those places where all of an object is on the ground, and its outlines there.
+
+    The second outline has the gap of the group ahead and behind, if it follows paths.
 
     An upright object stands at the greatest height of the ground under its middle and corners. One that tilts is
     parallel to the plane that fits the heights under its corners best, and as far above it as the highest of the five
     places asks.
     """
-    (x0, y0, low), (x1, y1, high) = swing.bounds
-    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    low = swing.bounds[0, 2]
+    corners = _corners(swing.bounds)
     plan = np.einsum("mkij,cj->mkci", poses[..., :2, :2], corners) + poses[..., None, :2, 3]
     under = np.concatenate([plan, plan.mean(axis=2, keepdims=True)], axis=2)
     origins = np.concatenate([under, np.full((*under.shape[:3], 1), TOP)], axis=3).reshape(-1, 3)
     height = TOP - ground.cast(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)).t.reshape(under.shape[:3])
     is_there = np.isfinite(height).all(axis=(1, 2))
-    poses, plan, height = poses[is_there], plan[is_there], height[is_there]
-    if tilt:
+    poses, height = poses[is_there], height[is_there]
+    if group.tilt:
         _tilted(poses.reshape(-1, 4, 4), corners, height.reshape(-1, 5), low)
+    else:
+        poses[..., 2, 3] = height.max(axis=2) - low
+    outline = _outline(poses, swing, swing.bounds, tilt=group.tilt)
+    if not (group.paths and group.gap_m):
+        return poses, outline, outline
+    longer = swing.bounds + np.array([[-group.gap_m, 0.0, 0.0], [group.gap_m, 0.0, 0.0]])
+    return poses, outline, _outline(poses, swing, longer, tilt=group.tilt)
+
+
+def _corners(bounds: Floats) -> Floats:
+    (x0, y0, _), (x1, y1, _) = bounds
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+
+def _outline(poses: Floats, swing: Swing, bounds: Floats, *, tilt: bool) -> Outline:
+    """Return the outline of a box with these bounds, in which parts swing, at poses, (m, k, 4, 4)."""
+    corners, low, high = _corners(bounds), bounds[0, 2], bounds[1, 2]
+    if tilt:
         outline = _solid(poses, np.array([[x, y, z] for z in (low, high) for x, y in corners]))
         turns = turns_of(poses)
     else:
-        poses[..., 2, 3] = height.max(axis=2) - low
+        plan = np.einsum("mkij,cj->mkci", poses[..., :2, :2], corners) + poses[..., None, :2, 3]
         turns = np.diff(np.unwrap(np.arctan2(poses[..., 1, 0], poses[..., 0, 0])))
         bulge = bulge_of(np.linalg.norm(corners, axis=1).max(), turns)
         heights = poses[..., 2, 3].min(axis=1) + low, poses[..., 2, 3].max(axis=1) + high
         outline = Outline(steps(plan), *heights, bulge)
     more = swing.bulge(np.abs(turns).max(axis=1, initial=0.0))
-    return poses, replace(outline, low=outline.low - more, high=outline.high + more, bulge=outline.bulge + more)
+    return replace(outline, low=outline.low - more, high=outline.high + more, bulge=outline.bulge + more)
 
 
-def _apart(others: Iterable[tuple[Obstacles, float]], outline: Outline) -> npt.NDArray[np.bool_]:
-    """Return at which places an object keeps the gaps from all others."""
-    free = np.ones(len(outline.corners), bool)
-    for obstacles, gap in others:
-        there = np.flatnonzero(free)
-        free[there] = obstacles.apart(outline.at(there), gap)
-    return free
+def _reasons(rules: Iterable[_Rule], outline: Outline, spaced: Outline) -> list[str]:
+    """Return why the first rule that refuses each of m places does so; empty for places with room."""
+    reasons = np.full(len(outline.corners), "", object)
+    for rule in rules:
+        there = np.flatnonzero(reasons == "")
+        found = rule.obstacles.refusing((spaced if rule.along else outline).at(there), rule.gap)
+        for index in np.flatnonzero(found >= 0):
+            reasons[there[index]] = rule.words.format(rule.obstacles.names[found[index]])
+    return reasons.tolist()
 
 
 def _tilted(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
@@ -373,8 +493,15 @@ def _divided(scene: Scene, on: Sequence[str], times: Floats, place: Place) -> tu
     for item in scene.objects:
         if item.name in on:
             ground.add(item.shape, transform=item.transform)
-    others = [item for item in scene.objects if item.name not in on and item.shape.bounded]
-    return ground, Obstacles([_obstacle(item, times) for item in others])
+    obstacles = Obstacles()
+    for item in scene.objects:
+        if item.name not in on and item.shape.bounded:
+            obstacles.add(_name(item), _obstacle(item, times))
+    return ground, obstacles
+
+
+def _name(item: SceneObject) -> str:
+    return item.name or f"object {item.id}"
 
 
 def _obstacle(item: SceneObject, times: Floats) -> Outline:
@@ -398,12 +525,22 @@ def _solid(poses: Floats, solid: Floats) -> Outline:
 
 def _sensor(run: Run, times: Floats, clear: float) -> Obstacles:
     """Return a square around the sensor, or the body of the rig, at all times; empty if `clear` is 0."""
-    if not clear:
-        return Obstacles([])
-    if isinstance(run.pose, Trajectory):
-        first, last = run.pose.span
-        position = run.pose.at(np.clip(times, first, last)).translation[:, :2]
-    else:
-        position = np.asarray(run.pose)[None, :2, 3]
-    square = clear * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return Obstacles([Outline(steps(position[:, None] + square), -np.inf, np.inf)])
+    sensor = Obstacles()
+    if clear:
+        sensor.add("", Outline(_square(_positions(run, times), clear), -np.inf, np.inf))
+    return sensor
+
+
+def _positions(run: Run, times: Floats) -> Floats:
+    """Return where the sensor, or the body of the rig, is at times, shape (k, 3); once if it stands still."""
+    if not isinstance(run.pose, Trajectory):
+        return np.asarray(run.pose)[None, :3, 3]
+    first, last = run.pose.span
+    positions: Floats = run.pose.at(np.clip(times, first, last)).translation
+    return positions
+
+
+def _square(positions: Floats, half: float) -> Floats:
+    """Return the corners of squares around positions in each step."""
+    square = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    return steps(positions[:, None, :2] + square)

@@ -11,7 +11,6 @@ separates their hulls by the gap and both bulges: this holds at every moment, no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -60,7 +59,12 @@ class Outline:
         return Outline(*parts)
 
     def apart(self, other: Outline, gap: float) -> npt.NDArray[np.bool_] | np.bool_:
-        """Return whether two outlines keep the gap at all times: whether a line separates them in each step."""
+        """Return whether two outlines keep the gap at all times."""
+        result: npt.NDArray[np.bool_] | np.bool_ = self.separated(other, gap).all(axis=-1)
+        return result
+
+    def separated(self, other: Outline, gap: float) -> npt.NDArray[np.bool_]:
+        """Return whether a line separates two outlines by the gap, in each step: shape (…, k)."""
         shape = np.broadcast_shapes(self.corners.shape[:-2], other.corners.shape[:-2])
         both = [np.broadcast_to(corners, (*shape, *corners.shape[-2:])) for corners in (self.corners, other.corners)]
         axes = np.concatenate([np.diff(corners[..., :3, :], axis=-2) for corners in both], axis=-2)
@@ -72,7 +76,7 @@ class Outline:
             free = np.maximum(mine.min(-1) - its.max(-1), its.min(-1) - mine.max(-1))
         free = np.where(lengths[..., 0] > 0, free, -np.inf).max(-1)
         room = gap + np.asarray(self.bulge) + np.asarray(other.bulge)
-        result: npt.NDArray[np.bool_] | np.bool_ = (free >= room[..., None]).all(axis=-1)
+        result: npt.NDArray[np.bool_] = free >= room[..., None]
         return result
 
 
@@ -97,24 +101,32 @@ def turns_of(poses: Floats) -> Floats:
 
 
 class Obstacles:
-    """Outlines from which objects keep their distance."""
+    """Named outlines from which objects keep their distance."""
 
-    def __init__(self, outlines: Sequence[Outline]) -> None:
-        self.outlines = list(outlines)
-        self.boxes = np.array([outline.box for outline in outlines]).reshape(-1, 2, 3)
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self.outlines: list[Outline] = []
+        self.boxes = np.empty((0, 2, 3))
 
-    def add(self, outline: Outline) -> None:
+    def add(self, name: str, outline: Outline) -> None:
         """Add an outline."""
+        self.names.append(name)
         self.outlines.append(outline)
         self.boxes = np.concatenate([self.boxes, outline.box[None]])
 
-    def apart(self, outline: Outline, gap: float) -> npt.NDArray[np.bool_]:
-        """Return at which of m places an object keeps the gap from all obstacles, shape (m,)."""
+    def near(self, outline: Outline, gap: float) -> npt.NDArray[np.bool_]:
+        """Return whose boxes are nearer than the gap to that of an object at m places, shape (m, len(names))."""
         room, box = np.array([gap, gap, 0.0]), outline.box[:, None]
-        near = ~((self.boxes[:, 0] >= box[:, :, 1] + room) | (box[:, :, 0] >= self.boxes[:, 1] + room)).any(axis=2)
-        free = np.ones(len(near), bool)
+        apart = (self.boxes[:, 0] >= box[:, :, 1] + room) | (box[:, :, 0] >= self.boxes[:, 1] + room)
+        near: npt.NDArray[np.bool_] = ~apart.any(axis=2)
+        return near
+
+    def refusing(self, outline: Outline, gap: float) -> npt.NDArray[np.intp]:
+        """Return which obstacle an object at m places is too near to, the first of several; -1 for none, shape (m,)."""
+        near = self.near(outline, gap)
+        refusing = np.full(len(near), -1)
         for index in np.flatnonzero(near.any(axis=0)):
-            places = np.flatnonzero(near[:, index] & free)
+            places = np.flatnonzero(near[:, index] & (refusing < 0))
             if len(places):
-                free[places] = self.outlines[index].apart(outline.at(places), gap)
-        return free
+                refusing[places[~self.outlines[index].apart(outline.at(places), gap)]] = index
+        return refusing
