@@ -105,6 +105,10 @@ class Entry(_Note):
     bytes: Count
 
 
+def _entry(name: str, data: bytes) -> Entry:
+    return Entry(file=name, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data))
+
+
 class Part(_Note):
     """Notes of a shard: its files, the records of its samples, and the number of points by label and range.
 
@@ -189,7 +193,7 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> tuple[bool, list
             continue  # another call was first
         if whole is None and written not in {None, recipe}:
             raise LidarsimError(f"{store}/{RECIPE}: expected the recipe of the data set, got another file: remove it")
-        if whole is not None and begun is None:
+        if whole is not None and begun != head:
             store.write(_START, head.line())
             again.append(_START)
         if written != recipe:
@@ -407,9 +411,9 @@ def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:
     def lines() -> Iterator[bytes]:
         for shard in range(plan.recipe.shards):
             part, data = _note_of(plan, shard)
-            note = Entry(file=part_name(shard), sha256=hashlib.sha256(data).hexdigest(), bytes=len(data))
-            yield from (json.dumps(entry.model_dump()).encode() + b"\n" for entry in (*part.files, note))
-        yield from (json.dumps(entry).encode() + b"\n" for entry in tables)
+            entries = *part.files, _entry(part_name(shard), data)
+            yield from (json.dumps(entry.model_dump()).encode() + b"\n" for entry in entries)
+        yield from (json.dumps(entry).encode() + b"\n" for entry in (*tables, _entry(_START, head.line()).model_dump()))
 
     count, digest = 0, hashlib.sha256()
     for line in lines():

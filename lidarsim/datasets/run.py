@@ -88,6 +88,9 @@ def _repair(
     """Make the lost and damaged files of a complete data set again: `mine` of the shards, and then the tables."""
     store = plan.store
     lost = manifest.lost(store, contents=verify)
+    if not lost:
+        store.tidy()
+        return Generated(0, 0, 0.0, 0, tuple(again)), []
     tables = lost.pop(None, [])
     todo = {shard: lost[shard] for shard in mine if shard in lost}
     if tables:  # they are made from the parts of all shards

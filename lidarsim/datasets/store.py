@@ -203,7 +203,7 @@ class Folder:
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""
-        return set(self.sizes(folder))
+        return set(self.sizes(check_path(folder)))
 
     def sizes(self, folder: str) -> dict[str, int]:
         """Return the sizes of the files in a folder; a link counts as its file, unless it leads outside."""
@@ -408,7 +408,7 @@ class Remote:
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""
-        return set(self.sizes(folder))
+        return set(self.sizes(check_path(folder)))
 
     def sizes(self, folder: str) -> dict[str, int]:
         """Return the sizes of the files in a folder."""

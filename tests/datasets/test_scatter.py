@@ -19,7 +19,8 @@ from lidarsim.datasets import scatter as scattering
 from lidarsim.datasets.recipe import Document, load
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.datasets.scatter._outlines import Outline
-from lidarsim.datasets.scatter._ways import Way
+from lidarsim.datasets.scatter._ways import STEP, Way
+from lidarsim.datasets.scattered import Scattered, Tally
 from lidarsim.errors import ConfigError
 
 BOX = {"shape": "box", "size_m": [4, 2, 1.5], "center_m": [0.5, 0, 0.75], "label": 10}
@@ -176,7 +177,7 @@ def moving(path: Path, sequence: int) -> list[Placed]:
         ),
         "still": Scatter(on=["floor"], objects=[box], count=10, area_m=[[-20, -20], [20, 20]], gap_m=0.5),
     }
-    return scatter(groups, Place(parse("{}", "groups.yaml")), source.run(0), 5, sequence)
+    return scatter(groups, Place(parse("{}", "groups.yaml")), source.run(0), 5, sequence)[0]
 
 
 def test_movers_never_meet(recipe: Path) -> None:
@@ -385,3 +386,92 @@ def test_a_group_ends_when_there_is_no_room(recipe: Path, monkeypatch: pytest.Mo
     again = placed(recipe, 0, *small[:2], "scatter.cars.count=100")[1]
     assert [np.asarray(item.motion).tolist() for item in there] == [np.asarray(item.motion).tolist() for item in again]
     assert scattering.FULL * scattering.TRIES <= len(tried) < 200 * scattering.TRIES
+
+
+PACKAGED = sorted((CONFIGS / "recipes").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", PACKAGED, ids=lambda path: path.stem)
+def test_each_group_of_each_packaged_recipe_appears(path: Path) -> None:
+    source = load(path).source
+    counts = sum((source.scattered(sequence) for sequence in range(1 if path.stem == "traffic" else 4)), Scattered())
+    assert counts.groups.keys() == yaml.safe_load(path.read_text(encoding="utf-8"))["scatter"].keys()
+    for name, tally in counts.groups.items():
+        assert tally.placed >= 0.75 * tally.asked > 0, (name, tally)
+    if path.stem == "traffic":
+        assert counts.groups["green"] == counts.groups["red"] == Tally(36, 36, {})
+    if path.stem == "detection":
+        assert counts.groups["parked"].placed == counts.groups["parked"].asked
+    assert counts.near == {}
+    assert [name for sequence in range(4) for name in source.nearby(sequence)] == []
+
+
+def lanes(tmp_path: Path, offset: float, **more: object) -> tuple[list[Placed], Scattered]:
+    """Cars 4 m long and 2 m wide on two opposite lanes of a road, a wall beside it, and a sensor that drives along."""
+    car = {"shape": "box", "size_m": [4, 2, 1.5], "center_m": [0, 0, 0.75]}
+    road = {"on": ["road"], "objects": [car], "gap_m": 2, "speed_m_per_s": 5}
+    groups = {
+        "east": {**road, "count": 10, "along_m": [[-70, -offset], [70, -offset]], **more},
+        "west": {**road, "count": 10, "along_m": [[70, offset], [-70, offset]], **more},
+    }
+    scene = [
+        {"name": "road", "shape": "polygon", "vertices_m": [[-80, -9, 0], [80, -9, 0], [80, 9, 0], [-80, 9, 0]]},
+        {"name": "wall", "shape": "box", "size_m": [20, 1, 2], "center_m": [0, 6, 1]},
+    ]
+    run = {
+        "scene": scene,
+        "sensor": {"preset": "velodyne-vlp16"},
+        "pose": {"position_m": [-30, 5, 1.5], "linear_m_per_s": [20, 0, 0]},
+    }
+    path = tmp_path / "lanes.yaml"
+    path.write_text(yaml.safe_dump({"layout": "shards", "frames": 20, "scatter": groups, "run": run}))
+    source = load(path).source
+    assert isinstance(source, Document)
+    source.run(0)
+    return source.placed[0], source.scattered(0)
+
+
+def test_gaps_count_along_the_way_between_lanes(tmp_path: Path) -> None:
+    """Lanes 2.5 m apart leave half a metre between cars that pass each other; in a lane they are 2 m apart."""
+    placed, counts = lanes(tmp_path, 1.25)
+    assert counts.groups == {"east": Tally(10, 10, {}), "west": Tally(10, 10, {})}
+    for name in counts.groups:
+        starts = np.sort([poses_of(item)[0, 0, 3] for item in placed if item.group == name])
+        # Coordinates below 128 are rounded by 2⁻⁴⁷, and a box of four corners and two poses by a few of these.
+        assert np.diff(starts).min() >= 6 - 16 * 2.0**-47
+    meets = [
+        np.abs(poses_of(one)[:, 0, 3] - poses_of(other)[:, 0, 3]).min()
+        for one, other in combinations(placed, 2)
+        if one.group != other.group
+    ]
+    assert min(meets) < 4  # or nothing was tested
+
+
+def test_what_refuses_places_is_told(tmp_path: Path) -> None:
+    assert lanes(tmp_path, 0.9)[1].groups["west"].refused.keys() == {"gap to east"}
+    off_road = lanes(tmp_path, 8.5)[1]
+    assert off_road.groups["east"].placed == 0
+    assert off_road.groups["east"].refused.keys() == {"no room on road"}
+    assert lanes(tmp_path, 6, speed_m_per_s=0)[1].groups["west"].refused.keys() == {
+        "gap to west",
+        "meets wall of the scene",
+    }
+    near = lanes(tmp_path, 5, clear_m=30)[1].groups["west"]
+    assert "clear of the sensor" in near.refused
+    assert near.rules.count("%") == len(near.refused)
+
+
+def test_the_sensor_keeps_clear_of_the_scene_or_it_is_told(tmp_path: Path) -> None:
+    assert lanes(tmp_path, 1.25, clear_m=0.4)[1].near == {}
+    counts = lanes(tmp_path, 1.25, clear_m=0.6)[1]
+    assert counts.near == {"wall": 1}
+    assert counts.lines() == ["the sensor comes nearer to wall, of the scene, than clear_m in 1 of 1 sequence"]
+
+
+def test_what_the_sensor_passes_through_is_told_without_a_clearance(tmp_path: Path) -> None:
+    lanes(tmp_path, 1.25)
+    path = tmp_path / "lanes.yaml"
+    assert load(path).source.nearby(0) == {}
+    ((name, moment),) = load(path, ["run.scene.1.center_m=[0, 5, 1]"]).source.nearby(0).items()
+    assert name == "wall"
+    assert 1.0 - STEP <= moment <= 1.0  # the wall begins 20 m ahead, at 20 m/s

@@ -71,7 +71,9 @@ def test_a_failed_put_leaves_nothing(bucket: str) -> None:
     assert store.names("a") == set()
     store.write("a/b.bin", b"1")
     assert store.names("a") == {"b.bin"}
-    store.remove("a", ["b.bin", "none.bin"])
+    assert store.sizes("a") == {"b.bin": 1}
+    store.remove("a/none.bin")
+    store.remove("a/b.bin")
     assert store.names("a") == set()
 
 
