@@ -452,7 +452,7 @@ def test_what_refuses_places_is_told(tmp_path: Path) -> None:
     off_road = lanes(tmp_path, 8.5)[1]
     assert off_road.groups["east"].placed == 0
     assert off_road.groups["east"].refused.keys() == {"no room on road"}
-    assert lanes(tmp_path, 6, speed_m_per_s=0)[1].groups["west"].refused.keys() == {
+    assert lanes(tmp_path, 6, speed_m_per_s=0, count=40)[1].groups["west"].refused.keys() == {
         "gap to west",
         "meets wall of the scene",
     }
