@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from lidarsim.datasets.layouts import Files, Summary
     from lidarsim.datasets.layouts._layout import BoxFilter
     from lidarsim.datasets.recipe import Recipe
-    from lidarsim.lidar import Lidar
     from lidarsim.datasets.scattered import Scattered
+    from lidarsim.lidar import Lidar
     from lidarsim.run import Run
 
 __all__ = ["write"]

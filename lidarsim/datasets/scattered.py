@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lidarsim._shown import counted
+from lidarsim._base.shown import counted
 
 __all__ = ["Scattered", "Tally"]
 

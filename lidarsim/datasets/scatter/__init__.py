@@ -19,8 +19,8 @@ from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
 from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, steps, turns_of
 from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of
 from lidarsim.datasets.scatter._ways import STEP, Path, Way, path_of
-from lidarsim.motion.trajectory import Trajectory
 from lidarsim.datasets.scattered import Scattered, Tally
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
 from lidarsim.world.scene import Scene, SceneObject
 
