@@ -1175,6 +1175,43 @@ def _print_depth(name: str, lidar: ls.Lidar, scene: ls.Scene) -> None:
         paragraph(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
 
 
+LONGEST_SIGMA, SLOWEST_SCAN, LONGEST_GATE = 1.0, 200.0, (1e3, 1e5)
+"""Errors of ranges, m, rates of turns, Hz, and limits of ranges, m, beyond which the unit is probably another one."""
+
+
+def _questions(lidar: ls.Lidar) -> Iterator[str]:
+    """Yield what may be mistaken in the numbers of a sensor."""
+    errors = lidar.measurement
+    for name in ("range_sigma", "range_sigma_limit", "range_bias", "channel_bias_sigma", "range_resolution"):
+        values = np.atleast_2d(np.asarray(getattr(errors, name), dtype=np.float64))[:, -1]
+        if np.abs(values).max() > LONGEST_SIGMA:
+            yield f"measurement.{name}: {np.abs(values).max():g} m; mm?"
+    for name, value, most in zip(
+        ("min_range", "max_range"), (lidar.min_range, lidar.max_range), LONGEST_GATE, strict=True
+    ):
+        if most < value < np.inf:
+            yield f"{name}: {value:g} m; mm?"
+    if not isinstance(lidar.pattern, ls.patterns.Spinning):
+        return
+    if lidar.pattern.rate > SLOWEST_SCAN:
+        yield f"pattern.rate: {lidar.pattern.rate:g} turns per second; rpm?"
+    if lidar.model and lidar.model in ls.Lidar.presets():
+        return
+    channels = np.column_stack([lidar.pattern.azimuth_offsets, lidar.pattern.elevations])
+    known, first, counts = np.unique(channels, axis=0, return_index=True, return_counts=True)
+    for i in np.flatnonzero(counts > 1):
+        yield f"elevations: {np.degrees(known[i, 1]):g}° twice or more, first in channel {first[i]}"
+    for offset in np.unique(channels[:, 0]):
+        rows = np.flatnonzero(channels[:, 0] == offset)
+        steps = np.diff(channels[rows, 1])
+        rising = int((steps > 0).sum())
+        falling = int((steps < 0).sum())
+        if rising and falling:
+            odd = np.flatnonzero(steps > 0 if rising <= falling else steps < 0)[0]
+            told = ", ".join(f"{value:g}" for value in np.degrees(channels[rows[odd : odd + 2], 1]))
+            yield f"elevations: out of order at channel {rows[odd]} ({told} degrees); a decimal comma?"
+
+
 def _print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:
     """Print the properties of a sensor, and what it sees of the air, one per line."""
     does = describe(lidar.pattern)
@@ -1200,3 +1237,5 @@ def _print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:
         lines["air"] = f"{air}, {_air(air, lidar)}"
     known = {name: value for name, value in lines.items() if "nan" not in value}
     facts({"sensor": lidar.name or "(no name)", **known})
+    for question in _questions(lidar):
+        paragraph(f"  warning: {question}")

@@ -19,7 +19,7 @@ from rich.cells import cell_len
 
 import lidarsim as ls
 from lidarsim._base.shown import plain
-from lidarsim.cli import main
+from lidarsim.cli import _questions, main
 from tests.io.packets.captures import datagrams
 
 ROOT = Path(__file__).parents[1]
@@ -1206,3 +1206,19 @@ def test_a_frame_beyond_memory_is_one_line(
     assert error.startswith("lidarsim: ")
     assert error.count("\n") == 1
     assert not Path("scan.pcd").exists()
+
+
+def test_numbers_of_sensors_that_may_be_mistaken() -> None:
+    def questions(elevations: list[float], *, rate: float = 10.0, **more: Any) -> list[str]:
+        return [*_questions(ls.Lidar(ls.patterns.Spinning(np.radians(elevations), rate=rate), **more))]
+
+    assert [found for name in ls.Lidar.presets() for found in _questions(ls.Lidar.preset(name))] == []
+    assert questions([3, 2, 1]) == questions([1, 2, 3]) == []
+    assert questions([-5, -3, 33, -2, -1]) == [
+        "elevations: out of order at channel 2 (33, -2 degrees); a decimal comma?"
+    ]
+    assert questions([-5, -4, -4]) == ["elevations: -4° twice or more, first in channel 1"]
+    assert questions([1], rate=600.0) == ["pattern.rate: 600 turns per second; rpm?"]
+    assert questions([1], max_range=2e5) == ["max_range: 200000 m; mm?"]
+    table = ls.Measurement(range_sigma=[(1, 0.01), (9, 20)])
+    assert questions([1], measurement=table) == ["measurement.range_sigma: 20 m; mm?"]

@@ -643,6 +643,8 @@ def test_changing_errors_of_a_mounted_sensor_leave_it_on_the_arc_of_its_body() -
             {"position_sigma": 1, "correlation_time": 1e-9},
             "expected a time that needs at most 10,000,000 poses, got 1e-09",
         ),
+        ({"boresight": (0, 0, 0.5)}, r"boresight: expected numbers from .*, got boresight\[2\] = 0.5; degrees\?"),
+        ({"orientation_sigma": 0.5}, r"orientation_sigma: expected numbers from .* degrees\?"),
         ({"boresight": 1.0}, r"boresight: expected shape \(3,\), got"),
         ({"seed": -1}, "seed: expected an integer"),
     ],

@@ -34,7 +34,8 @@ def legs(
     overlap = real("overlap", overlap, at_least=0.0)
     if not overlap < 1.0:
         raise ArgumentValueError("overlap", "a share from 0 to less than 1", f"{overlap:g}", "20 % is 0.2")
-    field_of_view, heading = angle("field_of_view", field_of_view, above=0.0), angle("heading", heading)
+    field_of_view = angle("field_of_view", field_of_view, above=0.0)
+    heading = angle("heading", heading, at_least=-2.0 * math.pi, at_most=2.0 * math.pi)
     if not field_of_view < math.pi:
         raise ArgumentValueError("field_of_view", "an angle less than π", f"{field_of_view:g}", "degrees?")
     turn = real("turn", turn, at_least=0.0)

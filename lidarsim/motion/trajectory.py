@@ -19,7 +19,7 @@ from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer, check_regular, check_suffix
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable
-from lidarsim._base.validation import Floats, Transform, array
+from lidarsim._base.validation import Floats, Transform, angles, array
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.motion import strips
 from lidarsim.motion._rotation_spline import NoSplineError, angular_accelerations, rotation_steps
@@ -43,6 +43,9 @@ INTERPOLATIONS = ("linear", "spline")
 
 LARGEST = 2.0**980
 """Maximum of coordinates and velocities; up to it, nothing overflows in the core."""
+
+LARGEST_TILT = math.pi / 8
+"""Maximum of errors of orientation, rad; those of mounts and navigation systems are far below it."""
 
 BOTH = "times, poses"
 """Argument that errors name if times and poses do not go together."""
@@ -584,12 +587,13 @@ class Trajectory(Immutable):
         position_sigma : float or array_like, shape (3,)
             Standard deviation of the position, the same or for each axis of the world, m.
         orientation_sigma : float or array_like, shape (3,)
-            Standard deviation of the orientation, a rotation vector in the axes of the body: roll, pitch and yaw, rad.
+            Standard deviation of the orientation, a rotation vector in the axes of the body: roll, pitch and yaw, rad,
+            up to pi/8.
         correlation_time : float
             Time after which the correlation of these errors has fallen to 1/e, s. Infinite: they are constant.
         boresight : array_like, shape (3,)
             Constant error of the sensor's orientation on the body: roll, pitch and yaw about the fixed axes x, y and z
-            in this order, rad.
+            in this order, rad, up to pi/8 each.
         lever_arm : array_like, shape (3,)
             Constant error of the sensor's position, in the axes of the body, m.
         seed : int
@@ -628,7 +632,9 @@ class Trajectory(Immutable):
             for name, given in (("position_sigma", position_sigma), ("orientation_sigma", orientation_sigma))
         )
         scale = validation.real("correlation_time", correlation_time, above=0.0, infinite=True)
-        turn, arm = array("boresight", boresight, (3,)), array("lever_arm", lever_arm, (3,))
+        angles("orientation_sigma", orientation, at_most=LARGEST_TILT)
+        turn = angles("boresight", array("boresight", boresight, (3,)), at_most=LARGEST_TILT)
+        arm = array("lever_arm", lever_arm, (3,))
         seed = validation.integer("seed", seed, at_least=0, at_most=2**64 - 1)
         mount = np.eye(4)
         mount[:3, :3], mount[:3, 3] = Rotation.from_euler("xyz", turn).as_matrix(), arm
