@@ -1080,8 +1080,10 @@ def _read(
         "pose": tuple(frame.pose for frame in frames), "boxes": tuple(frame.boxes for frame in frames)
     }  # fmt: skip
     if found.count != 1:
+        start = (frames[0] if first == 0 else next(found.read(0))).time or 0.0
         places["title"] = tuple(
-            frame_title(number, number + 1, found.count, frame.time) for number, frame in enumerate(frames, first)
+            frame_title(number, number + 1, found.count, None if frame.time is None else frame.time - start)
+            for number, frame in enumerate(frames, first)
         )
     if all("label" in cloud.fields for frame in frames for cloud in frame.clouds):
         places["color_by"] = "label"

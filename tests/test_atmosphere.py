@@ -721,3 +721,21 @@ def test_check_states_the_air(tmp_path: Path, capsys: pytest.CaptureFixture[str]
             main(["check", str(path)])
         assert end.value.code == 0
         assert said in " ".join(capsys.readouterr().out.split())
+
+
+def test_air_has_its_name_where_its_label_is_of_nothing_else() -> None:
+    world = ls.Scene(class_names={40: "road"})
+    world.add(ls.Plane((0, 0, 1), -1.8), label=40)
+    world.atmosphere = ls.Atmosphere.fog(visibility=60.0)
+    assert dict(world.class_names) == {40: "road", 0: "air"}
+    cloud = ls.Lidar.preset("velodyne-vlp16", noise="datasheet").scan(world).point_cloud()
+    in_air = cloud.source == ls.Source.atmosphere
+    assert in_air.any()
+    np.testing.assert_array_equal(cloud.label == "air", in_air)
+    number = world.add(ls.Sphere((20, 0, 0), 1.0))  # label 0, as the air
+    assert 0 not in world.class_names
+    world.update(number, label=3)
+    world.atmosphere = ls.Atmosphere.fog(visibility=60.0, label=40)
+    assert dict(world.class_names) == {40: "road"}  # a given name stays
+    world.atmosphere = None
+    assert dict(world.class_names) == {40: "road"}

@@ -121,3 +121,21 @@ def test_no_points_have_no_bounds(tmp_path: Path) -> None:
     assert np.isnan(cells.values).all()
     with pytest.raises(FileFormatError, match="unknown extension"):
         cells.save(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(
+    ("field", "statistic", "quantity"),
+    [
+        ("z", "max", "max of z [m]"),
+        ("intensity", "mean", "mean of intensity"),
+        ("z", "count", "points"),
+        ("z", "density", "points per m²"),
+    ],
+)
+def test_the_colour_bar_has_name_and_unit(
+    cloud: ls.PointCloud, field: str, statistic: Statistic, quantity: str, tmp_path: Path
+) -> None:
+    cells = cloud.raster(field, cell=5.0, statistic=statistic)
+    assert cells.quantity == quantity
+    cells.plot(tmp_path / "map.svg")
+    assert f"<!-- {quantity} -->" in (tmp_path / "map.svg").read_text(encoding="utf-8")

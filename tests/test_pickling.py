@@ -1,6 +1,7 @@
 """Copies and pickles of all public objects: small, without caches, across processes, and bit-identical."""
 
 import copy
+import dataclasses
 import multiprocessing
 import pickle
 from collections.abc import Iterator
@@ -272,7 +273,7 @@ CONTENTS = {
         "difference difference_interval differs label least n_real n_simulated real real_interval simulated "
         "simulated_interval"
     ),
-    "Cells": "bounds cell values",
+    "Cells": "bounds cell quantity values",
     "Comparison": "measures notes real simulated",
     "Cylinder": "capped end radius start transform",
     "Detection": "range reflectivity",
@@ -334,7 +335,7 @@ CONTENTS = {
     "TriangleMesh": "crs faces grid transform vertices",
     "Waveforms": "first offsets pulse pulse_length sample_period samples",
 }
-"""Names of the contents of each class in pickles of the format 2."""
+"""Names of the contents of each class in pickles of the format 3."""
 
 
 def contents() -> dict[str, set[str]]:
@@ -361,7 +362,7 @@ def test_every_public_class_is_pickled_here() -> None:
 
 def test_the_format_number_is_raised_with_the_contents() -> None:
     """New contents need a new `FORMAT`, a default for older pickles, which lack them, and then a new table here."""
-    assert pickling.FORMAT == 2
+    assert pickling.FORMAT == 3
     found = contents()
     assert {name: set(names.split()) for name, names in CONTENTS.items()} == found
 
@@ -378,6 +379,7 @@ def of_format(number: int, thing: pickling.Pickled, lacks: set[str], **more: Any
 
 
 GAINED: dict[str, tuple[Any, set[str]]] = {
+    "Cells": (dataclasses.replace(THINGS["Cells"], quantity=""), {"quantity"}),
     "Rig": (THINGS["Rig"], {"_imus", "_receivers"}),
     "ImuErrors": (ls.ImuErrors(noise_density=1e-4), {"bias_instability"}),
     "Scene": (THINGS["Scene"], {"atmosphere", "animations"}),

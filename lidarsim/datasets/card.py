@@ -10,11 +10,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import short
 from lidarsim.datasets import manifest
 from lidarsim.datasets.engine import RANGES
 from lidarsim.datasets.layouts import class_name
+from lidarsim.datasets.reading._frames import boxes_at
+from lidarsim.datasets.samples import samples
 from lidarsim.datasets.statistics import POINTS, VISIBILITY, BoxStatistics, box_statistics
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
@@ -23,6 +27,7 @@ from lidarsim.scan.scan import moment_of
 from lidarsim.viewers import show
 
 if TYPE_CHECKING:
+    from lidarsim._base.views import Camera
     from lidarsim.datasets.engine import Plan
     from lidarsim.datasets.layouts import Files, Summary
     from lidarsim.datasets.layouts._layout import BoxFilter
@@ -30,10 +35,14 @@ if TYPE_CHECKING:
     from lidarsim.datasets.scattered import Scattered
     from lidarsim.lidar import Lidar
     from lidarsim.run import Run
+    from lidarsim.scan.boxes import Boxes
+    from lidarsim.scan.scan import Scan
 
 __all__ = ["write"]
 
 BAR = 40
+CAMERAS: dict[Camera, str] = {"behind": "behind", "birds-eye": "above"}
+"""Cameras of the pictures of a frame, and where they are in words."""
 LISTED = 20
 """Greatest number of ranges of sequences that are listed for a split."""
 
@@ -222,7 +231,10 @@ def _table(head: str, rows: Sequence[tuple[str, int]], points: int) -> str:
 
 
 def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
-    """Measure frames again and draw them, coloured by label; return the name and description of each picture."""
+    """Measure frames again and draw them from `CAMERAS`, by label and with the boxes of the data set.
+
+    Returns the name and description of each picture.
+    """
     recipe = plan.recipe
     total = recipe.sequences * recipe.frames
     drawn = []
@@ -231,20 +243,41 @@ def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
         run = recipe.source.run(sequence, frame)
         number = run.frames.start + frame
         (scans,) = dataclasses.replace(run, frames=range(number, number + 1)).scans()
-        name = f"{manifest.PICTURES}/{sequence:06}_{frame:06}.png"
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "frame.png"
-            try:
-                show(
-                    scans,
-                    scene=run.scene,
-                    color_by="label",
-                    class_names=recipe.class_names,
-                    save=path,
-                    size=(1200, 750),
-                )
-            except MissingExtraError:
-                return []
-            files.write(name, path.read_bytes())
-        drawn.append((name, f"Sequence {sequence}, frame {frame}"))
+        boxes = _annotated(recipe, run, sequence, frame, scans)
+        for camera, place in CAMERAS.items():
+            name = f"{manifest.PICTURES}/{sequence:06}_{frame:06}_{camera}.png"
+            with TemporaryDirectory() as folder:
+                path = Path(folder) / "frame.png"
+                try:
+                    show(
+                        scans,
+                        scene=run.scene,
+                        boxes=boxes,
+                        color_by="label",
+                        class_names=recipe.class_names,
+                        camera=camera,
+                        save=path,
+                        size=(1200, 750),
+                    )
+                except MissingExtraError:
+                    return []
+                files.write(name, path.read_bytes())
+            drawn.append((name, f"Sequence {sequence}, frame {frame}, from {place}"))
     return drawn
+
+
+def _annotated(recipe: Recipe, run: Run, sequence: int, frame: int, scans: dict[str, Scan]) -> Boxes | None:
+    """Return the boxes that the data set has of a frame, one of each thing, in world coordinates."""
+    if recipe.layout.kept is None:
+        return None
+    records = [sample.record for sample in samples(recipe, run, sequence, frame, scans)]
+    things = {box.instance: (record, box) for record, box in recipe.layout.annotations(records)}
+    places = [record.matrix if run.cloud["frame"] == "sensor" else np.eye(4) for record, _ in things.values()]
+    boxes = [box for _, box in things.values()]
+    return boxes_at(
+        np.array([place[:3, :3] @ box.center + place[:3, 3] for place, box in zip(places, boxes, strict=True)]),
+        np.array([box.size for box in boxes]),
+        np.array([place[:3, :3] @ np.reshape(box.rotation, (3, 3)) for place, box in zip(places, boxes, strict=True)]),
+        [box.label for box in boxes],
+        recipe.class_names,
+    )

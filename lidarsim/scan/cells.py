@@ -43,11 +43,14 @@ class Cells(Pickled):
         x_min, y_min, x_max, y_max of the grid, m.
     cell : float
         Length of a side of a cell, m.
+    quantity : str
+        What the values are, with their unit, for the colour bar: "max of z [m]".
     """
 
     values: Floats
     bounds: tuple[float, float, float, float]
     cell: float
+    quantity: str = ""
 
     def __repr__(self) -> str:
         """Return the shape and the size of the cells."""

@@ -7,7 +7,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
@@ -69,6 +69,14 @@ CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
     "radial_velocity": ((), np.float32),
 }
 """Shape per point and dtype of lidarsim's own fields, in order."""
+
+UNITS = {
+    **dict.fromkeys(("x", "y", "z", "height", "range", "true_range", "range_error"), "m"),
+    "time": "s",
+    "incidence": "rad",
+    "radial_velocity": "m/s",
+}
+"""Units of the fields that have one, of coordinates, and of the height that pictures show."""
 
 MOST_ROWS = 14  # maximum lines of a repr below its title
 
@@ -622,7 +630,9 @@ class PointCloud(Pickled, Plotted):
         else:
             single = ", ".join(["x", "y", "z", *(name for name in self.fields if getattr(self, name).ndim == 1)])
             raise ArgumentValueError("field", f"one of {single}", shown(field))
-        return cells_of(self.xyz, values, cell, statistic, bounds)
+        cells = cells_of(self.xyz, values, cell, statistic, bounds)
+        of = {"count": "points", "density": "points per m²"}.get(statistic, f"{statistic} of {with_unit(field)}")
+        return replace(cells, quantity=of)
 
     @classmethod
     def load(cls, path: PathLike, *, columns: Sequence[str] | None = None) -> PointCloud:
@@ -944,6 +954,11 @@ def _extent(array: npt.NDArray[Any]) -> str:
         return ""
     ends = ([f"{value:g}" for value in np.atleast_1d(end)] for end in (finite.min(axis=0), finite.max(axis=0)))
     return " … ".join(f"({', '.join(end)})" if array.ndim == 2 else end[0] for end in ends)
+
+
+def with_unit(name: str) -> str:
+    """Return the name of a field with its unit, such as "range [m]", for pictures."""
+    return f"{name} [{UNITS[name]}]" if name in UNITS else name
 
 
 def chosen(names: Collection[str], known: Sequence[str]) -> list[str]:

@@ -837,7 +837,7 @@ def scan(
         pose=where,
         time=time,
         frame=frame,
-        class_names=dict(scene._class_names),
+        class_names=dict(scene.class_names),
         ignore=() if unseen is None else tuple(unseen.tolist()),
         _world=world,
         _shot=shot,

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, array, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud, with_unit
 from lidarsim.scan.scan import Source
 from lidarsim.viewers import _classes as classes
 from lidarsim.viewers._classes import class_color
@@ -121,16 +121,10 @@ _EIGHT = ["#885511", "#224488", "#009966", "#778811", "#4466aa", "#881111", "#aa
 LIGHT = classes.ON_LIGHT | dict(zip(QUALITATIVE, _EIGHT, strict=False))
 """Colours on a light background instead of those on a dark one, distinct with any kind of colour vision."""
 
-UNITS = {
-    **dict.fromkeys(("height", "range", "true_range", "range_error"), "m"),
-    "time": "s",
-    "incidence": "rad",
-    "radial_velocity": "m/s",
-}
 FEW = 12
 """Greatest number of values of an integer field that are listed instead of shown as a scale."""
 CATEGORIES = {"label", "object_id", "instance", "sensor", "return_number", "return_count", "source"}
-SOURCES = {source.value: source.name.replace("_", " ") for source in Source}
+SOURCES: Mapping[int, str] = {Source.surface: "surface", Source.atmosphere: "air", Source.false_return: "false return"}
 UNLABELLED = "#909090"
 """Colour of an unnamed label 0 beside named labels; echoes of the air have this label by default."""
 
@@ -168,7 +162,7 @@ class Coloring:
     @property
     def title(self) -> str:
         """Name of the field with its unit."""
-        return f"{self.field} [{UNITS[self.field]}]" if self.field in UNITS else self.field
+        return with_unit(self.field)
 
     @property
     def clipped(self) -> str:

@@ -67,7 +67,9 @@ def plot(
         axis.set_major_formatter("{x:,.10g}")
     axes.set_title(plain(title, most=80), parse_math=False)
     mapped = import_extra("matplotlib.cm", "pyvista", "this picture").ScalarMappable(scale, table)
-    figure.colorbar(mapped, ax=axes, extend="both" if limits is not None else "neither", shrink=0.8)
+    figure.colorbar(
+        mapped, ax=axes, label=cells.quantity, extend="both" if limits is not None else "neither", shrink=0.8
+    )
     plots.write(figure, path, dpi=DPI)
 
 

@@ -614,8 +614,11 @@ class Scene(Pickled, Plotted):
 
     @property
     def class_names(self) -> Mapping[int, str]:
-        """Names of labels: read-only mapping of int to str."""
-        return MappingProxyType(self._class_names)
+        """Names of labels, read-only: mapping of int to str; "air" if the label is of the atmosphere alone."""
+        air = self._atmosphere
+        if air is None or air.label in self._class_names or any(np.any(item.label == air.label) for item in self):
+            return MappingProxyType(self._class_names)
+        return MappingProxyType({**self._class_names, air.label: "air"})
 
     @property
     def atmosphere(self) -> Atmosphere | None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from html import unescape
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 import lidarsim as ls
+from lidarsim.datasets import card
 from lidarsim.datasets.card import escaped
 
 NASTY = [
@@ -75,12 +78,41 @@ def test_the_card_of_a_data_set(tmp_path: Path) -> None:
         return scene, ls.Lidar(pattern, model="<b>m</b>|\n# n"), None
 
     ls.generate(scenes, tmp_path, class_names=names, pictures=0, layout="semantickitti")
-    card = (tmp_path / "README.md").read_text(encoding="utf-8")
-    html = MARKDOWN.render(card)
+    text = (tmp_path / "README.md").read_text(encoding="utf-8")
+    html = MARKDOWN.render(text)
     assert html.count("<h1>") == 1
     assert html.count("<h2>") == 2
     assert not re.search(r"<(script|img|a|b|em)\b", html)
     rows = [re.findall(r"<td.*?>(.*?)</td>", row, re.DOTALL) for row in re.findall(r"<tr>(.*?)</tr>", html, re.DOTALL)]
     classes = {int(row[0]): unescape(row[1]) for row in rows if len(row) == 5}
     assert classes == {label: shown(name) for label, name in (names | {7: NASTY[6]}).items()}
-    assert card.isascii() or "\x1b" not in card
+    assert text.isascii() or "\x1b" not in text
+
+
+def test_pictures_show_the_boxes_of_the_data_set_from_two_cameras(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def scenes(rng: object, sequence: int) -> tuple[ls.Scene, ls.Lidar, None]:  # noqa: ARG001
+        scene = ls.Scene(class_names={1: "Car"})
+        scene.add(ls.Box((4, 2, 1.5), (10, 0, 0)), label=1, instance=7)
+        scene.add(ls.Box((4, 2, 1.5), (-10, 0, 0)), label=1, instance=8)  # behind: KITTI has no box of it
+        return scene, ls.Lidar(ls.patterns.Spinning(np.radians([-2.0, 0.0, 2.0]), columns=1800)), None
+
+    shown: list[dict[str, Any]] = []
+
+    def show(scans: object, **options: Any) -> None:  # noqa: ARG001
+        shown.append(options)
+        Path(options["save"]).write_bytes(b"picture")
+
+    monkeypatch.setattr(card, "show", show)
+    for layout, places in {"kitti": [10.0], "nuscenes": [-10.0, 10.0], "semantickitti": None}.items():
+        shown.clear()
+        ls.generate(scenes, tmp_path / layout, pictures=1, layout=layout, seed=2)
+        text = (tmp_path / layout / "README.md").read_text(encoding="utf-8")
+        assert [options["camera"] for options in shown] == ["behind", "birds-eye"]
+        for options in shown:
+            name = f"pictures/000000_000000_{options['camera']}.png"
+            assert f"({name})" in text
+            assert (tmp_path / layout / name).read_bytes() == b"picture"
+            boxes = options["boxes"]
+            assert places is None if boxes is None else sorted(boxes.center[:, 0].round(3).tolist()) == places

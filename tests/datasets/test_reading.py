@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tarfile
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
+from lidarsim import cli
 from lidarsim.datasets.reading import Frame, open_frames
 from lidarsim.errors import FileFormatError, LidarsimError
 
@@ -94,6 +96,26 @@ def kitti(folder: Path) -> Path:
     (folder / "training/label_2/000007.txt").write_text(LABELS, encoding="utf-8")
     (folder / "training/calib/000007.txt").write_text(CALIBRATION, encoding="utf-8")
     return folder
+
+
+def test_kitti_says_that_there_are_no_boxes_behind(tmp_path: Path) -> None:
+    folder = kitti(tmp_path)
+    assert open_frames(folder).note == "boxes are only of what the camera ahead sees"
+    shutil.rmtree(folder / "training" / "label_2")
+    assert open_frames(folder).note == ""
+
+
+def test_the_titles_of_frames_count_from_the_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = made(tmp_path, "bags")
+    assert (frames(folder)[0].time or 0.0) > 1e9  # the time of a clock
+    titles: list[object] = []
+    monkeypatch.setattr(cli.ls, "show", lambda *_, **looks: titles.append(looks["title"]))
+    page = str(tmp_path / "a.html")
+    for first, expected in {0: ("frame 0, 0.00 s", "frame 1, 0.10 s"), 1: ("frame 1, 0.10 s",)}.items():
+        with pytest.raises(SystemExit) as end:
+            cli.main(["view", str(folder), "--frame", str(first), "--frames", str(len(expected)), "--html", page])
+        assert not end.value.code
+        assert titles[-1] == expected
 
 
 def test_kitti_has_the_boxes_that_openpcdet_makes_of_its_labels(tmp_path: Path) -> None:

@@ -136,7 +136,7 @@ def test_points_without_a_label_look_like_none_of_the_classes_with_names() -> No
 
 def test_sources_have_their_names() -> None:
     points = cloud(source=np.array([0, 1, 2, 1], np.uint8))
-    assert coloring([points], "source").names == {0: "surface", 1: "atmosphere", 2: "false return"}
+    assert coloring([points], "source").names == {0: "surface", 1: "air", 2: "false return"}
     assert len(np.unique(rgb_of(points, "source"), axis=0)) == 3
 
 

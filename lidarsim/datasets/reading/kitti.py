@@ -43,7 +43,9 @@ def open_frames(folder: Path) -> Frames:
                 boxes = _boxes(label, _to_camera(path.parents[1] / "calib" / label.name), kinds)
             yield Frame(PointCloud.load(path), boxes=boxes)
 
-    return Frames("KITTI detection", len(files), read, note=only(roots))
+    labelled = any((part / "label_2").is_dir() for part in _parts(roots[0]))
+    notes = [only(roots), "boxes are only of what the camera ahead sees" if labelled else ""]
+    return Frames("KITTI detection", len(files), read, note="; ".join(filter(None, notes)))
 
 
 def _roots(folder: Path) -> list[Path]:
