@@ -374,9 +374,10 @@ def _shard_of(name: str) -> int | None:
 
 
 def pictures(store: Store) -> int | None:
-    """Return the number of pictures of a complete data set; None if its manifest does not list its card."""
+    """Return how many frames the pictures of a complete data set show; None if its manifest does not list its card."""
     names = [entry.file for entry in _entries(store)]
-    return sum(name.startswith(f"{PICTURES}/") for name in names) if CARD in names else None
+    drawn = {tuple(name.removesuffix(".png").split("_")[:2]) for name in names if name.startswith(f"{PICTURES}/")}
+    return len(drawn) if CARD in names else None
 
 
 def differences(store: Store, names: Collection[str]) -> list[str]:

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 import lidarsim as ls
-from lidarsim.datasets import card
+from lidarsim.datasets import card, manifest
 from lidarsim.datasets.card import escaped
+from lidarsim.datasets.store import open_store
 
 NASTY = [
     "a|b", "a\\|b", "x\n\n# Heading\n\n<script>alert(1)</script>", "![x](http://127.0.0.1/a.png)",
@@ -110,6 +111,7 @@ def test_pictures_show_the_boxes_of_the_data_set_from_two_cameras(
         ls.generate(scenes, tmp_path / layout, pictures=1, layout=layout, seed=2)
         text = (tmp_path / layout / "README.md").read_text(encoding="utf-8")
         assert [options["camera"] for options in shown] == ["behind", "birds-eye"]
+        assert manifest.pictures(open_store(tmp_path / layout)) == 1  # frames
         for options in shown:
             name = f"pictures/000000_000000_{options['camera']}.png"
             assert f"({name})" in text
