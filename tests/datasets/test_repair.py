@@ -121,7 +121,7 @@ def test_pictures_come_back(recipe: Path, tmp_path: Path, tree: Tree) -> None:
     out = tmp_path / "out"
     ls.generate(recipe, out, layout="shards", pictures=1)
     whole = tree(out)
-    (picture,) = (out / "pictures").iterdir()
+    picture = min((out / "pictures").iterdir())  # one of two, from two cameras
     picture.unlink()
     made = ls.generate(recipe, out, layout="shards", pictures=3)  # a complete data set keeps its number
     assert made.made_again == (picture.relative_to(out).as_posix(),)
