@@ -12,6 +12,14 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 
 from typing import TYPE_CHECKING, NoReturn
 
+try:
+    import lidarsim._native  # noqa: F401
+except ImportError as error:
+    raise ImportError(
+        f"lidarsim has no compiled core for this Python in {__path__[0]} ({error}): "
+        "run `pip install --editable .` in the clone, or leave the clone to use an installed lidarsim"
+    ) from None
+
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns, worlds
 from lidarsim import viewers as viewers  # registers views
 from lidarsim._base.names import instead

@@ -126,3 +126,24 @@ def test_warnings_and_logs_are_messages(capsys: pytest.CaptureFixture[str]) -> N
         logging.getLogger("lidarsim").warning("%s: flat", "a\x1b[2J.ply")
     assert capsys.readouterr().err == "lidarsim: warning: odd \\x1b[31m\nlidarsim: warning: a\\x1b[2J.ply: flat\n"
     assert not any(isinstance(handler, terminal._Log) for handler in logging.getLogger().handlers)
+
+
+def test_warnings_of_gdal_that_are_no_text_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rasterio fails to decode a warning that quotes the bytes of a damaged file, which Python reports as ignored."""
+
+    class Failing:
+        def __init__(self, error: Exception) -> None:
+            self.error = error
+
+        def __del__(self) -> None:
+            raise self.error
+
+    reported: list[type[BaseException]] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda dropped: reported.append(dropped.exc_type))
+    undecodable = UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+    with terminal.standard_streams():
+        Failing(undecodable)
+        Failing(KeyError())
+    assert reported == [KeyError]
+    Failing(undecodable)
+    assert reported == [KeyError, UnicodeDecodeError]

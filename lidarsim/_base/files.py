@@ -265,8 +265,9 @@ def _unwinding_at_sigterm() -> Iterator[None]:
     signal.signal(signal.SIGTERM, _exit)
     try:
         yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    finally:  # unless someone else has set a handler since, or ends the block in another thread, which cannot
+        if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is _exit:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _exit(number: int, _: object) -> NoReturn:

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from io import StringIO
+from types import TracebackType
 from typing import TextIO
 
 import numpy as np
@@ -121,12 +122,26 @@ def standard_streams() -> Iterator[None]:
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123 - kept open
     log = _Log(logging.WARNING)
+    report, show = sys.unraisablehook, sys.excepthook
+
+    # Rasterio cannot decode a warning of GDAL that quotes a damaged file, and Cython reports that in both ways.
+    def report_others(dropped: sys.UnraisableHookArgs) -> None:
+        if not isinstance(dropped.exc_value, UnicodeDecodeError):
+            report(dropped)
+
+    def show_others(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        if not isinstance(error, UnicodeDecodeError):
+            show(kind, error, trace)
+
     try:
+        sys.unraisablehook, sys.excepthook = report_others, show_others
         with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Dataset has no geotransform")  # which an error says
             warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
             logging.getLogger().addHandler(log)
             yield
     finally:
+        sys.unraisablehook, sys.excepthook = report, show
         logging.getLogger().removeHandler(log)
         for stream in (sys.stdout, sys.stderr):
             _settle(stream)

@@ -43,7 +43,6 @@ import re
 import struct
 import sys
 import threading
-import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
@@ -294,11 +293,12 @@ class _Reference:
         if crs is None:
             return cls()
         found = projected(crs)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pyproj warns of what WKT 1 cannot say; it returns None then
+        try:
             wkt = found.to_wkt("WKT1_GDAL")
-        if not wkt:
-            raise ArgumentValueError("crs", "a system that WKT 1 can describe, which LAS requires", found.name)
+        except RuntimeError:  # pyproj's
+            raise ArgumentValueError(
+                "crs", "a system that WKT 1 can describe, which LAS requires", found.name
+            ) from None
         if geokeys and (found.is_compound or found.to_epsg() is None or not found.name.isascii()):
             raise ArgumentValueError("crs", "a horizontal system with an EPSG code, for GeoTIFF keys", found.name)
         return cls(found, wkt, geokeys)

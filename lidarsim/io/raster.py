@@ -8,14 +8,11 @@ https://desktop.arcgis.com/en/arcmap/latest/manage-data/raster-and-images/esri-a
 from __future__ import annotations
 
 import math
-import sys
-import warnings
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -120,18 +117,6 @@ def _window(value: npt.ArrayLike) -> list[float]:
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     """Turn exceptions, of GDAL and PROJ as well, into one-line `FileFormatError` exceptions that name the file."""
-    report, show = sys.unraisablehook, sys.excepthook
-
-    # Rasterio cannot decode a warning of GDAL that quotes a damaged file, and Cython reports that in both ways.
-    def report_others(dropped: sys.UnraisableHookArgs) -> None:
-        if not isinstance(dropped.exc_value, UnicodeDecodeError):
-            report(dropped)
-
-    def show_others(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-        if not isinstance(error, UnicodeDecodeError):
-            show(kind, error, trace)
-
-    sys.unraisablehook, sys.excepthook = report_others, show_others
     try:
         yield
     except (ArgumentError, MissingExtraError):
@@ -141,8 +126,6 @@ def _reading(path: Path) -> Iterator[None]:
     except Exception as error:
         cause = error.__cause__ or error  # rasterio may only say that there was another error
         raise FileFormatError(f"{path}: not a readable raster of heights: {unquoted(cause)}") from error
-    finally:
-        sys.unraisablehook, sys.excepthook = report, show
 
 
 def projections(path: Path) -> list[Path]:
@@ -158,11 +141,7 @@ def _opened(path: Path, rasterio: Any) -> Iterator[Any]:
         for file in filter(Path.exists, projections(path)):
             check_regular(file)
     kind = {"driver": "GTiff"} if tiff else {"driver": "AAIGrid", "DATATYPE": "Float64"}
-    with warnings.catch_warnings():  # of a missing geotransform, which `_check` refuses
-        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-        # Path objects are opened as they are; rasterio looks for URLs in texts.
-        opened = rasterio.open(path.absolute(), **kind)
-    with opened as file:
+    with rasterio.open(path.absolute(), **kind) as file:  # as it is: in texts, rasterio would look for URLs
         yield file
 
 
@@ -334,10 +313,8 @@ def write(cells: Cells, path: str | PathLike[str], crs: int | str | pyproj.CRS |
         "compress": "deflate",
     }
     with atomic_writer(path) as file, rasterio.Env(**ALONE), rasterio.MemoryFile() as memory:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that a raster without a reference system has none
-            with memory.open(**profile) as raster:
-                raster.write(cells.values, 1)
+        with memory.open(**profile) as raster:
+            raster.write(cells.values, 1)
         file.write(memory.read())
 
 

@@ -794,7 +794,10 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     paths = _storage.listed(Path(path)) if Path(path).is_dir() else [Path(path)]
     for each in paths:
         check_regular(each)
-    messages = _read(paths, topic)
+    return _each(path, _read([each.absolute() for each in paths], topic))
+
+
+def _each(path: PathLike, messages: Iterator[Message]) -> Iterator[Message]:
     while True:
         with parsing(path, "ROS 2 bag"):
             if (message := next(messages, None)) is None:

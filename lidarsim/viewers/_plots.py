@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
+import re
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from lidarsim._base.extras import import_extra
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".png", ".svg")
 """Kinds of files."""
+MISSING = "□"
 
 
 def write(figure: Figure, path: PathLike, *, dpi: float) -> None:
@@ -36,7 +38,26 @@ def write(figure: Figure, path: PathLike, *, dpi: float) -> None:
     """
     kind = check_suffix(path, SUFFIXES)[1:]
     metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {}
-    settings = import_extra("matplotlib", "pyvista", "this picture").rc_context({"svg.hashsalt": "lidarsim"})
-    with settings, atomic_writer(path) as file, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # missing glyphs of a name become boxes
-        figure.savefig(file, format=kind, dpi=dpi, metadata=metadata)
+    _replace_missing_glyphs(figure)
+    drawn = BytesIO()
+    figure.savefig(drawn, format=kind, dpi=dpi, metadata=metadata)
+    with atomic_writer(path) as file:
+        file.write(_numbered(drawn.getvalue()) if kind == "svg" else drawn.getvalue())
+
+
+def _replace_missing_glyphs(figure: Figure) -> None:
+    """Draw a box for each character that the font of a text lacks, of which Matplotlib would warn."""
+    fonts = import_extra("matplotlib.font_manager", "pyvista", "this picture")
+    texts = import_extra("matplotlib.text", "pyvista", "this picture")
+    for text in figure.findobj(texts.Text):
+        known = fonts.get_font(fonts.findfont(text.get_fontproperties())).get_charmap()
+        text.set_text("".join(c if ord(c) in known or c == "\n" else MISSING for c in text.get_text()))
+
+
+def _numbered(svg: bytes) -> bytes:
+    """Return an SVG whose identifiers, in which Matplotlib has random numbers, are numbered in their order."""
+    names: dict[bytes, bytes] = {}
+    return _RANDOM.sub(lambda found: names.setdefault(found[0], b"i%d" % len(names)), svg)
+
+
+_RANDOM = re.compile(rb"(?<=[\"#])[a-z]+[0-9a-f]{10}(?=[\")])")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
@@ -182,6 +183,7 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
     pv = import_extra("pyvista", "pyvista", "this view")
     # Silences VTK's reports of each kind of window that it tries without success.
     with (
+        _DRAWING,
         pv.vtk_verbosity("off"),
         _no_formulas(),
         closing(
@@ -224,6 +226,10 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
                     _write_jpg(image, file)
         else:
             _write_film(path, stage.film(), picture.rate if len(picture.frames) > 1 else TURN / 6.0)
+
+
+_DRAWING = threading.Lock()
+"""Held while VTK draws, which is for one thread at a time: its settings are those of the process."""
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import tarfile
@@ -247,3 +248,41 @@ def test_damaged_tables_of_semantickitti(tmp_path: Path) -> None:
 def test_nothing_to_show(tmp_path: Path) -> None:
     with pytest.raises(LidarsimError, match="expected a data set or a folder of point clouds, got neither"):
         open_frames(tmp_path)
+
+
+@pytest.mark.parametrize("form", ["PAX 1.0", "PAX 0.1", "PAX 0.0", "GNU"])
+@pytest.mark.parametrize("sparse", ["0.json", "0.npz"])
+def test_sparse_members_of_shards_are_refused_unread(form: str, sparse: str, tmp_path: Path) -> None:
+    """A few bytes in the file claim 3 GB, which `tarfile` would make of zeros."""
+    size = 3 << 30
+    about = {"sequence": 0, "frame": 0, "seconds": 0, "pose": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}
+    with tarfile.open(tmp_path / "0.tar", "w", format=tarfile.PAX_FORMAT) as tar:
+        for name, data in (("0.json", json.dumps(about).encode()), ("0.npz", b"x")):
+            member = tarfile.TarInfo(name)
+            span = size - len(data), len(data)
+            if name == sparse and form == "PAX 1.0":
+                spans = b"1\n%d\n%d\n" % span
+                data = spans.ljust(512, b"\0") + data  # noqa: PLW2901
+                numbers = {"major": "1", "minor": "0", "name": name, "realsize": str(size)}
+                member.pax_headers = {f"GNU.sparse.{key}": value for key, value in numbers.items()}
+            elif name == sparse and form != "GNU":
+                spans_0 = {"offset": str(span[0]), "numbytes": str(span[1])}
+                numbers = {"size": str(size), "numblocks": "1"}
+                numbers |= {"map": "{},{}".format(*span)} if form == "PAX 0.1" else spans_0
+                member.pax_headers = {f"GNU.sparse.{key}": value for key, value in numbers.items()}
+            member.size = len(data)
+            if name != sparse or form != "GNU":
+                tar.addfile(member, io.BytesIO(data))
+                continue
+            member.type = tarfile.GNUTYPE_SPARSE
+            header = bytearray(member.tobuf(tarfile.GNU_FORMAT))
+            header[386:410] = b"%011o\0%011o\0" % span
+            header[483:495] = b"%011o\0" % size
+            header[148:156] = b" " * 8
+            header[148:156] = b"%06o\0 " % sum(header)
+            block = bytes(header) + data.ljust(512, b"\0")
+            assert tar.fileobj is not None
+            tar.fileobj.write(block)
+            tar.offset += len(block)
+    with pytest.raises(FileFormatError, match=rf"'{sparse}' is sparse, of 3,221,225,472 bytes; expected a whole file"):
+        list(open_frames(tmp_path).read(0))

@@ -119,6 +119,11 @@ def _samples(tars: list[Path]) -> Iterator[tuple[tuple[Path, tarfile.TarInfo], A
 
 
 def _read(tar: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+    """Return the content of a member, which no more than its bytes in the file claim."""
+    if member.issparse():
+        raise FileFormatError(f"{member.name[:60]!a} is sparse, of {member.size:,} bytes; expected a whole file")
+    if member.size > Path(str(tar.name)).stat().st_size:
+        raise FileFormatError(f"it ends within {member.name[:60]!a}")
     file = tar.extractfile(member)
     data = b"" if file is None else file.read()
     if len(data) != member.size:
