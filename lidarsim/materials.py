@@ -78,6 +78,9 @@ PER = get_args(Per)
 Wrap = Literal["repeat", "clamp", "mirror"]
 WRAP = get_args(Wrap)
 
+Interpolation = Literal["linear", "nearest"]
+INTERPOLATION = get_args(Interpolation)
+
 MOST = float(np.finfo(np.float32).max)  # maximum reflectivity of a texel
 
 
@@ -92,19 +95,23 @@ class Texture(Value):
     wrap : {"repeat", "clamp", "mirror"} or a pair of these
         What the texture is beyond its edges: the image again, the texel at the edge, or the image and its mirror image
         in turn; of a pair, the first is for u and the second for v.
+    interpolation : {"linear", "nearest"}
+        What the texture is between the centres of its texels: bilinear, or the texel that the point lies in, as for
+        palettes, whose neighbouring texels have nothing to do with each other.
 
     Raises
     ------
     TypeError, ValueError
         If a value is negative or not finite, or overflows float32; if there are no values, or they have another shape
-        or the dtype of an image's colours, which `Material.from_texture` takes; or if `wrap` is something else.
+        or the dtype of an image's colours, which `Material.from_texture` takes; or if another argument is something
+        else.
 
     Notes
     -----
     Texture coordinates are those of glTF: u grows to the right and v downwards, (0, 0) is the top left corner of the
     image and (1, 1) its bottom right corner. OBJ, Open3D and PyVista have v upwards; pass them 1 - v. The centre of the
-    texel in row j and column i is at u = (i + 0.5) / width, v = (j + 0.5) / height. Between the centres of four texels
-    the reflectivity is bilinear. It is that of the point that a ray hits; a `Beam` averages over its footprint.
+    texel in row j and column i is at u = (i + 0.5) / width, v = (j + 0.5) / height. The reflectivity
+    is that of the point that a ray hits; a `Beam` averages over its footprint.
 
     Examples
     --------
@@ -123,9 +130,15 @@ class Texture(Value):
            [0.1]], dtype=float32)
     """
 
-    __slots__ = ("_native", "_values", "_wrap")
+    __slots__ = ("_interpolation", "_native", "_values", "_wrap")
 
-    def __init__(self, values: npt.ArrayLike, *, wrap: Wrap | tuple[Wrap, Wrap] = "repeat") -> None:
+    def __init__(
+        self,
+        values: npt.ArrayLike,
+        *,
+        wrap: Wrap | tuple[Wrap, Wrap] = "repeat",
+        interpolation: Interpolation = "linear",
+    ) -> None:
         given = as_array("values", values, "numbers of shape (height, width)")
         if given.dtype.kind == "u" and given.dtype.itemsize < 4:
             hint = "Material.from_texture takes colours"
@@ -139,7 +152,9 @@ class Texture(Value):
             got = f"values[{row}][{column}] = {numbers[row, column]}"
             raise ArgumentValueError("values", f"numbers from 0 to {MOST:.3g}", got)
         self._wrap = _wrap(wrap)
-        self._native = core.Texture(in_order(numbers, np.float32), *self._wrap)
+        self._interpolation = interpolation
+        one_of("interpolation", interpolation, INTERPOLATION)
+        self._native = core.Texture(in_order(numbers, np.float32), *self._wrap, interpolation)
         self._values = self._native.values()
 
     @property
@@ -152,8 +167,13 @@ class Texture(Value):
         """What the texture is beyond its edges, for u and v: each "repeat", "clamp" or "mirror"."""
         return self._wrap
 
+    @property
+    def interpolation(self) -> Interpolation:
+        """What the texture is between the centres of its texels: "linear" or "nearest"."""
+        return self._interpolation
+
     def _contents(self) -> dict[str, Any]:
-        return {"values": self.values, "wrap": self.wrap}
+        return {"values": self.values, "wrap": self.wrap, "interpolation": self.interpolation}
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
@@ -362,6 +382,7 @@ class Material(Value):
         texture_coordinates: npt.ArrayLike,
         *,
         wrap: Wrap | tuple[Wrap, Wrap] = "repeat",
+        interpolation: Interpolation = "linear",
     ) -> Material:
         """Return the material of a mesh whose reflectivity is the luminance of an image on it.
 
@@ -375,6 +396,8 @@ class Material(Value):
             Where the image lies on the mesh, as in `Material`.
         wrap : {"repeat", "clamp", "mirror"} or a pair of these
             What the image is beyond its edges, as in `Texture`.
+        interpolation : {"linear", "nearest"}
+            What the image is between the centres of its pixels, as in `Texture`.
 
         Returns
         -------
@@ -384,7 +407,7 @@ class Material(Value):
         Raises
         ------
         TypeError, ValueError
-            If a shape is wrong, a colour or coordinate out of range, or `wrap` is something else.
+            If a shape is wrong, a colour or coordinate out of range, or `wrap` or `interpolation` is something else.
 
         Examples
         --------
@@ -394,7 +417,7 @@ class Material(Value):
         >>> ls.Material.from_texture(image, corners).reflectivity.values.round(3)
         array([[0.051, 1.   , 0.051]], dtype=float32)
         """
-        texture = Texture(_luminance("image", image, ("height", "width")), wrap=wrap)
+        texture = Texture(_luminance("image", image, ("height", "width")), wrap=wrap, interpolation=interpolation)
         return cls(reflectivity=texture, texture_coordinates=texture_coordinates)
 
 

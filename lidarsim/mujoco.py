@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy.typing as npt
 
 from lidarsim._base.files import PathLike
 from lidarsim._base.pickling import Pickled
-from lidarsim._base.validation import Floats, array, as_array, flag, integer, shown
+from lidarsim._base.validation import Floats, Transform, array, as_array, flag, integer, pose, short, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._build import report, scene_with
@@ -117,7 +118,7 @@ class World(Pickled):
             if body[geom]
         }
         self._instances = [(int(body[geom]), self.scene[number].instance) for geom, number in objects.items()]
-        self._sizes = {"geom_xpos": int(model.ngeom), "site_xpos": int(model.nsite)}
+        self._sizes = {"geom_xpos": int(model.ngeom), "site_xpos": int(model.nsite), "xpos": int(model.nbody)}
         self._moving = np.array([geom for geom in objects if _moves(model, int(body[geom]))], np.intp)
         self._objects = np.array([objects[geom] for geom in self._moving.tolist()], np.intp)
         self._poses = mjcf.poses(data, self._moving)
@@ -198,8 +199,16 @@ class World(Pickled):
         local = self.model.geom_pos[self._moving], self.model.geom_quat[self._moving]
         self._move(_placed(positions[body], turns[body], *local))
 
-    def poses(self, xpos: npt.ArrayLike, xquat: npt.ArrayLike, *, site: str) -> Floats:
-        """Return where a site is in many worlds: the poses of a sensor on it, as for `Lidar.scan`.
+    def poses(
+        self,
+        xpos: npt.ArrayLike,
+        xquat: npt.ArrayLike,
+        *,
+        site: str | None = None,
+        body: str | int | None = None,
+        offset: Transform | None = None,
+    ) -> Floats:
+        """Return where a site or body is in many worlds: the poses of a sensor on it, as for `Lidar.scan`.
 
         Parameters
         ----------
@@ -207,8 +216,12 @@ class World(Pickled):
             Positions of the bodies of each world, m: ``data.xpos`` of MJX, or of many data, stacked.
         xquat : array_like, shape (..., nbody, 4)
             Their orientations w, x, y, z, as ``data.xquat``; of any length but zero.
-        site : str
+        site : str, optional
             Name of the site; see `pose`.
+        body : str or int, optional
+            Name or number of the body, instead of a site.
+        offset : array_like, shape (4, 4), or RigidTransform, optional
+            Pose of the sensor on it; see `pose`.
 
         Returns
         -------
@@ -218,7 +231,8 @@ class World(Pickled):
         Raises
         ------
         TypeError, ValueError
-            If a shape is wrong, a number is not finite, a quaternion is zero, or the model has no such site.
+            If a shape is wrong, a number is not finite, a quaternion is zero, the model has no such site or body, both
+            or none is given, or the offset is not rigid.
 
         Examples
         --------
@@ -235,11 +249,15 @@ class World(Pickled):
         >>> world.poses(xpos, xquat, site="lidar")[7, :3, 3]
         array([7. , 0. , 0.2])
         """
-        number = self._site(site)
+        kind, number = self._mounted_on(site, body)
+        mount = None if offset is None else pose("offset", offset)
         positions, turns = self._body_poses(xpos, xquat, (...,))
-        body = int(self.model.site_bodyid[number])
-        local = self.model.site_pos[number], self.model.site_quat[number]
-        return _placed(positions[..., body, :], turns[..., body, :], *local)
+        owner, place, turn = number, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        if kind == "site":
+            owner = int(self.model.site_bodyid[number])
+            place, turn = self.model.site_pos[number], self.model.site_quat[number]
+        found = _placed(positions[..., owner, :], turns[..., owner, :], place, turn)
+        return found if mount is None else found @ mount
 
     def _move(self, poses: Floats) -> None:
         """Move the objects of the moving geoms to these places, geom to world."""
@@ -253,15 +271,27 @@ class World(Pickled):
         self.scene.update_transforms(self._objects[moved], poses[moved])
         self._poses = poses
 
-    def pose(self, data: mujoco.MjData, *, site: str) -> Floats:
-        """Return where a site is: the pose of a sensor on it.
+    def pose(
+        self,
+        data: mujoco.MjData,
+        *,
+        site: str | None = None,
+        body: str | int | None = None,
+        offset: Transform | None = None,
+    ) -> Floats:
+        """Return where a site or body is: the pose of a sensor on it.
 
         Parameters
         ----------
         data : mujoco.MjData
             Data of the model; see `update`.
-        site : str
+        site : str, optional
             Name of the site. Its x axis is the sensor's forward direction, and its z axis is up.
+        body : str or int, optional
+            Name or number of the body, or link of a URDF, instead of a site; URDF has no sites.
+        offset : array_like, shape (4, 4), or RigidTransform, optional
+            Pose of the sensor on the site or body, sensor to body, m: of a URDF the ``origin`` of the joint that fixes
+            the sensor to its parent link. Default: the frame of the site or body itself.
 
         Returns
         -------
@@ -271,20 +301,54 @@ class World(Pickled):
         Raises
         ------
         TypeError, ValueError
-            If these are not data of the model, or they have no poses yet, or the model has no such site.
-        """
-        self._check(data, "site_xpos")
-        number = self._site(site)
-        pose = np.eye(4)
-        pose[:3, :3] = np.reshape(data.site_xmat[number], (3, 3))
-        pose[:3, 3] = data.site_xpos[number]
-        return pose
+            If these are not data of the model, or they have no poses yet, the model has no such site or body, both or
+            none is given, or the offset is not rigid.
 
-    def _site(self, site: object) -> int:
-        """Return the number of a site."""
+        Notes
+        -----
+        From a URDF, MuJoCo merges links with fixed joints with their parents, and a root link with the world. So a
+        lidar's own link is not a body of the model, but its parent is. To keep all links, add
+        ``<mujoco><compiler fusestatic="false"/></mujoco>`` to the URDF.
+
+        Examples
+        --------
+        >>> import mujoco
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> model = mujoco.MjModel.from_xml_string('''
+        ... <robot name="rover">
+        ...   <link name="base"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+        ...     </inertial><collision><geometry><sphere radius="0.2"/></geometry></collision></link>
+        ...   <joint name="slide" type="prismatic"><parent link="world"/><child link="base"/><axis xyz="1 0 0"/>
+        ...     <limit lower="0" upper="9"/></joint>
+        ...   <link name="world"/>
+        ... </robot>''')
+        >>> world, data = ls.mujoco.World(model), mujoco.MjData(model)
+        >>> data.qpos[0] = 3.0
+        >>> mujoco.mj_forward(model, data)
+        >>> mount = np.eye(4)
+        >>> mount[2, 3] = 0.3
+        >>> world.pose(data, body="base", offset=mount)[:3, 3]
+        array([3. , 0. , 0.3])
+        """
+        kind, number = self._mounted_on(site, body)
+        mount = None if offset is None else pose("offset", offset)
+        name = "site_" if kind == "site" else ""
+        self._check(data, f"{name}xpos")
+        found = np.eye(4)
+        found[:3, :3] = np.reshape(getattr(data, f"{name}xmat")[number], (3, 3))
+        found[:3, 3] = getattr(data, f"{name}xpos")[number]
+        return found if mount is None else found @ mount
+
+    def _mounted_on(self, site: object, body: str | int | None) -> tuple[Literal["site", "body"], int]:
+        """Return whether a sensor is on a site or a body, and the number of that."""
+        if (site is None) == (body is None):
+            raise ArgumentTypeError("site, body", "one of them", "none" if site is None else "both")
+        if body is not None:
+            return "body", self._number("body", body)
         if not isinstance(site, str):
             raise ArgumentTypeError("site", "the name of a site", shown(site))
-        return self._number("site", site)
+        return "site", self._number("site", site)
 
     def _number(self, kind: str, name: str | int) -> int:
         """Return the number of a body or site of the model, by its name or number."""
@@ -295,9 +359,12 @@ class World(Pickled):
             return integer(kind, name, at_least=0, at_most=count - 1)
         number: int = module.mj_name2id(self.model, which, name)
         if number < 0:
-            names = (module.mj_id2name(self.model, which, k) for k in range(count))
-            known = ", ".join(filter(None, names)) or "none"
-            raise ArgumentValueError(kind, f"the name of a {kind} of the model", shown(name), f"it has {known}")
+            known = [*filter(None, (module.mj_id2name(self.model, which, k) for k in range(count)))]
+            near = difflib.get_close_matches(name, known)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"it has {short(', '.join(known) or 'none')}"
+            if kind == "body" and not near:
+                hint += "; of a URDF, MuJoCo merges links with fixed joints with their parents: see World.pose"
+            raise ArgumentValueError(kind, f"the name of a {kind} of the model", shown(name), hint)
         return number
 
     def _body_poses(self, xpos: npt.ArrayLike, xquat: npt.ArrayLike, before: tuple[Any, ...]) -> tuple[Floats, Floats]:

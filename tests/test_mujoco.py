@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, MissingExtraError
@@ -62,6 +63,31 @@ def test_mocap_bodies_and_their_children_move() -> None:
     mujoco.mj_kinematics(model, data)
     world.update(data)
     assert world.scene.cast([[0, 0, 0]], [[1, 0, 0]]).t.tolist() == [2.5]
+
+
+def test_bodies_carry_sensors() -> None:
+    """Of a URDF there are no sites, and a lidar's own link is merged with its parent."""
+    model, data = every_geom()
+    moved(model, data, 5)
+    world = ls.mujoco.World(model)
+    site = model.site("lidar").id
+    offset = np.eye(4)
+    offset[:3, :3] = Rotation.from_quat(model.site_quat[site], scalar_first=True).as_matrix()
+    offset[:3, 3] = model.site_pos[site]
+    near = 64 * np.finfo(float).eps * 8  # some dozens of roundings of numbers up to 8
+    expected = world.pose(data, site="lidar")
+    for name in ("hand", model.body("hand").id):
+        for mount in (offset, RigidTransform.from_matrix(offset)):
+            found = world.pose(data, body=name, offset=mount)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=near)
+            many = world.poses(np.tile(data.xpos, (2, 1, 1)), np.tile(data.xquat, (2, 1, 1)), body=name, offset=mount)
+            np.testing.assert_allclose(many, [expected] * 2, rtol=0, atol=near)
+    bare = world.pose(data, body="hand")
+    np.testing.assert_array_equal(bare[:3, 3], data.body("hand").xpos)
+    np.testing.assert_array_equal(bare[:3, :3], data.body("hand").xmat.reshape(3, 3))
+    np.testing.assert_array_equal(world.pose(data, body=0), np.eye(4))
+    moved_site = world.pose(data, site="lidar", offset=offset)
+    np.testing.assert_allclose(moved_site, expected @ offset, rtol=0, atol=near)
 
 
 def test_sites_carry_sensors() -> None:
@@ -205,6 +231,28 @@ def test_bad_arguments() -> None:
         ),
         (lambda: world.pose(fresh, site="lidar"), ArgumentValueError, "data: expected data with poses"),
         (lambda: world.pose(data, site="x"), ArgumentValueError, "site: expected the name of a site .* it has lidar"),
+        (lambda: world.pose(data), ArgumentTypeError, "site, body: expected one of them, got none"),
+        (
+            lambda: world.pose(data, site="lidar", body="arm"),
+            ArgumentTypeError,
+            "site, body: expected one of them, got both",
+        ),
+        (
+            lambda: world.pose(data, body="armm"),
+            ArgumentValueError,
+            "body: expected the name of a body of the model, got 'armm'; did you mean arm",
+        ),
+        (
+            lambda: world.pose(data, body="lidar_link"),
+            ArgumentValueError,
+            "it has world, crate, drum, arm, hand, ghost; of a URDF, MuJoCo merges links with fixed joints",
+        ),
+        (lambda: world.pose(data, body=99), ArgumentValueError, "body: expected an integer from 0 to 5, got 99"),
+        (
+            lambda: world.pose(data, body="arm", offset=2 * np.eye(4)),
+            ArgumentValueError,
+            r"offset: expected a last row of \(0, 0, 0, 1\)",
+        ),
         (lambda: world.pose(data, site=0), ArgumentTypeError, "site: expected the name of a site, got 0"),  # type: ignore[arg-type]
     ]
     for call, kind, message in wrong:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import tracemalloc
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -344,11 +345,28 @@ def test_each_strip_is_one_las_file(strips: Path) -> None:
     assert every[:, 1].max() >= 5_264_500
 
 
+def test_frames_of_strips_take_no_memory(strips: Path) -> None:
+    """One digit too many in an area makes hundreds of millions of them."""
+    speed = ["pose.strips.speed_m_per_s=0.00001"]
+    tracemalloc.start()
+    run = ls.config.load(strips, speed)
+    assert len(run.numbers) > 100_000_000
+    assert run.numbers[-1] == run.frames[-1]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 25
+
+
 def test_frames_of_strips_go_on_and_their_noise_differs(strips: Path) -> None:
     run = ls.config.load(strips, ["sensor.measurement={range_sigma_m: 0.02}"])
     first, second = (leg.frames for leg in run.legs)
     assert first.stop < second.start
     assert list(run.numbers) == [*first, *second]
+    assert run.numbers[-1] == second[-1]
+    assert [run.numbers[k] for k in range(-len(run.numbers), len(run.numbers))] == 2 * [*run.numbers]
+    assert run.numbers[1:-1] == list(run.numbers)[1:-1]
+    with pytest.raises(IndexError):
+        run.numbers[len(run.numbers)]
     assert run.frames == range(first.start, second.stop)
     found = [frame.scans[""] for frame in run.measured()]
     assert [scan.frame for scan in found] == list(run.numbers)

@@ -195,6 +195,25 @@ def test_texels_have_their_places_in_the_image() -> None:
 
 
 @pytest.mark.parametrize("wrap", WRAPS)
+def test_nearest_texels(wrap: Any) -> None:
+    """Each place has the texel that it lies in, as OpenGL counts them: floor of the place in texels, then wrapped."""
+    values = image((3, 8))
+    texture = ls.Texture(values, wrap=wrap, interpolation="nearest")
+
+    def texel(place: float, size: int) -> int:
+        i = math.floor(place * size)
+        if wrap == "clamp":
+            return min(max(i, 0), size - 1)
+        return i % size if wrap == "repeat" or i // size % 2 == 0 else size - 1 - i % size
+
+    for u, v in np.random.default_rng(3).uniform(-2.5, 3.5, (60, 2)).tolist():
+        scene = ls.Scene()
+        scene.add(square(), material=ls.Material(reflectivity=texture, texture_coordinates=np.tile((u, v), (4, 1))))
+        found = seen(towards([(10, 0.3, 0.6), (10, 0.7, 0.2)]).scan(scene))
+        assert np.allclose(found, values[texel(v, 3), texel(u, 8)], rtol=2 * FLOAT32, atol=0), (u, v)
+
+
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (2, 1)])
 def test_tiny_images(shape: tuple[int, int], wrap: Any) -> None:
     mesh = hills()
@@ -318,7 +337,7 @@ def test_a_texture_is_a_value() -> None:
     assert ls.Texture(values).wrap == ("repeat", "repeat")
     assert texture == ls.Texture(texture.values, wrap=texture.wrap) != ls.Texture(texture.values)
     assert texture != ls.Texture(values, wrap=texture.wrap)
-    assert repr(texture) == "Texture(values=<2 × 3: 0 … 2>, wrap=('clamp', 'mirror'))"
+    assert repr(texture) == "Texture(values=<2 × 3: 0 … 2>, wrap=('clamp', 'mirror'), interpolation='linear')"
     assert ls.Texture(np.asfortranarray(values)) == ls.Texture(values)
 
 

@@ -20,7 +20,7 @@ from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import raster
 from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._mjcf import closed
-from lidarsim.io.scenes.mesh_files import image_name
+from lidarsim.io.scenes.mesh_files import file_name, map_kd
 from lidarsim.io.trajectories.nuscenes import TABLES
 
 __all__ = ["hashes", "located", "paths"]
@@ -129,10 +129,12 @@ def _named_in(path: Path) -> list[Path]:
         elif suffix == ".obj":
             lines = (line.split(None, 1) for line in file if line.lstrip().startswith(b"mtllib"))
             texts = [words[1].decode().strip() for words in lines if len(words) == 2]
-            names = [name for text in texts for name in dict.fromkeys((text, *text.split()))]  # of one file, or several
+            names = [
+                name for text in texts for name in dict.fromkeys((file_name(text), *text.split()))
+            ]  # one, or several
         elif suffix == ".mtl":
             lines = (line.split(None, 1) for line in file if line.lstrip().startswith(b"map_Kd"))
-            names = [image_name(words[1].decode()) for words in lines if len(words) == 2]
+            names = [map_kd(words[1].decode()).name for words in lines if len(words) == 2]
         elif suffix == ".dae":
             names = [name.decode().strip() for name in re.findall(rb"<(?:init_from|ref)>([^<]+)<", file.read())]
         elif mjcf.recognise(path):

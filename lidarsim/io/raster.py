@@ -27,7 +27,7 @@ from lidarsim.motion.georeference import projected
 from lidarsim.scan.cells import Cells
 from lidarsim.world.scene import Scene, register_scene_reader
 from lidarsim.world.shapes import TriangleMesh
-from lidarsim.world.shapes.triangle_mesh import Raster
+from lidarsim.world.shapes.triangle_mesh import Raster, find_no_data
 
 if TYPE_CHECKING:
     import pyproj
@@ -55,6 +55,10 @@ UNITS = {
 
 ESRI_NO_DATA = -9999.0
 """No-data value of an ASCII grid that declares none, by Esri's description of the format."""
+
+DISTORTION = 0.02
+"""Largest relative difference of a metre of a projection from one on the ground: within a zone of UTM it is 0.0004, and
+1.5 % at most in projections for Europe and the United States; in Web Mercator it is that at a latitude of 10°."""
 
 ALONE = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",  # no .ovr, .msk, .tfw and other files beside a GeoTIFF
@@ -89,6 +93,7 @@ def read(path: str | PathLike[str], *, band: int, window: npt.ArrayLike | None, 
         _check(file, number, path.stat().st_size)
         crs, metres = _units(file, number)
         nodes = _nodes(file, part, step, path)
+        _check_scale(file, nodes)
         x, y = _positions(file.transform, nodes)
         z = _heights(file, number, metres, nodes)
         if _turn(file.transform) < 0:  # the rows run to the right of the columns
@@ -204,6 +209,26 @@ def _units(file: Any, number: int) -> tuple[str | None, float]:
     return name, metres
 
 
+def _check_scale(file: Any, nodes: Nodes) -> None:
+    """Raise an error if a metre of the projection is another on the ground, in the middle of some nodes."""
+    if not file.crs:
+        return
+    pyproj = import_extra("pyproj", "geo", "reading a raster")
+    crs = pyproj.CRS.from_user_input(file.crs.to_wkt())
+    crs = crs.sub_crs_list[0] if crs.is_compound else crs
+    if not crs.is_projected:
+        return
+    projection = pyproj.Proj(crs)
+    x, y = _positions(file.transform, Nodes(*(of[len(of) // 2 :][:1] for of in nodes)))
+    factors = projection.get_factors(*projection(x.item(), y.item(), inverse=True))
+    scale = max(factors.meridional_scale, factors.parallel_scale, key=lambda value: abs(value - 1.0))
+    if abs(scale - 1.0) > DISTORTION:
+        raise FileFormatError(
+            f"expected coordinates in metres, got {short(crs.to_string())}, where 1 m is {1.0 / scale:.3g} m on the"
+            " ground; reproject it, as with gdalwarp -t_srs EPSG:32632 to UTM zone 32 north"
+        )
+
+
 def _nodes(file: Any, window: list[float] | None, stride: int, path: Path) -> Nodes:
     """Return the nodes to read, after checking that there are neither too few nor too many."""
     every, transform = Nodes(*(range(0, count, stride) for count in file.shape)), file.transform
@@ -279,6 +304,10 @@ def _heights(file: Any, number: int, metres: float, nodes: Nodes) -> Floats:
         if np.isinf(z).any():
             i, j = np.argwhere(np.isinf(z))[0]
             raise FileFormatError(f"expected finite heights, got {z[i, j]} in row {some[i]}, column {columns[j]}")
+    if (place := find_no_data(heights, lambda number: (number * scale + offset) * metres)) is not None:
+        i, j = place
+        where = f"{heights[place]:g} m in row {rows[i]}, column {columns[j]}"
+        raise FileFormatError(f"expected heights, got {where}; no data? declare it, as by gdal_edit -a_nodata")
     return heights
 
 

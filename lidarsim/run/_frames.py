@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from bisect import bisect_right
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from itertools import chain
+from itertools import accumulate, chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, overload
 
 from lidarsim._base.validation import affine
 from lidarsim.errors import ArgumentValueError, ConfigError
@@ -98,6 +99,33 @@ class Leg:
     frames: range
 
 
+class _Numbers(Sequence[int]):
+    """Numbers of the frames of all legs, of which there may be billions."""
+
+    def __init__(self, frames: Sequence[range]) -> None:
+        self._frames = frames
+        self._ends = list(accumulate(map(len, frames)))
+
+    def __len__(self) -> int:
+        return self._ends[-1]
+
+    @overload
+    def __getitem__(self, place: int) -> int: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> list[int]: ...
+
+    def __getitem__(self, place: int | slice) -> int | list[int]:
+        chosen = range(len(self))[place]
+        if isinstance(chosen, range):
+            return [self[i] for i in chosen]
+        leg = bisect_right(self._ends, chosen)
+        return self._frames[leg][chosen - self._ends[leg]]  # counted from the end of the leg
+
+    def __iter__(self) -> Iterator[int]:
+        return chain.from_iterable(self._frames)
+
+
 @dataclass(frozen=True)
 class Frames:
     """What a configuration scans; `Run` adds the files that its frames go to.
@@ -158,7 +186,7 @@ class Frames:
     @property
     def numbers(self) -> Sequence[int]:
         """Numbers of the frames that are scanned, in order."""
-        return [number for leg in self.legs for number in leg.frames] if self.legs else self.frames
+        return _Numbers([leg.frames for leg in self.legs]) if self.legs else self.frames
 
     def only(self, frame: int) -> Self:
         """Return the run of one frame.

@@ -20,7 +20,7 @@ from rasterio.crs import CRS
 
 import lidarsim as ls
 from lidarsim import config
-from lidarsim.errors import ArgumentTypeError, ConfigError, FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, ConfigError, FileFormatError
 from lidarsim.io import raster
 
 UTM = "EPSG:32632"
@@ -406,6 +406,37 @@ def test_other_coordinates_are_refused(crs: str, reason: str, tmp_path: Path) ->
     assert re.match(reason, refusal(path))
 
 
+def test_a_metre_of_the_projection_is_one_on_the_ground(tmp_path: Path) -> None:
+    """In Web Mercator at 47° north it is cos 47°; at the equator the same projection is right, and so is UTM."""
+    north = composed(Affine.translation(1_000_000, 5_950_000), Affine.scale(30, -30))
+    path = tiff(tmp_path / "dem.tif", heights(), crs="EPSG:3857", transform=north)
+    assert re.match(
+        "expected coordinates in metres, got EPSG:3857, where 1 m is 0.68. m on the ground; repro", refusal(path)
+    )
+    equator = composed(Affine.translation(1_000_000, 0), Affine.scale(30, -30))
+    tiff(path, heights(), crs="EPSG:3857", transform=equator)
+    assert ls.TriangleMesh.from_raster(path).crs == "EPSG:3857"
+
+
+@pytest.mark.parametrize("number", [-9999, -32768, 32767, float(np.finfo(np.float32).min), 1e20])
+@pytest.mark.parametrize("declared", [None, 1.0])
+def test_no_data_that_is_not_declared(number: float, declared: float | None, tmp_path: Path) -> None:
+    z = heights(holes=0.0)
+    z[3, 5:9] = number
+    path = tiff(tmp_path / "dem.tif", z, nodata=declared)
+    assert re.match(
+        r"expected heights, got \S+ m in row 3, column 5; no data\? declare it, as by gdal_edit", refusal(path)
+    )
+    with pytest.raises(
+        ArgumentValueError, match=r"z: expected heights, or NaN for a hole, got z\[3\]\[5\] = .*; no data\?"
+    ):
+        ls.TriangleMesh.from_heightfield(z, 1.0)
+    z[3, 5:9] = np.nan
+    assert ls.TriangleMesh.from_heightfield(z, 1.0).grid == z.shape
+    trench = np.linspace(-9999, -9000, 1200).reshape(30, 40)  # a depth among others
+    assert ls.TriangleMesh.from_heightfield(trench, 1.0).grid == (30, 40)
+
+
 def refusal(path: Path, **options: Any) -> str:
     with pytest.raises(FileFormatError) as caught:
         ls.TriangleMesh.from_raster(path, **options)
@@ -451,7 +482,7 @@ def test_large_rasters_are_read_in_part(tmp_path: Path) -> None:
     options = {"tiled": True, "sparse_ok": True, "bigtiff": "YES", "nodata": 0, "crs": UTM, "transform": NORTH_UP}
     size = 2**17
     with rasterio.open(path, "w", driver="GTiff", height=size, width=size, count=1, dtype="float32", **options) as file:
-        file.write(heights(100, 100), 1, window=((0, 100), (0, 100)))
+        file.write(heights(100, 100, holes=0.0), 1, window=((0, 100), (0, 100)))
     assert path.stat().st_size < 1 << 22
     assert refusal(path) == (
         "expected at most 67,108,864 nodes, which take 17 GB, got 131,072 × 131,072 = 17,179,869,184;"
@@ -460,7 +491,7 @@ def test_large_rasters_are_read_in_part(tmp_path: Path) -> None:
     x, y = 500_000.5 + 505, 5_200_000.25 - 50.5 * 7.5
     mesh = ls.TriangleMesh.from_raster(path, window=(500_000, y, x, 5_300_000))
     assert mesh.grid == (51, 51)
-    assert np.array_equal(mesh.vertices[:, 2].reshape(51, 51)[::-1], heights(100, 100)[:51, :51])
+    assert np.array_equal(mesh.vertices[:, 2].reshape(51, 51)[::-1], heights(100, 100, holes=0.0)[:51, :51])
     assert "131,072" not in refusal(path, stride=2**15)  # four by four nodes, of which one has a height
 
 
@@ -487,7 +518,8 @@ def test_only_the_file_itself_is_read(tmp_path: Path) -> None:
     z = heights()
     path = tiff(tmp_path / "dem.tif", z)
     mesh = ls.TriangleMesh.from_raster(path)
-    bare = tiff(tmp_path / "bare.tif", z, transform=composed(Affine.translation(1, 0), NORTH_UP), crs=None, nodata=None)
+    moved = composed(Affine.translation(1, 0), NORTH_UP)
+    bare = tiff(tmp_path / "bare.tif", np.where(z == -9999, 0, z), transform=moved, crs=None, nodata=None)
     plain = ls.TriangleMesh.from_raster(bare)
     grid = asc(tmp_path / "grid.asc", z.astype(np.float64))
     ascii_grid = ls.TriangleMesh.from_raster(grid)

@@ -25,7 +25,7 @@ def read(path: Path) -> MeshFile:
     """Read a file: as text if it begins like text and is not exactly as long as a binary file."""
     data = path.read_bytes()
     count = int.from_bytes(data[HEAD - 4 : HEAD], "little")
-    text = re.match(rb"\s*solid\b[^\r\n]*[\r\n]+\s*(facet|endsolid)\b", data, re.IGNORECASE)
+    text = re.match(rb"(?:\xef\xbb\xbf)?\s*solid\b[^\r\n]*[\r\n]+\s*(facet|endsolid)\b", data, re.IGNORECASE)
     if text and len(data) != HEAD + count * FACET.itemsize:
         return _text(data)
     there = (len(data) - HEAD) // FACET.itemsize

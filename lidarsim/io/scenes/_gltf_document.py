@@ -288,10 +288,12 @@ Wrap = Literal[10497, 33071, 33648]
 
 
 class Sampler(Model):
-    """How a texture goes on beyond its edges along u (S) and v (T)."""
+    """How a texture goes on beyond its edges along u (S) and v (T), and between its pixels."""
 
     wrap_s: Wrap = 10497
     wrap_t: Wrap = 10497
+    mag_filter: Integer | None = None
+    min_filter: Integer | None = None
 
 
 class Image(Model):

@@ -11,6 +11,7 @@ import math
 import posixpath
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -21,6 +22,7 @@ from xml.parsers import expat
 from lidarsim._base.files import beside
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
+from lidarsim.io.scenes.others import refusal
 
 DEPTH = 256
 """Maximum depth of elements, those of included documents in their place; MuJoCo recurses over them."""
@@ -30,7 +32,14 @@ COPIES = 20_000
 MuJoCo takes grows with their square: half a minute for so many geoms."""
 
 NUMBERS = 20_000_000
-"""Maximum number of heights, vertices of built-in meshes and user data that a document may ask for by a count."""
+"""Maximum number of numbers that a model may ask MuJoCo for by counts, such as those of user data and heights, or by
+naming a file again; what the files themselves hold has no limit."""
+
+PER_KEY = 7
+"""Numbers of a keyframe for each element: a free body has 13, and is two elements, the body and its joint."""
+
+RANGE_FIELDS, CONTACT_FIELDS = 14, 17
+"""Numbers of a pixel of a range finder and of a contact, if all their data are asked for."""
 
 FOLDERS = ("assetdir", "meshdir", "texturedir", "strippath")
 """Attributes of ``compiler`` that say where files are."""
@@ -39,6 +48,8 @@ ASSETS = {"mesh", "hfield", "skin", "flexcomp"}
 """Elements of MJCF that name a file of geometry."""
 
 PNG = b"\x89PNG\r\n\x1a\n"
+VERTEX = 12
+"""Fewest bytes of a vertex in a file, three float32."""
 
 
 @dataclass(slots=True)
@@ -57,12 +68,13 @@ Token = Element | str
 
 @dataclass(slots=True)
 class Document:
-    """A parsed document, its name in memory, and the number of elements that it stands for."""
+    """A parsed document, its name in memory, and what it stands for: elements, and numbers by count."""
 
     path: Path
     name: str
     tokens: list[Token]
     weight: int = 0
+    numbers: int = 0
 
     @property
     def elements(self) -> Iterator[Element]:
@@ -106,6 +118,16 @@ class Closed:
         Number of elements in all documents.
     unseen : int
         Number of links of a URDF that have visuals and no collision, of which MuJoCo keeps nothing.
+    contents : dict of Path to bytes
+        What the files of geometry hold, read once.
+    repeated : dict of str to int
+        Numbers of each name of a file that other elements name as well, and of each image.
+    pixels, vertices : int
+        Most pixels of a camera, and most vertices of a mesh.
+    keys : int
+        Number of keyframes.
+    each : int
+        Numbers that each element of a kind may have: user data, and those of defaults.
     """
 
     main: Path
@@ -115,6 +137,12 @@ class Closed:
     models: dict[Path, Document] = field(default_factory=dict)
     written: int = 0
     unseen: int = 0
+    contents: dict[Path, bytes] = field(default_factory=dict)
+    repeated: dict[str, int] = field(default_factory=dict)
+    pixels: int = 1
+    vertices: int = 0
+    keys: int = 0
+    each: int = 0
 
     def new_name(self, original: str) -> str:
         """Return a name for a file in memory, with the suffix by which MuJoCo knows the format."""
@@ -137,9 +165,23 @@ def closed(path: Path) -> Closed:
     """
     files = Closed(path)
     main = _Model(files, path, "", ()).main
+    if main.numbers + main.weight * (files.each + PER_KEY * files.keys) > NUMBERS:
+        raise FileFormatError(f"{path}: expected at most {NUMBERS:,} numbers in user data, defaults and keys, got more")
     files.xml = main.written()
     del files.assets[main.name]
     return files
+
+
+def root_of(path: Path) -> str:
+    """Return the name of the root element of a file; empty if it is no XML."""
+    found: list[str] = []
+    for encoding in (None, "iso-8859-1"):  # the latter if the file names one that Python does not know
+        parser = expat.ParserCreate(encoding)
+        parser.StartElementHandler = lambda name, _: found.append(name)
+        with path.open("rb") as file, suppress(expat.ExpatError, LookupError, ValueError):
+            while not found and (part := file.read(1 << 16)):
+                parser.Parse(part)
+    return found[0] if found else ""
 
 
 def parsed(path: Path, name: str, depth: int = 0) -> Document:
@@ -184,9 +226,11 @@ class _Model:
         self._above = (*above, path.resolve())
         self._settings: dict[str, str] = {}
         self._documents: dict[Path, Document] = {}
-        self._heaviest = 0  # of the attached models
+        self._heaviest = self._most_numbers = 0  # of the attached models
         self.main = self._read(path, folder, 0)
         root = next(self.main.elements)
+        if root.tag.lower() == "sdf":
+            raise self.main.wrong(root, refusal(".sdf"))
         if root.tag.lower() not in {"mujoco", "robot"}:
             raise self.main.wrong(root, f"expected the root element mujoco or robot, got {short(root.tag)}")
         urdf = root.tag.lower() == "robot"
@@ -196,6 +240,8 @@ class _Model:
             else:
                 for element in document.elements:
                     self._mujoco(document, element)
+        for document in self._documents.values():
+            self._survey(document)
         self._weigh(self.main)
         for document in self._documents.values():
             files.assets[document.name] = document.written().encode()
@@ -230,6 +276,7 @@ class _Model:
         if found not in models:
             models[found] = _Model(self._files, found, posixpath.dirname(place), self._above).main
         self._heaviest = max(self._heaviest, models[found].weight)
+        self._most_numbers = max(self._most_numbers, models[found].numbers)
         element.attributes["file"] = models[found].name
         element.attributes.pop("content_type", None)
 
@@ -267,6 +314,10 @@ class _Model:
                     self._files.unseen += discards and "visual" in of_link and "collision" not in of_link
                 continue
             within.append(token.tag)
+            if token.tag.startswith("xacro:") or any(
+                "${" in value or "$(" in value for value in token.attributes.values()
+            ):
+                raise document.wrong(token, refusal(".xacro"))
             if token.tag == "link":
                 of_link.clear()
             of_link.add(token.tag)
@@ -284,11 +335,15 @@ class _Model:
             token.attributes["filename"] = self._asset(document, token, name, [*relative, *decoded])
 
     def _asset(self, document: Document, element: Element, name: str, places: Iterable[str]) -> str:
-        content = self._find(document, element, name, places)[0].read_bytes()
-        if content.startswith(PNG) and int.from_bytes(content[16:20]) * int.from_bytes(content[20:24]) > NUMBERS:
-            raise document.wrong(element, f"expected at most {NUMBERS:,} pixels, got more")
-        new = self._files.new_name(name)
-        self._files.assets[new] = content
+        files = self._files
+        path = self._find(document, element, name, places)[0]
+        new = files.new_name(name)
+        if path in files.contents:
+            files.repeated[new] = len(files.contents[path]) // VERTEX
+        content = files.assets[new] = files.contents.setdefault(path, path.read_bytes())
+        if content.startswith(PNG):
+            files.repeated[new] = int.from_bytes(content[16:20]) * int.from_bytes(content[20:24])
+        files.vertices = max(files.vertices, len(content) // VERTEX)
         return new
 
     def _find(self, document: Document, element: Element, name: str, places: Iterable[str]) -> tuple[Path, str]:
@@ -305,10 +360,10 @@ class _Model:
                 raise document.wrong(element, f"{problem}; {hint}") from error
         raise document.wrong(element, f"{what}: no such file beside or below {self._files.main}")
 
-    def _weigh(self, document: Document) -> int:
-        """Return the number of elements that a document stands for, and check it and the counts in it."""
+    def _weigh(self, document: Document) -> None:
+        """Count the elements and the numbers that a document stands for, and check them."""
         copies = [1]
-        document.weight = 1
+        document.weight, document.numbers = 1, 0
         for token in document.tokens:
             if isinstance(token, str):
                 copies.pop()
@@ -317,35 +372,84 @@ class _Model:
             if tag in {"replicate", "composite", "flexcomp"}:
                 times *= math.prod(_counts(token.attributes.get("count", "")))
             copies.append(times)
-            document.weight += times * self._weight(token)
+            weight, numbers = self._asks(token)
+            document.weight += times * weight
+            document.numbers += times * numbers
             if document.weight > COPIES + self._files.written:
                 raise document.wrong(token, f"expected at most {COPIES:,} copies of elements, got more")
-            if _numbers(token) > NUMBERS:
+            if document.numbers > NUMBERS:
                 raise document.wrong(token, f"expected at most {NUMBERS:,} numbers, got more")
-        return document.weight
 
-    def _weight(self, element: Element) -> int:
-        """Return the number of elements that one stands for, without those within it."""
+    def _asks(self, element: Element) -> tuple[int, int]:
+        """Return the numbers of elements that one stands for, and of numbers, without those of elements within it."""
         tag, file = element.tag.lower(), element.attributes.get("file")
         if tag == "attach":
-            return self._heaviest
+            return self._heaviest, self._most_numbers
         if tag == "include":
-            return 1 + sum(self._weigh(other) for other in self._documents.values() if other.name == file)
-        if tag == "model":  # which MuJoCo parses again for each
-            return 1 + sum(other.weight for other in self._files.models.values() if other.name == file)
-        return 1
+            included = [other for other in self._documents.values() if other.name == file]
+            for other in included:
+                self._weigh(other)
+        elif tag == "model":  # which MuJoCo parses again for each
+            included = [other for other in self._files.models.values() if other.name == file]
+        else:
+            return 1, self._numbers(element) + self._files.repeated.get(file or "", 0)
+        return 1 + sum(other.weight for other in included), sum(other.numbers for other in included)
 
+    def _survey(self, document: Document) -> None:
+        """Note what elements of others refer to: the largest camera and mesh, keyframes, user data and defaults."""
+        files, defaults = self._files, 0
+        for token in document.tokens:
+            if isinstance(token, str):
+                defaults -= token.lower() == "default"
+                continue
+            tag, attributes = token.tag.lower(), token.attributes
+            defaults += tag == "default"
+            if tag == "size":
+                users = [value for key, value in attributes.items() if key.startswith("nuser_")]
+                files.each += sum(_counts(" ".join(users)))
+                files.keys += sum(_counts(attributes.get("nkey", "")))
+            files.keys += tag == "key"
+            files.each = max(files.each, len(attributes.get("user", "")) // 2)  # a digit and a blank for each number
+            if defaults and "nsample" in attributes:
+                files.each += math.prod(_counts(attributes["nsample"]))
+            if "resolution" in attributes:
+                files.pixels = max(files.pixels, math.prod(_counts(attributes["resolution"])))
+            if tag == "mesh":
+                given = len(attributes.get("vertex", "")) // 6  # three digits and as many blanks
+                files.vertices = max(files.vertices, given, self._numbers(token))
 
-def _numbers(element: Element) -> int:
-    """Return how many numbers an element asks for by a count."""
-    tag, attributes = element.tag.lower(), element.attributes
-    if tag == "size":  # of memory and stack, MuJoCo touches only what it needs
-        return sum(_counts(" ".join(value for key, value in attributes.items() if key not in {"memory", "nstack"})))
-    if tag == "hfield":
-        return math.prod(_counts(f"{attributes.get('nrow', '')} {attributes.get('ncol', '')}"))
-    if tag == "mesh" and "builtin" in attributes:
-        return max(_counts(attributes.get("params", "")), default=1) ** 2
-    return 0
+    def _numbers(self, element: Element) -> int:
+        """Return how many numbers an element asks for by counts."""
+        tag, attributes = element.tag.lower(), element.attributes
+
+        def product(*names: str) -> int:
+            return math.prod(_counts(" ".join(attributes.get(name, "") for name in names)))
+
+        match tag:
+            case "size":  # of memory and stack, MuJoCo touches only what it needs
+                counts = (value for key, value in attributes.items() if key not in {"memory", "nstack"})
+                numbers = sum(_counts(" ".join(counts)))
+            case "hfield":
+                numbers = product("nrow", "ncol")
+            case "mesh" if "builtin" in attributes:
+                numbers = max(_counts(attributes.get("params", "")), default=1) ** 2
+            case "numeric":
+                numbers = product("size")
+            case "flexcomp" | "flex":
+                numbers = product("cellcount")
+            case "user":
+                numbers = product("dim")
+            case "contact" if "num" in attributes:
+                numbers = CONTACT_FIELDS * product("num")
+            case "rangefinder" if "camera" in attributes:
+                numbers = RANGE_FIELDS * self._files.pixels
+            case "tactile":
+                numbers = 3 * self._files.vertices
+            case _:  # an actuator may have activations, others have a few numbers at most
+                numbers = product("actdim") if "actdim" in attributes else 0
+        if "nsample" in attributes:  # a history of what a sensor or an actuator had
+            numbers = max(numbers, 1) * (1 + product("nsample"))
+        return numbers
 
 
 def _stem(name: str) -> str:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._animation import Bend, Figure
-from lidarsim.materials import Wrap
+from lidarsim.materials import Interpolation, Wrap
 
 Indices = npt.NDArray[np.int64]
 Axis = Literal["x", "y", "z"]
@@ -35,6 +35,8 @@ class Picture:
     """Return the bytes of the image file."""
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
     """What is beyond the image along u and v: "repeat", "mirror" or "clamp"."""
+    interpolation: Interpolation = "linear"
+    """What is between the centres of pixels."""
 
 
 class Paint(NamedTuple):

@@ -25,15 +25,17 @@ def texture(picture: Picture, color: Floats) -> Texture:
     values = np.empty(pixels.shape[:2], np.float32)
     for row, line in zip(values, pixels, strict=True):  # by rows, since float64 takes eight times the memory
         row[:] = sum(shares[line[:, channel], channel] for channel in range(3))
-    return Texture(values, wrap=picture.wrap)
+    return Texture(values, wrap=picture.wrap, interpolation=picture.interpolation)
 
 
 def sampled(picture: Picture, uv: Floats) -> Floats:
-    """Return the linear colours of a texture at places, bilinear between the centres of its pixels, shape (n, 3)."""
+    """Return the linear colours of a texture at places, shape (n, 3)."""
     pixels = _decoded(picture.read())
     height, width = pixels.shape[:2]
     columns, right = _neighbours(uv[:, 0], width, picture.wrap[0])
     rows, below = _neighbours(uv[:, 1], height, picture.wrap[1])
+    if picture.interpolation == "nearest":
+        right, below = (np.where(share < 0.5, 0.0, 1.0) for share in (right, below))
     colors = np.zeros((len(uv), 3))
     for i in (0, 1):
         for j in (0, 1):

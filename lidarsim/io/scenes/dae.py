@@ -42,10 +42,12 @@ from lidarsim.io.scenes._model import (
     mean_of_corners,
 )
 from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpacked
-from lidarsim.materials import linear_light
+from lidarsim.materials import Interpolation, Wrap, linear_light
 from lidarsim.world.shapes._polygons import check_faces, of_strips, with_holes
 
 AXES: dict[str, Axis] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
+WRAPS: dict[str, Wrap] = {"MIRROR": "mirror", **dict.fromkeys(("CLAMP", "BORDER", "NONE"), "clamp")}
+"""Of textures; else they repeat. A border has a colour of its own, but no scene is known that uses it."""
 FACES = {"triangles", "polylist", "polygons", "trifans", "tristrips"}
 LINES = {"lines", "linestrips"}
 
@@ -371,6 +373,7 @@ class _Reader:
             return white, None
         params = {param.get("sid", ""): param for param in profile.iter() if local(param) == "newparam"}
         name = texture.get("texture", "")
+        sampler = params[name].find("{*}sampler2D") if name in params else None
         for step in ("{*}sampler2D/{*}source", "{*}surface/{*}init_from"):  # 1.4; or the image's own id
             if name in params:
                 name = (params[name].findtext(step) or "").strip()
@@ -381,7 +384,7 @@ class _Reader:
         if image is None:
             raise FileFormatError(f"diffuse/texture: expected an image, got {name!a:.60}")
         file = (image.findtext("{*}init_from/{*}ref") or image.findtext("{*}init_from") or "").strip()
-        return white, Picture(lambda: self._image(file.replace("\\", "/")))
+        return white, Picture(lambda: self._image(file.replace("\\", "/")), *_sampling(sampler))
 
 
 def _ids(top: Element) -> dict[str, Element]:
@@ -391,6 +394,17 @@ def _ids(top: Element) -> dict[str, Element]:
         if (name := element.get("id")) is not None:
             found.setdefault(name, element)
     return found
+
+
+def _sampling(sampler: Element | None) -> tuple[tuple[Wrap, Wrap], Interpolation]:
+    """Return what a texture is beyond its edges along u and v, and between its pixels."""
+
+    def told(name: str) -> str:
+        return "" if sampler is None else (sampler.findtext(f"{{*}}{name}") or "").strip()
+
+    nearest = (told("magfilter") or told("minfilter")).startswith("NEAREST")
+    wrap = WRAPS.get(told("wrap_s"), "repeat"), WRAPS.get(told("wrap_t"), "repeat")
+    return wrap, "nearest" if nearest else "linear"
 
 
 def _bound(instance: Element) -> tuple[tuple[str, str], ...]:
@@ -506,6 +520,17 @@ def _transform(kind: str, values: Floats, where: str) -> Floats:
                 raise FileFormatError(f"{where}: expected an eye apart from its interest, and up not along its view")
             matrix[:3, :3] = (np.array((x, y, z)) / lengths[:, None]).T
             matrix[:3, 3] = eye
-        case _:
-            raise FileFormatError(f"{where}: this transform is not supported")
+        case _:  # skew
+            # As in RenderMan, points move along b in proportion to how far they are along n, the unit vector across b
+            # in the plane of a and b, so that a turns by the angle towards b: k = tan(angle + φ) − tan φ, where φ is
+            # the angle from n to a.
+            a, b = (axis / np.linalg.norm(axis) for axis in (values[1:4], values[4:]))
+            across = a - (a @ b) * b
+            length = float(np.linalg.norm(across))
+            start = math.atan2(float(a @ b), length)
+            end = math.radians(float(values[0])) + start
+            if not (length > 0.0 and abs(end) < 0.5 * math.pi):
+                expected = "two axes that differ in direction, and an angle less than that from the first to the second"
+                raise FileFormatError(f"{where}: expected {expected}")
+            matrix[:3, :3] += (math.tan(end) - math.tan(start)) * np.outer(b, across / length)
     return matrix

@@ -46,6 +46,8 @@ COMPRESSED = re.compile(r"(EXT|KHR)_meshopt_compression")
 
 POINTS, LINES, TRIANGLES, STRIP = 0, (1, 2, 3), 4, 5
 WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+NEAREST = {9728, 9984, 9986}
+"""Filters that take the nearest pixel, of any mipmap."""
 
 
 def read(path: Path) -> SceneFile:
@@ -433,10 +435,11 @@ class _Reader:
         if index in self._pictures:
             return self._pictures[index]
         texture = at(self._document.textures, index, where)
-        wrap = (10497, 10497)
+        sampler = gltf.Sampler()
         if texture.sampler is not None:
             sampler = at(self._document.samplers, texture.sampler, f"textures[{index}].sampler")
-            wrap = sampler.wrap_s, sampler.wrap_t
+        # A ray hits a point, which is the limit of magnification.
+        nearest = (sampler.mag_filter or sampler.min_filter) in NEAREST
         source = texture.source
         if source is None and texture.extensions.webp is not None:
             source = texture.extensions.webp.source
@@ -444,7 +447,8 @@ class _Reader:
             raise FileFormatError(f"textures[{index}]: expected an image in PNG, JPEG or WebP")
         image = at(self._document.images, source, f"textures[{index}].source")
         read = partial(self._image, image, f"images[{source}]")
-        self._pictures[index] = Picture(read, (WRAPS[wrap[0]], WRAPS[wrap[1]]))
+        wrap = WRAPS[sampler.wrap_s], WRAPS[sampler.wrap_t]
+        self._pictures[index] = Picture(read, wrap, "nearest" if nearest else "linear")
         return self._pictures[index]
 
     def _image(self, image: gltf.Image, where: str) -> bytes:

@@ -6,6 +6,7 @@ The base colours of OBJ are those of its material library (``Kd``, ``map_Kd``) a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -20,7 +21,7 @@ from lidarsim.io.meshes import obj
 from lidarsim.io.meshes._lines import floats, lines_of
 from lidarsim.io.scenes._build import report
 from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile, white
-from lidarsim.materials import linear_light
+from lidarsim.materials import Wrap, linear_light
 from lidarsim.world.shapes._polygons import check_faces
 from lidarsim.world.shapes.triangle_mesh import MeshFile, read_mesh
 
@@ -149,15 +150,17 @@ class _ObjPaint:
                     elif word == "Kd":
                         materials[name] = known._replace(color=_kd(value, number))
                     elif word == "map_Kd":
-                        read = partial(_image, file, value)
-                        materials[name] = known._replace(picture=Picture(read))
+                        image = map_kd(value)
+                        wrap: Wrap = "clamp" if image.clamped else "repeat"
+                        picture = Picture(partial(_image, file, image.name), (wrap, wrap))
+                        materials[name] = known._replace(picture=picture)
         return materials
 
     def _libraries(self) -> Iterator[Path]:
         """Yield the libraries of materials: a ``mtllib`` names a file, be there spaces in its name, or several."""
         for text in self._contents.libraries:
             try:
-                yield beside(self._path, text)
+                yield beside(self._path, file_name(text))
             except (FileFormatError, OSError):
                 yield from (_named(self._path, "mtllib", word) for word in text.split())
 
@@ -200,16 +203,54 @@ def _kd(value: str, number: int) -> Floats:
     return linear_light(np.clip(np.broadcast_to(color, 3), 0.0, 1.0))
 
 
-def image_name(value: str) -> str:
-    """Return the name of the image of a ``map_Kd``, which follows options of one word each."""
-    words = value.split()
-    while len(words) > 1 and words[0].startswith("-"):
-        if words[0] in {"-o", "-s", "-t", "-mm"}:
-            raise FileFormatError(f"map_Kd: its option {words[0]} is not supported")
-        words = words[2:]
-    return " ".join(words).replace("\\", "/")
+class Map(NamedTuple):
+    """What a ``map_Kd`` names."""
+
+    name: str
+    clamped: bool
+    """Whether the pixels at the edge go on beyond it; else the image repeats."""
 
 
-def _image(library: Path, value: str) -> bytes:
+NEUTRAL = {"-o": [0.0, 0.0, 0.0], "-s": [1.0, 1.0, 1.0], "-t": [0.0, 0.0, 0.0], "-mm": [0.0, 1.0]}
+"""Options of ``map_Kd`` that have numbers, up to so many, and those with which they change nothing."""
+OPTION = re.compile(r"(-[A-Za-z]+)\s+(?=\S)")
+NUMBER = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s+(?=\S)", re.ASCII)
+
+
+def map_kd(value: str) -> Map:
+    """Return what a ``map_Kd`` names: an image after options of one word each, or of numbers that change nothing.
+
+    Raises
+    ------
+    FileFormatError
+        If an option moves or scales the image or changes its colours.
+    """
+    clamped, rest = False, value.strip()
+    while found := OPTION.match(rest):
+        option, rest = found[1], rest[found.end() :]
+        neutral = NEUTRAL.get(option, [])
+        numbers: list[float] = []
+        while len(numbers) < len(neutral) and (found := NUMBER.match(rest)):
+            numbers.append(float(found[1]))
+            rest = rest[found.end() :]
+        if numbers != neutral[: len(numbers)]:
+            alone = " ".join(f"{number:g}" for number in neutral)
+            raise FileFormatError(f"map_Kd: its option {option} is not supported, except as {option} {alone}")
+        if not neutral:
+            word, *after = rest.split(maxsplit=1)
+            rest = after[0] if after else ""
+            clamped = word == "on" if option == "-clamp" else clamped
+    return Map(file_name(rest), clamped)
+
+
+def file_name(text: str) -> str:
+    """Return the name of a file, which some programs quote or write with backslashes."""
+    name = text.strip()
+    if len(name) > 1 and name[0] == name[-1] == '"':
+        name = name[1:-1]
+    return name.replace("\\", "/")
+
+
+def _image(library: Path, name: str) -> bytes:
     """Return the bytes of the image of a ``map_Kd``."""
-    return _named(library, "map_Kd", image_name(value)).read_bytes()
+    return _named(library, "map_Kd", name).read_bytes()

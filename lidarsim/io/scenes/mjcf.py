@@ -14,7 +14,6 @@ Flexes and skins are left out; `mj_ray` does not meet them either.
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,10 +27,10 @@ from lidarsim._base.files import LONGEST, PathLike, check_regular
 from lidarsim._base.validation import Floats, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.scenes._build import UNTOUCHED, Imported, Placed, report, scene_with
-from lidarsim.io.scenes._mjcf import closed
+from lidarsim.io.scenes._mjcf import closed, root_of
 from lidarsim.materials import Material
 from lidarsim.world.rules import Appearance, Options, Rule
-from lidarsim.world.scene import HEAD, Scene, register_scene_reader
+from lidarsim.world.scene import Scene, register_scene_reader
 from lidarsim.world.shapes import Box, Capsule, Cylinder, Ellipsoid, Plane, Polygon, Shape, Sphere, TriangleMesh
 
 if TYPE_CHECKING:
@@ -48,26 +47,15 @@ MAXVAL = 1e10
 SHOWN = (0, 1, 2)
 """Groups that MuJoCo's viewers show by default."""
 
-ROOT = re.compile(
-    rb"(?>\s+|<\?(?>.*?\?>)|<!--(?>.*?-->)|<!DOCTYPE(?>[^\[>]*(?:\[.*?\]\s*)?>))*+<(?:mujoco|robot)[\s/>]",
-    re.DOTALL | re.IGNORECASE,
-)
-"""The start of a document up to its root element, without backtracking, which could take long."""
-
 
 def mujoco_module() -> ModuleType:
     """Import and return mujoco."""
     return import_extra("mujoco", "mujoco", "reading models of MuJoCo")
 
 
-def recognise(path: Path, head: bytes | None = None) -> bool:
-    """Return whether a file is MJCF or URDF, by its suffix and root element."""
-    if path.suffix.lower() not in {".xml", ".urdf", ".mjcf"}:
-        return False
-    if head is None:
-        with path.open("rb") as file:
-            head = file.read(HEAD)
-    return ROOT.match(head.removeprefix(b"\xef\xbb\xbf")) is not None
+def recognise(path: Path, _head: bytes = b"") -> bool:
+    """Return whether a file is MJCF or URDF, by its suffix and root element; SDF is refused with a converter."""
+    return path.suffix.lower() in {".xml", ".urdf", ".mjcf"} and root_of(path).lower() in {"mujoco", "robot", "sdf"}
 
 
 def load(path: PathLike) -> tuple[MjModel, list[str]]:

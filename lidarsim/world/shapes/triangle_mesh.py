@@ -178,13 +178,13 @@ class TriangleMesh(Shape):
         return mesh
 
     @classmethod
-    def from_trimesh(cls, mesh: trimesh.Trimesh, *, transform: Transform | None = None) -> Self:
-        """Make a mesh from a ``trimesh.Trimesh``.
+    def from_trimesh(cls, mesh: trimesh.Trimesh | trimesh.Scene, *, transform: Transform | None = None) -> Self:
+        """Make a mesh from a ``trimesh.Trimesh`` or ``trimesh.Scene``.
 
         Parameters
         ----------
-        mesh : trimesh.Trimesh
-            Its vertices and faces are copied.
+        mesh : trimesh.Trimesh or trimesh.Scene
+            Its vertices and faces are copied: of a scene those of all meshes, each where its nodes place it.
         transform : array_like, shape (4, 4), or RigidTransform, optional
             Affine map applied to the mesh.
 
@@ -195,10 +195,22 @@ class TriangleMesh(Shape):
 
         Raises
         ------
+        TypeError
+            If it is neither.
         ValueError
-            If its vertices or faces are not those of a valid mesh.
+            If its vertices or faces are not those of a valid mesh, or a scene has none.
         """
-        return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), transform=transform)
+        given: Any = mesh
+        parts = [given]
+        if hasattr(given, "dump") and hasattr(given, "geometry"):  # a scene, which may have paths and clouds as well
+            parts = [part for part in given.dump() if hasattr(part, "faces")]
+            if not parts:
+                raise ArgumentValueError("mesh", "a trimesh.Scene with meshes", "one without")
+        if not all(hasattr(part, "vertices") and hasattr(part, "faces") for part in parts):
+            raise ArgumentTypeError("mesh", "a trimesh.Trimesh or trimesh.Scene", type(given).__name__, _reader(given))
+        before = np.cumsum([0, *(len(part.vertices) for part in parts)])
+        faces = [np.asarray(part.faces) + start for part, start in zip(parts, before, strict=False)]
+        return cls(np.concatenate([part.vertices for part in parts]), np.concatenate(faces), transform=transform)
 
     @classmethod
     def from_open3d(
@@ -220,11 +232,17 @@ class TriangleMesh(Shape):
 
         Raises
         ------
+        TypeError
+            If it is something else, such as a point cloud or lines.
         ValueError
-            If its vertices or faces are not those of a valid mesh.
+            If its vertices or faces are not those of a valid mesh, or it is a tensor mesh without any.
         """
         if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # the tensor mesh
+            if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
+                raise ArgumentValueError("mesh", "positions of vertices and indices of triangles", "a mesh without")
             return cls(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy(), transform=transform)
+        if not (hasattr(mesh, "vertices") and hasattr(mesh, "triangles")):
+            raise ArgumentTypeError("mesh", "an Open3D TriangleMesh", type(mesh).__name__, _reader(mesh))
         return cls(np.asarray(mesh.vertices), np.asarray(mesh.triangles), transform=transform)
 
     @classmethod
@@ -253,7 +271,7 @@ class TriangleMesh(Shape):
             If its vertices or faces are not those of a valid mesh.
         """
         if not hasattr(mesh, "extract_surface"):
-            raise ArgumentTypeError("mesh", "a pyvista.DataSet", type(mesh).__name__)
+            raise ArgumentTypeError("mesh", "a pyvista.DataSet", type(mesh).__name__, _reader(mesh))
         surface: Any = mesh
         if not hasattr(mesh, "GetPolys"):
             try:
@@ -302,8 +320,8 @@ class TriangleMesh(Shape):
         Raises
         ------
         ValueError
-            If a height is infinite, no triangle is without NaN, the grid is too small, the spacing is not positive, or
-            another number is not finite.
+            If a height is infinite or seems to stand for no data, such as −9999 far from all others, no triangle is
+            without NaN, the grid is too small, the spacing is not positive, or another number is not finite.
         """
         if isinstance(z, np.ma.MaskedArray) and z.dtype.kind in "fiu":
             z = np.where(np.ma.getmaskarray(z), np.nan, np.ma.getdata(z))
@@ -315,6 +333,9 @@ class TriangleMesh(Shape):
         if infinite.any():
             i, j = np.argwhere(infinite)[0]
             raise ArgumentValueError("z", "finite heights, or NaN for a hole", f"z[{i}][{j}] = {heights[i, j]}")
+        if (place := find_no_data(heights)) is not None:
+            i, j = place
+            raise ArgumentValueError("z", "heights, or NaN for a hole", f"z[{i}][{j}] = {heights[i, j]:g}", "no data?")
         step = positive("spacing", np.broadcast_to(one_or_each("spacing", spacing, 2), (2,)).tolist())
         x0, y0 = array("origin", origin, (2,))
         with np.errstate(over="ignore"):
@@ -371,7 +392,9 @@ class TriangleMesh(Shape):
         ------
         FileFormatError
             If the file cannot be read as a raster of heights, if more than 67,108,864 nodes (2²⁶, which take 17 GB)
-            would be read, or if its coordinates are in degrees or feet.
+            would be read, if its coordinates are in degrees or feet, or in metres that differ from those on the ground
+            by more than 2 %, as in Web Mercator, or if a height seems to stand for no data, such as −9999 far from all
+            others, and the file does not declare it.
         FileNotFoundError
             If there is no such file.
         MissingExtraError
@@ -487,6 +510,31 @@ class TriangleMesh(Shape):
         return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{crs}{placed})"
 
 
+NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 65535.0, 1e20, float(np.float32(1e20)), float(np.finfo(np.float32).max))
+"""Numbers that programs write, with either sign, where there is no height."""
+
+FAR = 1000.0
+"""Distance from all other heights, m, beyond which such a number is hardly a height."""
+
+
+def find_no_data(heights: Floats, stored: Callable[[float], float] = float) -> tuple[int, int] | None:
+    """Return row and column of the first height that seems to stand for no data, if there is one.
+
+    It is the lowest or the highest, one of `NO_DATA` as ``stored(number)`` returns it in the unit of the heights, and
+    `FAR` from all others.
+    """
+    usual = {stored(sign * number) for number in NO_DATA for sign in (1.0, -1.0)}
+    for extreme in (np.fmin, np.fmax):
+        value = float(extreme.reduce(heights, axis=None))
+        if value in usual:
+            alike = heights == value
+            nearest = float(extreme.reduce(heights[~alike], axis=None, initial=np.nan))
+            if not abs(nearest - value) <= FAR:
+                i, j = np.argwhere(alike)[0].tolist()
+                return i, j
+    return None
+
+
 def _terrain(raster: Raster) -> tuple[Floats, npt.NDArray[np.uint32]]:
     """Return the nodes that have a height, and two triangles a cell but for those that touch another node."""
     z = raster.z
@@ -519,6 +567,16 @@ def _corners_of_hull(points: Floats) -> Floats:
     except (QhullError, ValueError):
         return points
     return corners
+
+
+def _reader(value: object) -> str:
+    """Return the hint at the method that makes a mesh of what was given."""
+    match value:
+        case str() | PathLike():
+            return "TriangleMesh.from_file reads files"
+        case _ if any(hasattr(value, name) for name in ("points", "point", "xyz", "vertices")):
+            return "Disks.from_points makes surfaces of points"
+    return ""
 
 
 def _cells(array: Any) -> tuple[Indices, Indices]:

@@ -17,9 +17,10 @@ import pytest
 import trimesh
 
 import lidarsim as ls
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.scenes import mesh_files
 from lidarsim.io.scenes.others import CONVERTERS
+from lidarsim.viewers.open3d import import_open3d
 
 ROUNDING = 2.0**-53
 """Largest relative error of a float64 that is rounded once."""
@@ -145,6 +146,25 @@ def test_collada_nodes_may_look_at_a_point(tmp_path: Path) -> None:
     assert turned[1] > 0
     np.testing.assert_allclose(item.transform[:3, :3].T @ item.transform[:3, :3], np.eye(3), rtol=0, atol=near)
     assert np.linalg.det(item.transform) > 0
+
+
+@pytest.mark.parametrize("angle", [30.0, -50.0, 0.0])
+def test_collada_nodes_may_be_skewed(angle: float, tmp_path: Path) -> None:
+    """The first axis turns by the angle towards the second, along which all points move, and what lies across stays."""
+    rng = np.random.default_rng(9)
+    for turned, moved in (([1, 0, 0], [0, 2, 0]), ([1, 0.5, 0.25], [0, 3, 0]), rng.uniform(-1, 1, (2, 3)).tolist()):
+        skew = f"<skew>{angle} {' '.join(map(str, (*turned, *moved)))}</skew>"
+        (item,) = ls.Scene.from_file(dae(tmp_path, f"<node>{skew}<instance_geometry url='#g'/></node>"))
+        matrix = np.eye(3) if item.transform is None else item.transform[:3, :3]
+        a, b = (np.array(axis) / np.linalg.norm(axis) for axis in (turned, moved))
+        image = matrix @ a
+        cross = np.cross(a, b)
+        side = np.cross(cross, a) / np.linalg.norm(cross)  # across a, towards b
+        found = np.degrees(np.arctan2(image @ side, image @ a))
+        assert found == pytest.approx(angle, abs=1e4 * ROUNDING * 180)  # the tangents of angles to within 1° of 90°
+        np.testing.assert_allclose(matrix @ cross, cross, rtol=0, atol=1e4 * ROUNDING)
+        np.testing.assert_allclose(matrix @ b, b, rtol=0, atol=1e4 * ROUNDING)
+        np.testing.assert_allclose(np.cross(matrix - np.eye(3), b, axisa=0, axisb=0), 0, rtol=0, atol=1e4 * ROUNDING)
 
 
 MATRIX = '<node><matrix>1 0 0 5 0 1 0 0 0 0 1 0 {}</matrix><instance_geometry url="#g"/></node>'
@@ -274,6 +294,13 @@ def test_collada_textures(tmp_path: Path) -> None:
     np.testing.assert_allclose(item.material.reflectivity.values, decoded(pixels / 255) @ REC_709, rtol=2.0**-24)
     assert item.material.texture_coordinates is not None
     assert item.material.texture_coordinates.tolist() == [[[0.5, 0.75], [1, 1], [0, 1]]]
+    assert (item.material.reflectivity.wrap, item.material.reflectivity.interpolation) == (("repeat",) * 2, "linear")
+    sampler = "<wrap_s>CLAMP</wrap_s><wrap_t>MIRROR</wrap_t><minfilter>LINEAR</minfilter><magfilter>NEAREST</magfilter>"
+    dae(tmp_path, BOUND, places + faces, more=more.replace("</sampler2D>", f"{sampler}</sampler2D>"))
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    assert isinstance(item.material.reflectivity, ls.Texture)
+    assert item.material.reflectivity.wrap == ("clamp", "mirror")
+    assert item.material.reflectivity.interpolation == "nearest"
     (tmp_path / "sub folder" / "i.png").unlink()
     assert len(ls.Scene.from_file(path)) == 1
     assert refusal(path, reflectivity="color") == "it names a file that is not there"
@@ -394,7 +421,12 @@ WRONG_COLLADA = {
         collada("<node><lookat>1 2 3 1 2 9 0 0 1</lookat></node>"),
         "node '0', lookat: expected an eye apart from its interest, and up not along its view",
     ),
-    "skew": (collada("<node><skew>30 1 0 0 0 1 0</skew></node>"), "node '0', skew: this transform is not supported"),
+    "skew": (
+        collada("<node><skew>70 1 0 0 1 2 0</skew></node>"),
+        "node '0', skew: expected two axes that differ in direction, and an angle less than that from the first to the",
+    ),
+    "skew along itself": (collada("<node><skew>6 1 0 0 2 0 0</skew></node>"), "node '0', skew: expected two axes"),
+    "skew along nothing": (collada("<node><skew>6 1 0 0 0 0 0</skew></node>"), "node '0', skew: expected two axes"),
     "truncated": (
         collada(ONE).replace('count="5"', 'count="6"'),
         "source 'p': truncated, 15 of 18 numbers",
@@ -611,6 +643,42 @@ def test_obj_textures(tmp_path: Path) -> None:
     assert second.material.texture_coordinates.tolist() == [[[0, 1], [1, 1], [1, 0.25]], [[0, 1], [1, 0.25], [0, 0]]]
 
 
+@pytest.mark.parametrize(
+    ("options", "wrap"),
+    [
+        ("", "repeat"),
+        ("-s 1 1 1", "repeat"),
+        ("-s 1.000000 1.000000 1.000000 -o 0.0 0 0", "repeat"),
+        ("-o 0", "repeat"),
+        ("-mm 0 1 -bm 0.5 -t 0 0 0", "repeat"),
+        ("-blendu on -blendv off -cc off -imfchan l -texres 512 -boost 2", "repeat"),
+        ("-clamp off", "repeat"),
+        ("-clamp on -s 1 1", "clamp"),
+    ],
+)
+@pytest.mark.parametrize("name", ["a.png", "of 2  kinds.png", '"a b.png"', "sub\\a.png"])
+def test_options_of_textures_that_change_nothing(options: str, wrap: str, name: str, tmp_path: Path) -> None:
+    file = tmp_path / name.strip('"').replace("\\", "/")
+    file.parent.mkdir(exist_ok=True)
+    PIL.Image.new("RGB", (2, 2), "white").save(file)
+    (tmp_path / "a b.mtl").write_text(f"newmtl m\nmap_Kd {options} {name}\n", encoding="utf-8")
+    path = tmp_path / "a.obj"
+    path.write_text('mtllib "a b.mtl"\nv 0 0 0\nv 4 0 0\nv 4 4 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n', encoding="utf-8")
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    assert isinstance(item.material.reflectivity, ls.Texture)
+    assert item.material.reflectivity.wrap == (wrap, wrap)
+
+
+@pytest.mark.parametrize("option", ["-s 1 2", "-o 0.5", "-t 0 0 1", "-mm 0.1 1", "-mm 0 2"])
+def test_options_of_textures_that_are_not_supported(option: str, tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text(f"newmtl m\nmap_Kd {option} a.png\n", encoding="utf-8")
+    path = tmp_path / "a.obj"
+    path.write_text("mtllib a.mtl\nv 0 0 0\nv 4 0 0\nv 4 4 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n", encoding="utf-8")
+    assert f"map_Kd: its option {option.partition(' ')[0]} is not supported, except" in refusal(
+        path, reflectivity="color"
+    )
+
+
 def test_textures_of_16_bits_are_read_to_the_nearest_of_8(tmp_path: Path) -> None:
     grey = np.array([[0, 128, 129, 255], [256, 257 * 127, 257 * 128 + 128, 65535]])
     PIL.Image.fromarray(grey.astype(np.uint16)).save(tmp_path / "a.png")
@@ -641,6 +709,56 @@ def test_wrong_material_libraries(tmp_path: Path) -> None:
         assert message in refusal(path, reflectivity="color")
 
 
+# Meshes of other libraries
+
+
+def test_scenes_of_trimesh() -> None:
+    scene, place, mirror = trimesh.Scene(), np.eye(4), np.diag([-1.0, 1, 1, 1])
+    place[0, 3] = 10
+    box = trimesh.creation.box()
+    scene.add_geometry(box, transform=place)
+    scene.add_geometry(box.copy(), transform=mirror)
+    scene.add_geometry(trimesh.PointCloud([[99, 0, 0]]))
+    mesh = ls.TriangleMesh.from_trimesh(scene)
+    np.testing.assert_array_equal(
+        mesh.vertices, np.concatenate([box.vertices + place[:3, 3], box.vertices * [-1, 1, 1]])
+    )
+    assert len(mesh) == 2 * len(box.faces)
+    for start in ([20.0, 0.1, 0.2], [-20.0, 0.1, 0.2]):  # from either side, both boxes face the ray
+        hits = mesh.cast([start], [[-np.sign(start[0]), 0, 0]])
+        assert hits.normal[0].tolist() == [np.sign(start[0]), 0, 0]
+
+
+def test_what_is_no_mesh_of_trimesh_is_named(tmp_path: Path) -> None:
+    for given, message in (
+        (None, "mesh: expected a trimesh.Trimesh or trimesh.Scene, got NoneType"),
+        ("a.glb", "mesh: expected a trimesh.Trimesh or trimesh.Scene, got str; TriangleMesh.from_file reads files"),
+        (tmp_path, "TriangleMesh.from_file reads files"),
+        (trimesh.PointCloud([[0, 0, 0]]), "got PointCloud; Disks.from_points makes surfaces of points"),
+    ):
+        with pytest.raises(ArgumentTypeError, match=re.escape(message)):
+            ls.TriangleMesh.from_trimesh(given)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentValueError, match=r"mesh: expected a trimesh.Scene with meshes, got one without"):
+        ls.TriangleMesh.from_trimesh(trimesh.Scene())
+
+
+def test_what_is_no_mesh_of_open3d_is_named() -> None:
+    o3d = import_open3d()
+    for given, message in (
+        (None, "mesh: expected an Open3D TriangleMesh, got NoneType"),
+        ("a.ply", "got str; TriangleMesh.from_file reads files"),
+        (o3d.geometry.PointCloud(), "got PointCloud; Disks.from_points makes surfaces of points"),
+        (o3d.geometry.LineSet(), "mesh: expected an Open3D TriangleMesh, got LineSet"),
+        (o3d.t.geometry.PointCloud(), "mesh: expected an Open3D TriangleMesh, got PointCloud"),
+        (o3d.t.geometry.LineSet(), "mesh: expected an Open3D TriangleMesh, got LineSet"),
+    ):
+        with pytest.raises(ArgumentTypeError, match=re.escape(message)):
+            ls.TriangleMesh.from_open3d(given)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentValueError, match="mesh: expected positions of vertices and indices of triangles"):
+        ls.TriangleMesh.from_open3d(o3d.t.geometry.TriangleMesh())
+    assert len(ls.TriangleMesh.from_open3d(o3d.geometry.TriangleMesh())) == 0
+
+
 # Formats that are not read
 
 
@@ -656,6 +774,7 @@ def test_archives_of_meshes_are_no_scenes(tmp_path: Path) -> None:
 def test_formats_that_are_not_read_name_a_converter(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix.upper()}"
     path.write_bytes(b"anything")
-    assert re.fullmatch(r"\w+ is not read; convert it to (GLB|OBJ)( or GLB)? with [\w ]+", refusal(path))
+    target = "(GLB|OBJ|PLY|MJCF|URDF)( or GLB)?"
+    assert re.fullmatch(rf"[\w ]+ is not read; convert it to {target} with [\w -]+", refusal(path))
     with pytest.raises(FileFormatError, match=r"is not read; convert it to"):
         ls.TriangleMesh.from_file(path)

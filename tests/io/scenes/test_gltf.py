@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import logging
 import re
@@ -792,6 +793,27 @@ def test_textures_become_textures_of_reflectivity(place: Path) -> None:
     assert ls.Scene.from_file(path)[0].material.reflectivity == 1.0
 
 
+@pytest.mark.parametrize(
+    ("filters", "expected"),
+    [
+        ({"magFilter": 9728, "minFilter": 9728}, "nearest"),
+        ({"magFilter": 9728, "minFilter": 9987}, "nearest"),
+        ({"magFilter": 9728}, "nearest"),
+        ({"minFilter": 9728}, "nearest"),
+        ({"minFilter": 9986}, "nearest"),
+        ({"magFilter": 9729, "minFilter": 9728}, "linear"),
+        ({"minFilter": 9985}, "linear"),
+        ({}, "linear"),
+    ],
+)
+def test_textures_are_filtered_as_their_samplers_say(filters: dict[str, int], expected: str, place: Path) -> None:
+    file = textured(np.zeros((2, 2, 3)))
+    file.tree["samplers"][0].update(filters)
+    texture = ls.Scene.from_file(file.save(place), reflectivity="color")[0].material.reflectivity
+    assert isinstance(texture, ls.Texture)
+    assert texture.interpolation == expected
+
+
 def test_a_scan_sees_a_texture_upright(place: Path) -> None:
     """White above black on the left, black above white on the right; the wall stands at y = 0 and faces −y."""
     image = np.array([[255, 0], [0, 255]])[:, :, None].repeat(3, axis=2).repeat(8, axis=0).repeat(8, axis=1)
@@ -847,6 +869,9 @@ def test_textures_under_vertex_colors_are_sampled(wrap: Any) -> None:
                 expected[n] += weight * decoded(pixels[texel(row, 3), texel(column, 4)] / 255)
     # Places of texels up to 4, their weights, and the sum of four texels of at most 1.
     np.testing.assert_allclose(_pictures.sampled(picture, uv), expected, rtol=0, atol=(2 * 4 + 2 * 4) * ROUNDING)
+    nearest = _pictures.sampled(dataclasses.replace(picture, interpolation="nearest"), uv[:200])
+    places = [(texel(int(np.floor(v * 3)), 3), texel(int(np.floor(u * 4)), 4)) for u, v in uv[:200]]
+    np.testing.assert_array_equal(nearest, [decoded(pixels[place] / 255) for place in places])
 
 
 def test_a_texture_under_colors_of_vertices(place: Path) -> None:

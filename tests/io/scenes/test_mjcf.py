@@ -9,12 +9,13 @@ from urllib.parse import quote
 
 import mujoco
 import numpy as np
+import PIL.Image
 import pytest
 import trimesh
 
 import lidarsim as ls
 from lidarsim.errors import FileFormatError
-from lidarsim.io.scenes import mjcf
+from lidarsim.io.scenes import _mjcf, mjcf
 from tests.mujoco_rays import EVERY_GEOM, compare
 
 GEOM = '<geom size="1"/>'
@@ -206,6 +207,10 @@ def test_models_without_geoms_are_no_scenes(content: str, message: str, tmp_path
     assert len(ls.Scene.from_file(everything, rules=[ls.Rule(skip=True)])) == 0
 
 
+TACTILE = "<asset><mesh name='m' builtin='sphere' params='2000'/></asset><sensor>{}</sensor>".format(
+    "<tactile geom='g' mesh='m'/>" * 3
+)
+
 OUTSIDE = "only regular files beside or below "
 
 
@@ -266,6 +271,102 @@ def test_refusals(content: str, message: str, tmp_path: Path, monkeypatch: pytes
     told = refusal(write(folder, content))
     assert message.replace("ABSOLUTE", str(outside)) in told
     assert not re.search(r"lidarsim\d", told)
+
+
+@pytest.mark.parametrize(
+    ("body", "head"),
+    [
+        (GEOM, "<sensor><user dim='400000000'/></sensor>"),
+        (GEOM, "<sensor>" + '<user dim="9000000"/>' * 3 + "</sensor>"),  # no single one of them
+        ('<geom name="g" size="1"/>', "<sensor><contact geom1='g' num='4e8'/></sensor>"),
+        ('<camera name="c" resolution="20000 20000"/>', "<sensor><rangefinder camera='c'/></sensor>"),
+        (GEOM, "<sensor><clock nsample='400000000'/></sensor>"),
+        (GEOM, "<sensor><user dim='9000' nsample='9000'/></sensor>"),
+        (GEOM, "<actuator><motor joint='j' nsample='400000000'/></actuator>"),
+        (GEOM, "<actuator><general joint='j' dyntype='user' actdim='400000000'/></actuator>"),
+        (GEOM, "<default><motor nsample='9000000'/></default>"),
+        (GEOM, "<custom><numeric name='n' data='1' size='400000000'/></custom>"),
+        (GEOM * 40, "<size nuser_geom='1000000'/>"),
+        (GEOM * 40, "<size nkey='1000000'/>"),
+        (GEOM * 400, f"<keyframe>{'<key/>' * 9000}</keyframe>"),
+        (f"{GEOM * 4000}<geom size='1' user='{'1 ' * 9000}'/>", ""),
+        (GEOM, "<asset><hfield name='h' nrow='4000' ncol='4000' size='1 1 1 1'/></asset>" * 2),
+        (GEOM, "<asset><mesh name='m' builtin='sphere' params='3000'/></asset>" * 3),
+        (f"<replicate count='9000'>{GEOM}</replicate>", "<size nuser_geom='9000'/>"),
+        ('<geom name="g" size="1"/>', TACTILE),
+    ],
+)
+def test_counts_of_a_whole_document_are_limited(body: str, head: str, tmp_path: Path) -> None:
+    assert "expected at most 20,000,000 numbers" in refusal(write(tmp_path, model(body, head)))
+
+
+def test_heights_of_images_count_together(tmp_path: Path) -> None:
+    """A picture of one colour takes a few kilobytes."""
+    PIL.Image.new("L", (4000, 4000)).save(tmp_path / "h.png")
+    fields = "".join(f'<hfield name="h{k}" file="h.png" size="1 1 1 1"/>' for k in range(2))
+    assert "expected at most 20,000,000 numbers, got more" in refusal(
+        write(tmp_path, model(GEOM, f"<asset>{fields}</asset>"))
+    )
+
+
+def test_files_that_are_named_again_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    size = box(tmp_path / "box.stl").stat().st_size
+    monkeypatch.setattr(_mjcf, "NUMBERS", 10 * (size // 12))
+    for count in (10, 12):
+        meshes = "".join(f'<mesh name="m{k}" file="box.stl"/>' for k in range(count))
+        path = write(tmp_path, model(GEOM, f"<asset>{meshes}</asset>"))
+        if count == 10:
+            assert len(ls.Scene.from_file(path)) == 1
+        else:
+            assert "numbers, got more" in refusal(path)
+
+
+def test_ordinary_sensors_are_read(tmp_path: Path) -> None:
+    sensors = '<rangefinder camera="c"/><user dim="90"/><clock nsample="50"/><contact geom1="g" num="9"/>'
+    body = '<camera name="c" resolution="64 48"/><geom name="g" size="1" user="1 2 3"/>'
+    path = write(tmp_path, model(body, f"<sensor>{sensors}</sensor><keyframe><key/></keyframe>"))
+    assert len(ls.Scene.from_file(path)) == 1
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        f"<!--{' licence' * 20_000}-->",
+        "\ufeff",
+        "\ufeff<?xml version='1.0'?>\n<!--" + "line\n" * 70_000 + "-->",
+        " " * 70_000,
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_models_are_recognised_by_their_root_element(before: str, encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot.xml"
+    before = before.removeprefix("\ufeff") if encoding == "utf-16" else before  # which writes one itself
+    path.write_text(before + model(GEOM), encoding=encoding)
+    assert len(ls.Scene.from_file(path)) == 1
+    path.write_text(before + model(GEOM).replace("mujoco", "svg"), encoding=encoding)
+    with pytest.raises(FileFormatError, match="expected a scene of one of these kinds"):
+        ls.Scene.from_file(path)
+
+
+@pytest.mark.parametrize("name", ["world.xml", "model.sdf", "empty.world"])
+def test_sdf_names_a_converter(name: str, tmp_path: Path) -> None:
+    path = write(tmp_path, "<?xml version='1.0'?><sdf version='1.9'><world name='w'/></sdf>", name)
+    assert "SDF of Gazebo is not read; convert it to MJCF with gz-mujoco" in refusal(path)
+    with pytest.raises(FileFormatError, match="SDF of Gazebo is not read"):
+        ls.mujoco.World(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a.xacro"/></robot>',
+        '<robot><link name="${prefix}base"/></robot>',
+        '<robot><link name="a"><visual><geometry><mesh filename="$(find p)/a.stl"/></geometry></visual></link></robot>',
+    ],
+)
+@pytest.mark.parametrize("name", ["robot.urdf", "robot.urdf.xacro"])
+def test_xacro_names_its_expander(content: str, name: str, tmp_path: Path) -> None:
+    assert "xacro is not read; convert it to URDF with xacro" in refusal(write(tmp_path, content, name))
 
 
 def test_models_that_attach_each_other_multiply(tmp_path: Path) -> None:

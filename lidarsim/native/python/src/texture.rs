@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use lidarsim_core::measure::{Texture, TextureCoordinates, TextureMap, Wrap};
+use lidarsim_core::measure::{Interpolation, Texture, TextureCoordinates, TextureMap, Wrap};
 use lidarsim_core::memory;
 use numpy::ndarray::{ArrayView, ArrayView2};
 use numpy::{PyArray2, PyArrayDyn, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
@@ -24,15 +24,23 @@ pub struct PyTextureMap {
 
 #[pymethods]
 impl PyTexture {
-    /// Values (height, width), and what the texture is beyond its edges.
+    /// Values (height, width), and what the texture is beyond its edges and between the centres of its texels.
     #[new]
-    fn new(py: Python<'_>, values: PyReadonlyArray2<'_, f32>, wrap_u: &str, wrap_v: &str) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        values: PyReadonlyArray2<'_, f32>,
+        wrap_u: &str,
+        wrap_v: &str,
+        interpolation: &str,
+    ) -> PyResult<Self> {
         let (size, texels) = ([values.shape()[0], values.shape()[1]], elements("values", &values)?);
         let named = |name: &str| {
             Wrap::named(name).ok_or_else(|| argument_error("wrap", "repeat, clamp or mirror", name))
         };
         let wrap = [named(wrap_u)?, named(wrap_v)?];
-        let texture = detached(py, || Texture::new(memory::copy(texels), size, wrap))?
+        let interpolation = Interpolation::named(interpolation)
+            .ok_or_else(|| argument_error("interpolation", "linear or nearest", interpolation))?;
+        let texture = detached(py, || Texture::new(memory::copy(texels), size, wrap, interpolation))?
             .ok_or_else(|| argument_error("values", "at least one", format!("shape {size:?}")))?;
         Ok(PyTexture { texture: Arc::new(texture) })
     }

@@ -53,5 +53,5 @@ pub use points::{Coordinates, PointSource, PointsAndNormals, WritePoints};
 pub use recording::{Recorder, Recording, Samples, Window};
 pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
 pub use scan::{Batch, Scan};
-pub use texture::{Texture, TextureCoordinates, TextureMap, Wrap};
+pub use texture::{Interpolation, Texture, TextureCoordinates, TextureMap, Wrap};
 pub use ways::Beyond;

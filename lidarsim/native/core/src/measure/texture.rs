@@ -14,6 +14,16 @@ pub struct Texture {
     width: usize,
     /// For u and v.
     wrap: [Wrap; 2],
+    interpolation: Interpolation,
+}
+
+/// What a texture is between the centres of its texels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Interpolation {
+    /// Bilinear.
+    Linear,
+    /// The texel in which a point lies.
+    Nearest,
 }
 
 /// What a texture is beyond its edges.
@@ -41,6 +51,16 @@ pub enum TextureCoordinates {
     Vertex(Vec<[f64; 2]>),
     /// Of the corners of each triangle.
     Corner(Vec<[[f64; 2]; 3]>),
+}
+
+impl Interpolation {
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "linear" => Some(Interpolation::Linear),
+            "nearest" => Some(Interpolation::Nearest),
+            _ => None,
+        }
+    }
 }
 
 impl Wrap {
@@ -76,13 +96,32 @@ impl Wrap {
         };
         ([first, first + 1].map(|i| inside(i) as usize), x - floor)
     }
+
+    /// The one of `count` texels, at least one, in which the coordinate x lies; of a border the later one, as
+    /// in OpenGL. `None` for NaN.
+    fn texel(self, x: f64, count: usize) -> Option<usize> {
+        // In one period, [0, 1] or [0, 2]; see `texels` for the rounding.
+        let x = match self {
+            Wrap::Repeat => x - x.floor(),
+            Wrap::Clamp => x.clamp(0.0, 1.0),
+            Wrap::Mirror => x - 2.0 * (0.5 * x).floor(),
+        };
+        let i = (x * count as f64) as usize;
+        let inside = if i < count || self != Wrap::Mirror { i } else { (2 * count - 1).saturating_sub(i) };
+        (!x.is_nan()).then_some(inside.min(count - 1))
+    }
 }
 
 impl Texture {
     /// `None` unless there are `height` × `width` texels, and at least one.
-    pub fn new(texels: Vec<f32>, [height, width]: [usize; 2], wrap: [Wrap; 2]) -> Option<Self> {
+    pub fn new(
+        texels: Vec<f32>,
+        [height, width]: [usize; 2],
+        wrap: [Wrap; 2],
+        interpolation: Interpolation,
+    ) -> Option<Self> {
         let is_whole = !texels.is_empty() && height.checked_mul(width) == Some(texels.len());
-        is_whole.then_some(Texture { texels, height, width, wrap })
+        is_whole.then_some(Texture { texels, height, width, wrap, interpolation })
     }
 
     pub fn texels(&self) -> &[f32] {
@@ -93,8 +132,12 @@ impl Texture {
         [self.height, self.width]
     }
 
-    /// Bilinear between the centres of four texels.
+    /// Bilinear between the centres of four texels, or the nearest texel; NaN for NaN.
     fn at(&self, [u, v]: [f64; 2]) -> f64 {
+        if self.interpolation == Interpolation::Nearest {
+            let texel = self.wrap[0].texel(u, self.width).zip(self.wrap[1].texel(v, self.height));
+            return texel.map_or(f64::NAN, |(x, y)| self.texels[y * self.width + x].into());
+        }
         let (columns, across) = self.wrap[0].texels(u, self.width);
         let (rows, down) = self.wrap[1].texels(v, self.height);
         let row = |y: usize| between(columns.map(|x| self.texels[y * self.width + x].into()), across);
@@ -166,6 +209,35 @@ mod tests {
                     assert!(texels.iter().all(|i| *i < count) && (0.0..=1.0).contains(&share), "{x}");
                 }
                 assert!(wrap.texels(f64::NAN, count).1.is_nan());
+            }
+        }
+    }
+
+    #[test]
+    fn the_nearest_texel_is_that_of_opengl() {
+        // OpenGL 4.6, table 8.19: of the texel i = ⌊x·count⌋ on the endless line.
+        let wrapped = |wrap: Wrap, i: i64, count: i64| match wrap {
+            Wrap::Repeat => i.rem_euclid(count),
+            Wrap::Clamp => i.clamp(0, count - 1),
+            Wrap::Mirror => {
+                let a = i.rem_euclid(2 * count) - count;
+                count - 1 - if a >= 0 { a } else { -(1 + a) }
+            }
+        };
+        for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
+            for count in [1_usize, 2, 4, 512] {
+                for eighth in -40_i32..=40 {
+                    let x = f64::from(eighth) / 8.0;
+                    let i = (x * count as f64).floor() as i64;
+                    let expected = wrapped(wrap, i, count as i64) as usize;
+                    assert_eq!(wrap.texel(x, count), Some(expected), "{wrap:?} {count} {x}");
+                }
+                for x in
+                    [-1e-17, -5e-324, 0.0, 1.0, 1e9 + 0.3, 4503599627370495.5, 1e300, f64::MAX, -f64::MAX]
+                {
+                    assert!(wrap.texel(x, count).is_some_and(|i| i < count), "{wrap:?} {count} {x}");
+                }
+                assert_eq!(wrap.texel(f64::NAN, count), None);
             }
         }
     }
