@@ -29,8 +29,9 @@ from lidarsim.io import vendors  # noqa: F401 (registers its readers)
 from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.live import stream
 from lidarsim.materials import Material, Texture
+from lidarsim.motion.formats import register_trajectory_format
 from lidarsim.motion.georeference import Georeference
-from lidarsim.motion.trajectory import Trajectory, register_trajectory_format
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan.batch import ScanBatch, scan_many
 from lidarsim.scan.boxes import Boxes

@@ -27,10 +27,10 @@ from lidarsim._base import validation
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import linked
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import product
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_expansion, to_fields
 from lidarsim.io._scanners import COLOURS, check_finite, coloured, joined_lists
-from lidarsim.motion.trajectory import product
 from lidarsim.scan.pointcloud import Fields, held, register_format
 
 NAMES = {

@@ -21,6 +21,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import product
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_plausible, to_fields
 from lidarsim.io._records import number as number_of
@@ -35,7 +36,6 @@ from lidarsim.io._scanners import (
     write_lines,
 )
 from lidarsim.io._units import warn_above
-from lidarsim.motion.trajectory import product
 from lidarsim.scan.pointcloud import Fields, register_format
 
 LAYOUTS = {4: (*"xyz", "intensity"), 7: (*"xyz", "intensity", *COLOURS)}

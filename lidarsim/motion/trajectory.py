@@ -3,41 +3,27 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import chain
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base import validation
-from lidarsim._base.files import PathLike, atomic_writer, check_regular, check_suffix
+from lidarsim._base.files import PathLike, atomic_writer
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import Floats, Transform, angles, array
+from lidarsim._base.vectors import gauss_markov, product, sigmas_of_axes
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.motion import strips
 from lidarsim.motion._rotation_spline import NoSplineError, angular_accelerations, rotation_steps
+from lidarsim.motion.formats import read_poses, writer_of
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
-__all__ = [
-    "LineReader",
-    "Trajectory",
-    "mounted",
-    "normals",
-    "numbers",
-    "product",
-    "register_trajectory_format",
-    "register_trajectory_tables",
-    "sigmas_of_axes",
-]
+__all__ = ["Trajectory", "mounted"]
 
 INTERPOLATIONS = ("linear", "spline")
 
@@ -52,10 +38,6 @@ BOTH = "times, poses"
 
 CAMERA_TO_BODY = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From the axes of a camera (x to the right, y down, z ahead) to those of a body (x ahead, y to the left, z up)."""
-
-LONGEST_LINE = 1 << 16
-MOST_LINES = 10_000_000
-"""Maximum bytes per line and lines per file; a day of poses at 100 Hz has 8.64 million."""
 
 
 class Trajectory(Immutable):
@@ -262,7 +244,7 @@ class Trajectory(Immutable):
         if scene is not None and not isinstance(scene, str):
             raise ArgumentTypeError("scene", "the name of a scene", validation.shown(scene))
         first = None if start is None else validation.real("start", start)
-        stamps, poses = _read(path, times, scene)
+        stamps, poses = read_poses(path, times, scene)
         if axes == "camera":
             poses = CAMERA_TO_BODY @ poses @ CAMERA_TO_BODY.T  # exact: coordinates change only place and sign
         if first is not None and len(stamps):
@@ -376,14 +358,13 @@ class Trajectory(Immutable):
         OSError
             If the file cannot be written.
         """
-        forms = {suffix: form for form in _FORMATS for suffix in form.suffixes}
-        form = forms[check_suffix(path, forms)]
+        write = writer_of(path)
         if self._recipe[0] == "twist":
             raise ArgumentValueError(
                 "trajectory", "one of given poses", "a constant twist", "sample it before it is saved"
             )
         with atomic_writer(path) as file:
-            form.write(self.times, self._native.at(self._times), file)
+            write(self.times, self._native.at(self._times), file)
 
     @property
     def span(self) -> tuple[float, float]:
@@ -642,7 +623,7 @@ class Trajectory(Immutable):
         if not sigmas.any():
             return self @ mount
         if math.isinf(scale):
-            error, before, after = sigmas * _gauss_markov(np.zeros(1), scale, seed)[0], np.eye(4), np.eye(4)
+            error, before, after = sigmas * gauss_markov(np.zeros(1), scale, seed)[0], np.eye(4), np.eye(4)
             before[:3, 3], after[:3, :3] = error[:3], Rotation.from_rotvec(error[3:]).as_matrix()
             return before @ self @ after @ mount
         kind, arguments, mounts = self._recipe
@@ -651,7 +632,7 @@ class Trajectory(Immutable):
             raise ArgumentValueError("correlation_time", "inf, as the trajectory has no end", scale, hint)
         is_spline = bool(arguments[2].reshape(-1, 2, 3, 3)[:, :, 1:].any())
         times = _finely(self._times, 0.1 * scale)
-        errors = sigmas * _gauss_markov(times, scale, seed)
+        errors = sigmas * gauss_markov(times, scale, seed)
         # Between its poses, it is the body that moves as interpolated. It turns about the sensor that it carries.
         poses, carried = _built((kind, arguments, ())).at(times), _built(("still", (np.eye(4).tolist(),), mounts))
         sensor: Floats = carried.at(np.zeros(1))[0]
@@ -720,14 +701,6 @@ MOST_POSES = 10_000_000
 """Most poses of a perturbed trajectory: 1.3 GB."""
 
 
-def sigmas_of_axes(name: str, value: npt.ArrayLike) -> Floats:
-    """Return the standard deviations of three axes, given as one or three."""
-    given = np.broadcast_to(validation.one_or_each(name, value, 3), 3)
-    if (given < 0.0).any():
-        raise ArgumentValueError(name, "numbers >= 0", f"{given.min():g}")
-    return given
-
-
 def _finely(times: Floats, step: float) -> Floats:
     """Return the times and, equally spaced between each two, enough others for steps of `step` at most."""
     lengths = np.diff(times)
@@ -740,48 +713,6 @@ def _finely(times: Floats, step: float) -> Floats:
     within = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     fine = np.repeat(times[:-1], parts) + np.repeat(lengths / parts, parts) * within
     return np.append(fine, times[-1])
-
-
-def _gauss_markov(times: Floats, scale: float, seed: int) -> Floats:
-    """Return six stationary Gauss-Markov processes of unit variance at some times, shape (n, 6)."""
-    normal = normals(np.random.Philox(key=seed), (len(times), 6))
-    kept = np.exp(-np.diff(times) / scale)
-    fresh = np.sqrt(-np.expm1(-2.0 * np.diff(times) / scale))
-    errors = normal.copy()
-    for k, (old, new) in enumerate(zip(kept.tolist(), fresh.tolist(), strict=True), 1):
-        errors[k] = old * errors[k - 1] + new * normal[k]
-    return errors
-
-
-def normals(bits: np.random.Philox, shape: tuple[int, ...]) -> Floats:
-    """Return standard normal numbers.
-
-    Parameters
-    ----------
-    bits : numpy.random.Philox
-        Where the bits are drawn, the same on every machine and in every version of NumPy.
-    shape : tuple of int
-        Shape of the result.
-
-    Returns
-    -------
-    ndarray of float64
-        The quantiles of the next numbers of `bits`, in order.
-    """
-    cells = bits.random_raw(math.prod(shape)) >> np.uint64(12)
-    return _native.normal_quantile((cells.astype(np.float64) + 0.5) * 2.0**-52).reshape(shape)
-
-
-def product(left: Floats, right: Floats) -> Floats:
-    """Return the products of matrices, of shape (…, n, m) and (…, m, k), with the same bits on every processor.
-
-    The terms are summed in order.
-    """
-    terms = left[..., None] * right[..., None, :, :]
-    total: Floats = terms[..., 0, :]
-    for k in range(1, terms.shape[-2]):
-        total = total + terms[..., k, :]
-    return total
 
 
 def _in_range(name: str, values: Floats) -> Floats:
@@ -874,220 +805,3 @@ def _knot_accelerations(times: Floats, steps: Floats, when: Floats) -> tuple[Flo
     rates = ((3 * r3 * u + 2 * r2) * u + r1) / h
     bends = (6 * r3 * u + 2 * r2) / h / h
     return (6 * p3 * u + 2 * p2) / h / h, angular_accelerations(turns, rates, bends)
-
-
-# Files
-
-
-@dataclass(frozen=True, slots=True)
-class _Format:
-    name: str
-    looks: str
-    recognise: Callable[[str], bool]
-    read: Callable[[Iterator[str]], tuple[Floats | None, Floats]]
-    suffixes: tuple[str, ...]
-    write: Callable[[Floats, Floats, BinaryIO], None]
-
-
-_FORMATS: list[_Format] = []
-
-
-def register_trajectory_format(
-    name: str,
-    looks: str,
-    recognise: Callable[[str], bool],
-    read: Callable[[Iterator[str]], tuple[Floats | None, Floats]],
-    *,
-    suffixes: tuple[str, ...],
-    write: Callable[[Floats, Floats, BinaryIO], None],
-) -> None:
-    """Let `Trajectory.load` and `Trajectory.save` handle one more format of text files.
-
-    Parameters
-    ----------
-    name : str
-        Name of the format in errors, such as "TUM".
-    looks : str
-        Short description of a file.
-    recognise : callable
-        ``recognise(line)`` returns whether a file with this first line is of this format.
-    read : callable
-        ``read(lines)`` returns times, shape (n,), or None if the format has none, and poses, shape (n, 4, 4). `lines`
-        are the lines of the file, from the first on, without empty lines and comments. An error is reported with the
-        number of the last line read.
-    suffixes : tuple of str
-        Suffixes for which `save` chooses this format, with their dot, in lower case.
-    write : callable
-        ``write(times, poses, file)`` writes times, shape (n,), and poses, shape (n, 4, 4), to an open binary file.
-    """
-    _FORMATS.append(_Format(name, looks, recognise, read, suffixes, write))
-
-
-def numbers(texts: Sequence[str], count: int) -> list[float]:
-    """Parse texts as finite numbers.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Texts of the numbers.
-    count : int
-        Expected number of texts.
-
-    Returns
-    -------
-    list of float
-        The `count` numbers.
-
-    Raises
-    ------
-    ValueError
-        If the number of texts differs from `count`, or one is not a finite number.
-    """
-    if len(texts) != count:
-        raise ValueError(f"expected {count} number{'s' * (count > 1)}, got {len(texts)}")
-    values = []
-    for text in texts:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value) or "_" in text:
-            raise ValueError("expected finite numbers, got something else")  # not quoted: it may come from any file
-        values.append(value)
-    return values
-
-
-def cells(line: str) -> list[str]:
-    """Return the cells of a line of CSV, without blanks and quotation marks.
-
-    Parameters
-    ----------
-    line : str
-        The line.
-
-    Returns
-    -------
-    list of str
-        The texts between its commas.
-    """
-    return [cell.strip().strip('"').strip() for cell in line.split(",")]
-
-
-@dataclass(frozen=True, slots=True)
-class _Tables:
-    name: str
-    recognise: Callable[[Path], bool]
-    read: Callable[[Path, str | None], tuple[Floats, Floats]]
-
-
-_TABLES: list[_Tables] = []
-
-
-def register_trajectory_tables(
-    name: str, recognise: Callable[[Path], bool], read: Callable[[Path, str | None], tuple[Floats, Floats]]
-) -> None:
-    """Let `Trajectory.load` read one more format of tables in several files.
-
-    Parameters
-    ----------
-    name : str
-        Name of the format in errors.
-    recognise : callable
-        ``recognise(path)`` returns whether a path is that of such a table.
-    read : callable
-        ``read(path, scene)`` returns the rising times, shape (n,), and the poses, shape (n, 4, 4), of a scene, or of
-        the only one if `scene` is None.
-    """
-    _TABLES.append(_Tables(name, recognise, read))
-
-
-def _read(path: PathLike, times: PathLike | npt.ArrayLike | None, scene: str | None) -> tuple[Floats, Floats]:
-    """Return the times and poses of a file, as documented in `Trajectory.load`."""
-    tables = next((tables for tables in _TABLES if tables.recognise(Path(path))), None)
-    if tables is not None:
-        if times is not None:
-            raise ArgumentValueError("times", f"none for {path}, which is {tables.name} and has its own", "some")
-        return tables.read(Path(path), scene)
-    lines = LineReader(path)
-    with lines.refusals():
-        first = next(iter(lines), "")
-        form = next((form for form in _FORMATS if form.recognise(first)), None)
-        if form is None:
-            kinds = "; ".join(f"{form.name}: {form.looks}" for form in _FORMATS)
-            raise ValueError(f"expected poses ({kinds}), got {'something else' if first else 'nothing'}")
-        own, poses = form.read(chain([first], lines))
-    if scene is not None:
-        raise ArgumentValueError("scene", f"none for {path}, which is {form.name}", validation.shown(scene))
-    if own is not None:
-        if times is not None:
-            raise ArgumentValueError("times", f"none for {path}, which is {form.name} and has its own", "some")
-        return lines.rising(own), poses
-    if times is None:
-        raise ArgumentValueError("times", f"those of {path}, since {form.name} has none of its own", "none")
-    if isinstance(times, str | os.PathLike):
-        lines = LineReader(times)
-        with lines.refusals():
-            stamps = np.array([numbers(line.split(), 1)[0] for line in lines])
-        what, stamps = str(lines.path), lines.rising(stamps)
-    else:
-        what, stamps = "times", array("times", times, ("n",))
-    if len(stamps) != len(poses):
-        expected = f"{len(poses)} times, one for each pose of {path}"
-        if what != "times":
-            raise FileFormatError(f"{what}: expected {expected}, got {len(stamps)}")
-        raise ArgumentValueError(what, expected, len(stamps))
-    return stamps, poses
-
-
-class LineReader:
-    """Iterator over the lines of a text file, without empty lines and comments, bounded in length and number.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    """
-
-    def __init__(self, path: PathLike) -> None:
-        self.path = Path(path)
-        self.numbers: list[int] = []
-        """Line numbers of the lines yielded so far."""
-        self._number = 0
-        self._lines = self._read()
-
-    def _read(self) -> Iterator[str]:
-        check_regular(self.path)
-        with self.path.open("rb") as file:
-            while line := file.readline(LONGEST_LINE + 1):
-                self._number += 1
-                if len(line) > LONGEST_LINE or self._number > MOST_LINES:
-                    raise ValueError(f"expected at most {MOST_LINES:,} lines of {LONGEST_LINE:,} bytes, got more")
-                text = line.decode("utf-8-sig", errors="replace").strip()
-                if text and not text.startswith("#"):
-                    self.numbers.append(self._number)
-                    yield text
-
-    def __iter__(self) -> Iterator[str]:
-        return self._lines
-
-    @contextmanager
-    def refusals(self) -> Iterator[None]:
-        """Turn an error of the block into one that names the file and the last line read."""
-        try:
-            yield
-        except FileFormatError:
-            raise
-        except OSError as error:
-            raise FileFormatError(f"{self.path}: cannot read the file: {error.strerror}") from None
-        except ValueError as error:
-            line = f":{self._number}" if self._number else ""
-            raise FileFormatError(f"{self.path}{line}: {error}") from None
-
-    def rising(self, times: Floats) -> Floats:
-        """Return `times`, read from the last lines, after checking that they increase."""
-        late = times[1:] <= times[:-1]
-        if late.any():
-            i = int(np.argmax(late)) + 1
-            line = self.numbers[len(self.numbers) - len(times) + i]
-            raise FileFormatError(f"{self.path}:{line}: expected rising times, got {times[i]} after {times[i - 1]}")
-        return times

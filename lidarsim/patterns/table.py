@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.files import check_regular, load_array, told
+from lidarsim._base.lines import cells
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angles, array, frequency, frozen, integer, nonzero_vectors
 from lidarsim.errors import ArgumentValueError, FileFormatError
-from lidarsim.motion.trajectory import cells
 from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 

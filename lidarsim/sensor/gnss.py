@@ -13,9 +13,10 @@ from lidarsim._base import validation
 from lidarsim._base.files import PathLike
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import sigmas_of_axes
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.motion.georeference import Georeference
-from lidarsim.motion.trajectory import Trajectory, sigmas_of_axes
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.sensor.imu import (
     RECEIVER,
     Samples,

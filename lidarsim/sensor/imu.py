@@ -11,10 +11,12 @@ import numpy as np
 
 from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer
+from lidarsim._base.lines import LineReader, cells, numbers
 from lidarsim._base.pickling import Pickled, Value
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import normals, product
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.motion.trajectory import LineReader, Trajectory, cells, normals, numbers, product
+from lidarsim.motion.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Transform

@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
+from lidarsim._base import lines
 from lidarsim.errors import FileFormatError
-from lidarsim.motion import trajectory as module
 
 EPS = np.finfo(float).eps
 LOOKS = (
@@ -173,7 +173,7 @@ def test_places_beyond_all_numbers(place: str, tmp_path: Path) -> None:
 
 
 def test_long_files_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_LINES", 3)
+    monkeypatch.setattr(lines, "MOST_LINES", 3)
     path = tmp_path / "poses"
     path.write_text("".join(f"{i} {POSE}" for i in range(3)))
     assert len(ls.Trajectory.load(path).times) == 3

@@ -14,9 +14,10 @@ from pydantic import Discriminator, Field
 
 from lidarsim import worlds
 from lidarsim._base.validation import Floats, shown
+from lidarsim._base.vectors import product
 from lidarsim.config.schema import SHAPES, AnyObject, Generated, Object, Placement, Scale, SceneFile, Surfels
 from lidarsim.datasets.scatter._outlines import bulge_of, turns_of
-from lidarsim.motion.trajectory import Trajectory, product
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import Shape
 from lidarsim.worlds import _walker

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import BinaryIO
 
+from lidarsim._base.lines import cells, numbers
 from lidarsim._base.validation import Floats
 from lidarsim.io.trajectories._quaternions import poses_of, table_of
-from lidarsim.motion.trajectory import cells, numbers, register_trajectory_format
+from lidarsim.motion.formats import register_trajectory_format
 
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 

@@ -11,8 +11,9 @@ from typing import BinaryIO
 
 import numpy as np
 
+from lidarsim._base.lines import numbers
 from lidarsim._base.validation import Floats
-from lidarsim.motion.trajectory import numbers, register_trajectory_format
+from lidarsim.motion.formats import register_trajectory_format
 
 COLUMNS = 12
 ROUNDED = 0.02

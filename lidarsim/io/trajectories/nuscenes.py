@@ -20,7 +20,7 @@ from lidarsim._base.files import check_regular
 from lidarsim._base.validation import Floats, shown
 from lidarsim.errors import FileFormatError
 from lidarsim.io.trajectories._quaternions import poses_of
-from lidarsim.motion.trajectory import register_trajectory_tables
+from lidarsim.motion.formats import register_trajectory_tables
 
 TABLES = "scene.json", "sample.json", "sample_data.json", "ego_pose.json"
 CHUNK = 1 << 20

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import BinaryIO
 
+from lidarsim._base.lines import numbers
 from lidarsim._base.validation import Floats
 from lidarsim.io.trajectories._quaternions import poses_of, table_of
-from lidarsim.motion.trajectory import numbers, register_trajectory_format
+from lidarsim.motion.formats import register_trajectory_format
 
 COLUMNS = 8
 

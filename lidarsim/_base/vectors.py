@@ -1,0 +1,65 @@
+"""Vectors, matrices and random numbers with the same bits on every machine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._base import validation
+from lidarsim._base.validation import Floats
+from lidarsim.errors import ArgumentValueError
+
+__all__ = ["gauss_markov", "normals", "product", "sigmas_of_axes"]
+
+
+def sigmas_of_axes(name: str, value: npt.ArrayLike) -> Floats:
+    """Return the standard deviations of three axes, given as one or three."""
+    given = np.broadcast_to(validation.one_or_each(name, value, 3), 3)
+    if (given < 0.0).any():
+        raise ArgumentValueError(name, "numbers >= 0", f"{given.min():g}")
+    return given
+
+
+def gauss_markov(times: Floats, scale: float, seed: int) -> Floats:
+    """Return six stationary Gauss-Markov processes of unit variance at some times, shape (n, 6)."""
+    normal = normals(np.random.Philox(key=seed), (len(times), 6))
+    kept = np.exp(-np.diff(times) / scale)
+    fresh = np.sqrt(-np.expm1(-2.0 * np.diff(times) / scale))
+    errors = normal.copy()
+    for k, (old, new) in enumerate(zip(kept.tolist(), fresh.tolist(), strict=True), 1):
+        errors[k] = old * errors[k - 1] + new * normal[k]
+    return errors
+
+
+def normals(bits: np.random.Philox, shape: tuple[int, ...]) -> Floats:
+    """Return standard normal numbers.
+
+    Parameters
+    ----------
+    bits : numpy.random.Philox
+        Where the bits are drawn, the same on every machine and in every version of NumPy.
+    shape : tuple of int
+        Shape of the result.
+
+    Returns
+    -------
+    ndarray of float64
+        The quantiles of the next numbers of `bits`, in order.
+    """
+    cells = bits.random_raw(math.prod(shape)) >> np.uint64(12)
+    return _native.normal_quantile((cells.astype(np.float64) + 0.5) * 2.0**-52).reshape(shape)
+
+
+def product(left: Floats, right: Floats) -> Floats:
+    """Return the products of matrices, of shape (…, n, m) and (…, m, k), with the same bits on every processor.
+
+    The terms are summed in order.
+    """
+    terms = left[..., None] * right[..., None, :, :]
+    total: Floats = terms[..., 0, :]
+    for k in range(1, terms.shape[-2]):
+        total = total + terms[..., k, :]
+    return total
