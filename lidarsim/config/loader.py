@@ -18,12 +18,14 @@ from lidarsim.config import recognise
 from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
 from lidarsim.config.schema import (
     Config,
+    Drive,
     Model,
     SceneDocument,
     Sensor,
     Stations,
     Strips,
     VendorSensor,
+    World,
     build_pose,
     build_rig,
     labelled,
@@ -38,6 +40,8 @@ from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
+
+    from lidarsim.worlds import Ways
 
 
 M = TypeVar("M", bound=Model)
@@ -99,7 +103,7 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
     where = place / "georeference"
     crs, start = config.georeference.build(where)
     origin = None if config.georeference.origin is None else config.georeference.origin.build(where / "origin")
-    scene = _scene(config, place)
+    scene, ways = _scene(config, place)
     sensor = _sensor_or_rig(config, place)
     receivers = sensor.receivers if isinstance(sensor, Rig) else {}
     if crs is not None and config.cloud.frame != "world" and not receivers:
@@ -110,6 +114,8 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
     legs = _legs(config, sensor, frames, place)
     if isinstance(config.pose, Strips | Stations):
         pose, frames = legs[0].pose, range(legs[0].frames.start, legs[-1].frames.stop)
+    elif isinstance(config.pose, Drive):
+        pose = config.pose.build(place / "pose", ways)
     else:
         pose = build_pose(config.pose, place / "pose")
     return Run(
@@ -124,6 +130,7 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
         start=start,
         origin=origin,
         legs=legs,
+        ways=ways,
     )
 
 
@@ -142,20 +149,27 @@ def _legs(config: Config, sensor: Lidar | Rig, frames: range, place: Place) -> t
     return legs
 
 
-def _scene(config: Config, place: Place) -> Scene:
-    scene = Scene(class_names=labelled(config.class_names, place / "class_names"))
-    for index, item in enumerate(config.scene):
-        item.add_to(scene, place / "scene" / index)
+def _scene(config: Config, place: Place) -> tuple[Scene, Ways | None]:
+    """Return the scene, and the ways of a street."""
+    names, there, ways = labelled(config.class_names, place / "class_names"), place / "scene", None
+    if isinstance(config.scene, World):
+        street = config.scene.street.build(there / "street")
+        scene, ways, items, there = street.scene, street.ways, config.scene.objects, there / "objects"
+        scene._class_names.update(names)
+    else:
+        scene, items = Scene(class_names=names), config.scene
+    for index, item in enumerate(items):
+        item.add_to(scene, there / index)
     if config.atmosphere is not None:
         scene.atmosphere = config.atmosphere.build(place / "atmosphere")
-    return scene
+    return scene, ways
 
 
 def read_scene(path: Path) -> Scene:
     """Return the scene that a file describes: a list of objects, or a configuration with one."""
     root = read(path)
     root = replace(None, ["scene"], root) if isinstance(root, yaml.SequenceNode) else _include(root)
-    return _scene(checked(Config, root), Place(root))
+    return _scene(checked(Config, root), Place(root))[0]
 
 
 def _sensor_or_rig(config: Config, place: Place) -> Lidar | Rig:

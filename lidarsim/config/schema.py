@@ -7,6 +7,7 @@ checks everything except types. Only classes that need more than that have a mod
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import difflib
 import inspect
@@ -14,7 +15,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from datetime import datetime
-from functools import partial, reduce
+from functools import lru_cache, partial, reduce
 from operator import or_
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, get_type_hints
@@ -246,6 +247,10 @@ def _has_strips(value: object) -> bool:
     return isinstance(value, dict) and "strips" in value
 
 
+def _has_way(value: object) -> bool:
+    return isinstance(value, dict) and "way" in value
+
+
 def _has_stations(value: object) -> bool:
     return isinstance(value, dict) and "stations" in value
 
@@ -421,6 +426,35 @@ class Stations(Placement):
         return tuple(legs)
 
 
+class Drive(Placement):
+    """A way of a street, along which the sensor moves; the placement is that of the sensor on the vehicle."""
+
+    way: Literal["lanes", "turns", "pavements", "crossings"]
+    number: Annotated[int, Field(ge=0)] = 0
+    start_m: Annotated[float, Field(ge=0)] = 0.0
+    speed_m_per_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+    def build(self, place: Place, ways: worlds.Ways | None) -> Trajectory:
+        """Return the trajectory from time 0 to the end of the way."""
+        if ways is None:
+            raise (place / "way").error("expected a pose, since the scene is not a street")
+        lines = getattr(ways, self.way)
+        if self.number >= len(lines):
+            raise (place / "number").error(f"expected the number of one of {len(lines)} {self.way}, got {self.number}")
+        points = lines[self.number]
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        if not self.start_m < along[-1]:
+            raise (place / "start_m").error(f"expected less than the length of the way, {along[-1]:.4g}")
+        ahead = np.gradient(points, along, axis=0)
+        at = np.concatenate([[self.start_m], along[along > self.start_m]])
+        points, ahead = (np.stack([np.interp(at, along, row) for row in rows.T], axis=1) for rows in (points, ahead))
+        turns = [np.arctan2(ahead[:, 1], ahead[:, 0]), -np.arctan2(ahead[:, 2], np.hypot(ahead[:, 0], ahead[:, 1]))]
+        poses = np.tile(np.eye(4), (len(at), 1, 1))
+        poses[:, :3, :3] = Rotation.from_euler("ZY", np.stack(turns, axis=1)).as_matrix()
+        poses[:, :3, 3] = points
+        return Trajectory((at - self.start_m) / self.speed_m_per_s, poses) @ _rigid(self, place)
+
+
 def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> Floats | Trajectory:
     """Return the pose, or the trajectory of a moving one."""
     if isinstance(value, TrajectoryFile):
@@ -461,11 +495,11 @@ def _moving(start: Floats, twist: Pose | Twist, place: Place) -> Floats | Trajec
 if TYPE_CHECKING:
     PoseOverTime = Pose | list[Waypoint] | TrajectoryFile
     Motion = Twist | list[Waypoint] | TrajectoryFile
-    PoseOfRun = PoseOverTime | Strips | Stations
+    PoseOfRun = PoseOverTime | Strips | Stations | Drive
 else:
     PoseOverTime = either(either(Pose, TrajectoryFile, _has_file), list[Waypoint], _is_list)
     Motion = either(either(Twist, TrajectoryFile, _has_file), list[Waypoint], _is_list)
-    PoseOfRun = either(either(PoseOverTime, Strips, _has_strips), Stations, _has_stations)
+    PoseOfRun = either(either(either(PoseOverTime, Strips, _has_strips), Stations, _has_stations), Drive, _has_way)
 
 
 # Objects of the scene
@@ -795,6 +829,38 @@ else:
     AnyPattern = Annotated[reduce(or_, PATTERNS.values()), Discriminator("type")]
 
 
+class StreetKeys(Model):
+    """A street, as of `lidarsim.worlds.street`."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    kind: str = "residential"
+    length_m: float = 300.0
+
+    def build(self, place: Place) -> worlds.Street:
+        """Return a copy of the street, which is made once."""
+        with place.refusals({"length": ("length_m", ""), "kind": ("kind", "")}):
+            made = _street(self.seed, self.kind, self.length_m)
+        return worlds.Street(copy.copy(made.scene), made.ways)
+
+
+@lru_cache(maxsize=2)
+def _street(seed: int, kind: Any, length: float) -> worlds.Street:
+    return worlds.street(seed, kind, length=length)
+
+
+class World(Model):
+    """A street, and objects that are added to it."""
+
+    street: StreetKeys
+    objects: list[AnyObject] = []
+
+
+if TYPE_CHECKING:
+    AnyScene = list[AnyObject] | World
+else:
+    AnyScene = either(list[AnyObject], World, lambda value: isinstance(value, dict))
+
+
 # Sensors
 
 _EXACT = Measurement()
@@ -1089,7 +1155,7 @@ class Air(Model):
 class SceneDocument(Model):
     """A scene in a separate file; its objects are checked with the run."""
 
-    scene: list[object]
+    scene: list[object] | dict[str, object]
     class_names: dict[str, str] = {}
     atmosphere: object = None
 
@@ -1097,7 +1163,7 @@ class SceneDocument(Model):
 class Config(Model):
     """A run: scene, sensor or rig, pose and frames."""
 
-    scene: list[AnyObject]
+    scene: AnyScene
     class_names: dict[str, str] = {}
     atmosphere: Air | None = None
     sensor: AnySensor | None = None

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from lidarsim.sensor.gnss import Gnss
     from lidarsim.sensor.imu import Imu, ImuSamples
     from lidarsim.world.scene import Scene
+    from lidarsim.worlds import Ways
 
 __all__ = ["CloudArguments", "Deskew", "Frames", "Leg", "RunFrame", "insert"]
 
@@ -161,6 +162,8 @@ class Frames:
     sources : frozenset of Path
         Real paths of the files that the configuration was read from, and of all that these name: `write` replaces none
         of them.
+    ways : Ways, optional
+        The ways of the street that the scene is.
     """
 
     scene: Scene
@@ -175,6 +178,7 @@ class Frames:
     origin: tuple[float, float, float] | None = None
     legs: tuple[Leg, ...] = ()
     sources: frozenset[Path] = frozenset()
+    ways: Ways | None = None
 
     @property
     def parts(self) -> list[Self]:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from lidarsim.worlds.furnishings import furniture
     from lidarsim.worlds.pedestrians import pedestrian
     from lidarsim.worlds.plants import tree
+    from lidarsim.worlds.streets import GROUND, Street, Ways, street
     from lidarsim.worlds.vehicles import vehicle
 
 GENERATORS = ("vehicle", "pedestrian", "tree", "building", "furniture")
@@ -23,12 +24,16 @@ GENERATORS = ("vehicle", "pedestrian", "tree", "building", "furniture")
 __all__ = [
     "CLASS_NAMES",
     "GENERATORS",
+    "GROUND",
     "Asset",
     "Part",
+    "Street",
     "Walker",
+    "Ways",
     "building",
     "furniture",
     "pedestrian",
+    "street",
     "tree",
     "vehicle",
 ]
@@ -42,6 +47,10 @@ _MODULES = {
     "furniture": "furnishings",
     "pedestrian": "pedestrians",
     "tree": "plants",
+    "GROUND": "streets",
+    "Street": "streets",
+    "Ways": "streets",
+    "street": "streets",
     "vehicle": "vehicles",
 }
 

@@ -1,0 +1,199 @@
+"""Streets: complete, reproducible, of bounded size, with ways that stay on the road and meet."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import pickle
+import re
+import tracemalloc
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import lidarsim as ls
+from lidarsim.worlds import _labels as labels
+from lidarsim.worlds.streets import STREETS, StreetKind
+
+Floats = npt.NDArray[np.float64]
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@pytest.fixture(scope="module", params=STREETS)
+def world(request: pytest.FixtureRequest) -> ls.worlds.Street:
+    return ls.worlds.street(5, request.param, length=160.0)
+
+
+@pytest.fixture(scope="module")
+def town() -> ls.worlds.Street:
+    """A street with junctions of both kinds."""
+    return ls.worlds.street(3, "residential")
+
+
+def ground(world: ls.worlds.Street) -> ls.Scene:
+    scene = ls.Scene()
+    for name in ls.worlds.GROUND:
+        for number in world.scene.find(name):
+            item = world.scene[number]
+            scene.add(item.shape, name=name, label=item.label)
+    return scene
+
+
+def under(scene: ls.Scene, points: Floats) -> tuple[Floats, list[str]]:
+    """Height of the ground under points, and the name of what is there."""
+    hits = scene.cast(points * (1, 1, 0) + (0, 0, 500), np.broadcast_to(DOWN, points.shape))
+    names = [scene[number].name if number >= 0 else "" for number in hits.object_id.tolist()]
+    return 500 - hits.t, names
+
+
+def contents(world: ls.worlds.Street) -> list[Any]:
+    found: list[Any] = [line.tobytes() for lines in vars(world.ways).values() for line in lines]
+    for item in world.scene:
+        points = item.shape._tessellated(None, np.zeros((8, 3)))[0].tobytes()
+        place = None if item.transform is None else item.transform.tobytes()
+        bright = np.asarray(item.material.reflectivity).tobytes()
+        found.append((item.name, item.instance, np.asarray(item.label).tobytes(), points, place, bright))
+    return found
+
+
+@pytest.mark.parametrize("kind", STREETS)
+def test_the_same_seed_gives_the_same_bits(kind: StreetKind) -> None:
+    first, again, other = (contents(ls.worlds.street(seed, kind, length=60.0)) for seed in (1, 1, 2))
+    assert first == again
+    assert first != other
+
+
+def test_all_objects_have_classes_and_things_are_instances(world: ls.worlds.Street) -> None:
+    assert set(world.scene.class_names) >= {10, 30, 40, 48, 50, 70, 71, 72, 80, 81}
+    parts: dict[int, set[str]] = {}
+    for item in world.scene:
+        assert set(np.unique(item.label).tolist()) <= set(world.scene.class_names)
+        parts.setdefault(item.instance, set()).add(item.name.split("/")[0])
+    assert all(len(names) == 1 for names in parts.values())
+    assert len(parts) > 50
+
+
+def test_the_ground_has_no_gaps(world: ls.worlds.Street) -> None:
+    rng = np.random.default_rng(0)
+    s = rng.uniform(-75, 75, 4000)
+    points = np.column_stack([s, rng.uniform(-40, 40, 4000), np.zeros(4000)])
+    scene = ground(world)
+    heights, names = under(scene, points)
+    assert np.isfinite(heights).all()
+    assert {"road", "terrain"} <= set(names)
+    edges = np.concatenate([item.shape.vertices for item in scene if isinstance(item.shape, ls.TriangleMesh)])
+    inside = edges[(np.abs(edges[:, :2]) < (75, 40)).all(axis=1)]
+    assert np.isfinite(under(scene, inside)[0]).all()
+
+
+def test_lanes_are_on_the_road_and_pavements_on_the_pavement(world: ls.worlds.Street) -> None:
+    scene = ground(world)
+    wanted = {
+        "lanes": {"road"},
+        "turns": {"road"},
+        "pavements": {"sidewalk", "other-ground"},
+        "crossings": {"road", "parking", "sidewalk", "other-ground", "terrain"},
+    }
+    for kind, lines in vars(world.ways).items():
+        for line in lines:
+            heights, names = under(scene, line)
+            assert set(names) <= wanted[kind]
+            assert np.abs(heights - line[:, 2]).max() < 0.1
+            assert np.linalg.norm(np.diff(line, axis=0), axis=1).max() < 1.3
+
+
+def test_turns_leave_one_lane_and_end_in_another(town: ls.worlds.Street) -> None:
+    assert len(town.ways.turns) >= 8
+    lanes = np.concatenate([lane[:, :2] for lane in town.ways.lanes])
+    for turn in town.ways.turns:
+        for end in (turn[0], turn[-1]):
+            # Side roads of T junctions have no lane that goes straight on; turns alone lead there.
+            near = np.linalg.norm(lanes - end[:2], axis=1).min()
+            assert near < 0.6 or abs(end[1]) > 40.0
+        sides = np.diff(turn[:, :2], axis=0)
+        steps = np.diff(np.unwrap(np.arctan2(sides[:, 1], sides[:, 0])))
+        assert 1.2 < abs(steps.sum()) < 2.0
+        assert np.abs(steps).max() < 0.35
+
+
+def test_traffic_keeps_to_the_right(town: ls.worlds.Street) -> None:
+    there, back = town.ways.lanes[:2]
+    assert there[-1, 0] > there[0, 0]
+    middle = len(there) // 2
+    nearest = back[np.linalg.norm(back[:, :2] - there[middle, :2], axis=1).argmin()]
+    ahead = there[middle + 1] - there[middle]
+    left = np.cross(ahead, nearest - there[middle])[2]
+    assert left > 0
+
+
+def test_nothing_stands_in_the_lanes(world: ls.worlds.Street) -> None:
+    """A car 2 m wide and 1.5 m high meets nothing."""
+    scene = ls.Scene()
+    names = []
+    for item in world.scene:
+        if item.name not in ls.worlds.GROUND:
+            scene.add(item.shape, transform=item.transform)
+            names.append(item.name)
+    for lane in (*world.ways.lanes, *world.ways.turns):
+        ahead = np.diff(lane, axis=0)
+        left = np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))])
+        left /= np.linalg.norm(left, axis=1, keepdims=True)
+        for across in (-1.0, 0.0, 1.0):
+            for high in (0.4, 1.0, 1.5):
+                hits = scene.cast(lane[:-1] + across * left + (0, 0, high), ahead, t_max=1.0)
+                assert not hits.hit.any(), names[hits.object_id[hits.hit][0]]
+    street = world.ways.lanes[0]
+    beside = [street[:-1] + np.array([0, y, 0.4]) for y in np.arange(-12.0, -2.0, 0.5)]
+    assert any(scene.cast(points, np.diff(street, axis=0), t_max=1.0).hit.any() for points in beside)
+
+
+def test_buildings_do_not_overlap_each_other(town: ls.worlds.Street) -> None:
+    walls: dict[int, Floats] = {}
+    for item in town.scene:
+        if item.name.startswith("building/") and isinstance(item.shape, ls.TriangleMesh):
+            low, high = item.shape.bounds
+            corners = np.array(
+                [(x, y, 0, 1) for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
+            )
+            assert item.transform is not None
+            walls.setdefault(item.instance, (corners @ item.transform.T)[:, :2].mean(axis=0))
+    places = np.array([*walls.values()])
+    assert len(places) > 20
+    assert min(np.linalg.norm(a - b) for a, b in combinations(places, 2)) > 3.5
+
+
+def test_copies_share_their_shapes(town: ls.worlds.Street) -> None:
+    shapes = [id(item.shape) for item in town.scene]
+    assert len(set(shapes)) < 0.6 * len(shapes)
+    assert copy.copy(town.scene)[5].shape is town.scene[5].shape
+
+
+def test_a_street_takes_little_memory() -> None:
+    gc.collect()
+    tracemalloc.start()
+    world = ls.worlds.street(3, "residential")
+    size = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert size < 150e6
+    assert len(pickle.dumps(world.scene)) < 60e6
+    triangles = {id(item.shape): len(cast("Any", item.shape)) for item in world.scene if hasattr(item.shape, "__len__")}
+    disks = {id(item.shape): len(item.shape.radii) for item in world.scene if isinstance(item.shape, ls.Disks)}
+    assert sum(triangles.values()) * 150 + sum(disks.values()) * 80 < 100e6
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ls.worlds.street(0, cast("Any", "motorway")), "kind: expected 'residential'"),
+        (lambda: ls.worlds.street(-1), "seed: expected an integer from 0 to 18446744073709551615, got -1"),
+        (lambda: ls.worlds.street(0, length=10.0), "length: expected a finite number from 60 to 1000, got 10.0"),
+    ],
+)
+def test_bad_arguments_are_named(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        call()
+    assert labels.CLASS_NAMES[40] == "road"
