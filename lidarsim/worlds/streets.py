@@ -314,7 +314,7 @@ class Plan:
 
     def heading(self, s: npt.ArrayLike) -> Floats:
         """Return the heading of the street."""
-        return np.asarray(np.interp(s, self.course[:, 0], self.course[:, 3]))
+        return np.asarray(np.interp(np.asarray(s, float), self.course[:, 0], self.course[:, 3]))
 
     def at(self, s: npt.ArrayLike, d: npt.ArrayLike) -> Floats:
         """Return points on the ground, shape (…, 3)."""
