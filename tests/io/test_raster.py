@@ -552,7 +552,7 @@ def test_only_the_file_itself_is_read(tmp_path: Path) -> None:
         assert file.driver == "VRT"
     assert "not a readable raster of heights" in refusal(virtual)
     for name in ("http://127.0.0.1:9/dem.tif", f"GTIFF_DIR:1:{path}", f"/vsizip/{path}", f"zip://{path}"):
-        with pytest.raises(FileNotFoundError, match=f"^{re.escape(str(Path(name)))}: no such raster file$"):
+        with pytest.raises(FileNotFoundError, match=f"^{re.escape(str(Path(name)))}: no such file$"):
             ls.TriangleMesh.from_raster(name)
 
 
