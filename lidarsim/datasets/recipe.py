@@ -39,6 +39,7 @@ from lidarsim.datasets.draws import Draw, Stream
 from lidarsim.datasets.fingerprint import fingerprint, name_of
 from lidarsim.datasets.layouts import AnyLayout, Layout
 from lidarsim.datasets.scatter import Placed, Scatter, nearby, scatter
+from lidarsim.datasets.scatter._folders import expanded
 from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.sources import hashes, located, paths
 from lidarsim.datasets.splits import Splits, check_splits
@@ -315,6 +316,7 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
         root = replace(root, *assigned(assignment))
     for name, value in (given or {}).items():
         root = replace(root, [name], argument(name, value))
+    root = expanded(root)
     loaded: Loaded = {}
     place = Place(root, (), loaded)
     if "run" not in entries(root):

@@ -73,7 +73,12 @@ TUFTS = 2.0
 
 
 def tree(
-    kind: TreeKind, rng: np.random.Generator, *, height: float | None = None, length: float | None = None
+    kind: TreeKind,
+    rng: np.random.Generator,
+    *,
+    height: float | None = None,
+    length: float | None = None,
+    clearance: float = 0.0,
 ) -> Asset:
     """Make a plant that stands above the origin.
 
@@ -87,6 +92,8 @@ def tree(
         Height, 0.05 to 60 m. Default: drawn.
     length : float, optional
         Length of a hedge, 0.5 to 50 m. Default: drawn, 2 to 6 m.
+    clearance : float
+        Height up to which a tree is pruned, 0 to 60 m: 4.5 m over roads.
 
     Returns
     -------
@@ -117,14 +124,17 @@ def tree(
         raise ArgumentValueError("length", "None, but for a hedge", shown(length))
     if kind == "grass":
         return Asset((_tufts(rng, habit, tall),))
+    clear = real("clearance", clearance, at_least=0.0, at_most=60.0)
     foot, radius = drawn(rng, habit.stem) * tall, drawn(rng, habit.spread) * tall
+    foot = max(foot, min(clear, 0.8 * tall))
     twigs = _twigs(kind, rng, foot, tall, radius)
     volume = 2 / 3 * 2 * np.pi * radius**2 * (tall - foot) / 2 * (0.5 if kind == "conifer" else 1.0)
     count = int(habit.density * volume / (np.pi * habit.leaf**2))
     # Leaves gather around the twigs, so that there are gaps between them.
     bunch = (0.16 if kind != "conifer" else 0.13) * radius
     at = twigs[rng.integers(len(twigs), size=count)] + rng.normal(0.0, bunch, (count, 3)) * (1, 1, 0.7)
-    at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, habit.leaf), tall)
+    at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, habit.leaf), max(tall, clear + 0.5))
+    at = at[at[:, 2] >= clear + 2 * habit.leaf * bool(clear)]
     material = materials.CONIFER if kind == "conifer" else materials.FOLIAGE
     leaves = _leaves(rng, at, habit.leaf, material)
     if not habit.girth:
@@ -168,6 +178,7 @@ def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, ta
         tube([middle, top], [0.85 * radius, 0.2 * radius], 7, VEGETATION, materials.BARK),
     ]
     for end in twigs[rng.permutation(len(twigs))[:12]]:
+        end[2] = max(end[2], fork + 0.2)
         height = np.clip(end[2] - 0.6 * np.hypot(*end[:2]), fork, 0.9 * top[2])
         share = (height - fork) / (top[2] - fork)
         start = np.array([*(bend[0] + share * (bend[1] - bend[0])), height])

@@ -92,6 +92,9 @@ CORNER = 5.0
 REACH = 75.0
 """Greatest distance from the middle of the street, m."""
 
+ROOM = 4.5
+"""Height over a road that is kept free, m (RASt 06)."""
+
 BEND = 1 / 130
 """Greatest curvature of the street, 1/m, so that its neighbourhood does not fold."""
 
@@ -710,10 +713,16 @@ class _Builder:
             return
         at = widths.kerb + 0.7 if widths.verge > 0.8 or not widths.pavement else widths.plot - 0.5
         if widths.set_back > 3.0 and rng.random() < 0.6:
-            at = widths.plot + 1.8
-        kind: TreeKind = "young" if rng.random() < 0.3 else "broadleaf"
+            at = max(widths.plot + 1.8, widths.lane + 3.5)
+        young = rng.random() < 0.3
         for s in self._along(layout.trees, side, 8.0):
-            self._tree(kind, s, side * at, 0.7, 1.1)
+            if young:
+                self._tree("young", s, side * max(at, widths.kerb + 0.9), 0.9, 1.1)
+            elif at > widths.lane + 3.4:
+                self._tree("broadleaf", s, side * at, 0.7, 1.0)
+            else:
+                plant = self._one("street tree", partial(tree, "broadleaf", clearance=ROOM), 4)
+                self._put(plant, "broadleaf", (s, side * at), rng.uniform(0, 6.3))
 
     def _furniture(self, side: int) -> None:
         widths, rng = self.plan.sides[side], self.rng

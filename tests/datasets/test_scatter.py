@@ -249,7 +249,7 @@ def test_points_on_movers_of_the_street_move() -> None:
             "scatter.cars.on=[table]",
             r"scatter\.cars\.on=\[table\]: expected names of objects in the scene, got 'table'",
         ),
-        ("scatter.cars.along_m=[[0, 0], [1, 1]]", "expected one of area_m and along_m, got both"),
+        ("scatter.cars.along_m=[[0, 0], [1, 1]]", "expected one of area_m, along_m and along, got area_m and along_m"),
         ("scatter.boxes.along_m=[[0, 0], [0, 0]]", "expected points that differ"),
         ("scatter.boxes.speed_m_per_s=100", r"expected a path as long as the way in a sequence, \d+ m, got 28\.64 m"),
         ("scatter.cars.objects.0.motion={linear_m_per_s: [1, 0, 0]}", "expected no motion, since the group moves its"),

@@ -161,6 +161,44 @@ def test_people_are_as_tall_as_they_are_said_to_be() -> None:
     assert 1.2 < np.diff(seated.bounds, axis=0)[0, 2] < 1.45
 
 
+@pytest.mark.parametrize("kind", ["broadleaf", "conifer", "young"])
+def test_trees_are_as_tall_as_they_are_said_to_be_with_gaps_between_their_leaves(kind: Any) -> None:
+    low, high = HABITS[cast("Any", kind)].height
+    for seed in range(5):
+        plant = ls.worlds.tree(kind, np.random.default_rng(seed))
+        assert low - 0.5 <= plant.bounds[1, 2] <= high + 0.2
+        assert {int(number) for part in plant.parts for number in np.unique(part.label)} == {
+            labels.TRUNK,
+            labels.VEGETATION,
+        }
+        scene = ls.Scene()
+        plant.add_to(scene)
+        foot, top = plant.parts[-1].shape.bounds[:, 2]
+        heights = np.linspace(foot + 0.3 * (top - foot), foot + 0.7 * (top - foot), 400)
+        origins = np.column_stack([np.full(400, -20.0), np.linspace(-0.4, 0.4, 400), heights])
+        hits = scene.cast_all(origins, np.broadcast_to([1.0, 0.0, 0.0], origins.shape), most=8)
+        count = np.isfinite(hits.t).sum(axis=1)
+        assert (count == 0).any()
+        assert (count > 2).any()
+    pruned = ls.worlds.tree(kind, np.random.default_rng(1), clearance=3.0)
+    assert pruned.parts[-1].shape.bounds[0, 2] >= 3.0
+
+
+@pytest.mark.parametrize("kind", BUILDINGS)
+def test_buildings_have_the_size_that_is_asked_for(kind: Any) -> None:
+    made = ls.worlds.building(kind, np.random.default_rng(3), width=12.0, depth=9.0, storeys=2)
+    size = np.diff(made.bounds, axis=0)[0]
+    assert 9.0 <= size[0] <= 11.6
+    assert 12.0 <= size[1] <= 12.9
+    assert 5.4 <= size[2] <= 13.0
+
+
+@pytest.mark.parametrize("kind", ["fence", "wall", "cable"])
+def test_what_has_a_length_is_as_long(kind: Any) -> None:
+    made = ls.worlds.furniture(kind, np.random.default_rng(0), length=4.0)
+    assert np.diff(made.bounds, axis=0)[0, 1] == pytest.approx(4.0, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -170,6 +208,13 @@ def test_people_are_as_tall_as_they_are_said_to_be() -> None:
             lambda rng: ls.worlds.pedestrian(rng, posture="sitting", load="pram"),
             "load: expected 'nothing', 'bag'",
         ),
+        (lambda rng: ls.worlds.tree(cast("Any", "palm"), rng), "kind: expected 'broadleaf'"),
+        (lambda rng: ls.worlds.tree("bush", rng, length=2.0), "length: expected None, but for a hedge, got 2.0"),
+        (lambda rng: ls.worlds.tree("young", rng, height=99.0), "height: expected a finite number from 0.05 to 60"),
+        (lambda rng: ls.worlds.building("house", rng, width=0.0), "width: expected a finite number from 2 to 100"),
+        (lambda rng: ls.worlds.building("house", rng, storeys=0), "storeys: expected an integer from 1 to 40, got 0"),
+        (lambda rng: ls.worlds.furniture("bin", rng, length=2.0), "length: expected None, but for fence, wall, cable"),
+        (lambda rng: ls.worlds.furniture(cast("Any", "tent"), rng), "kind: expected 'lamp'"),
         (lambda rng: ls.worlds.pedestrian(rng, height=-1.0), "height: expected a finite number"),
     ],
 )

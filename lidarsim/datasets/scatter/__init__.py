@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from lidarsim._base.validation import Floats
-from lidarsim.config.schema import Model, either
+from lidarsim.config.schema import Generated, Model, either
 from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
 from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, steps, turns_of
 from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of
@@ -23,10 +23,12 @@ from lidarsim.datasets.scattered import Scattered, Tally
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
 from lidarsim.world.scene import Scene, SceneObject
+from lidarsim.worlds import GROUND
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
     from lidarsim.run import Run
+    from lidarsim.worlds import Ways
 
 __all__ = ["Placed", "Scatter", "clearance", "nearby", "scatter"]
 
@@ -89,14 +91,24 @@ else:
     )
 
 
+WayName = Literal["lanes", "turns", "pavements", "crossings"]
+
+if TYPE_CHECKING:
+    AlongWays = WayName | list[WayName]
+else:
+    AlongWays = either(WayName, Annotated[list[WayName], Field(min_length=1)], lambda value: isinstance(value, list))
+
+
 class Scatter(Model):
     """A group of objects; each is one of `objects`."""
 
     objects: Annotated[list[AnyThing], Field(min_length=1)]
+    weights: list[Annotated[float, Field(gt=0, le=FAR)]] | None = None
     on: Annotated[list[str], Field(min_length=1)]
     count: DrawOr
     area_m: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = None
     along_m: Paths | None = None
+    along: AlongWays | None = None
     interpolation: Literal["linear", "spline"] = "linear"
     offset_m: DrawOr = 0.0
     yaw_deg: DrawOr = 0.0
@@ -115,12 +127,31 @@ class Scatter(Model):
             for points in (given if _is_nested(given) else [given] if given else [])
         ]
 
+    def on_ways(self, ways: Ways | None, place: Place) -> Scatter:
+        """Return the group with the ways of a street as its paths, if it is placed along them."""
+        if self.along is None:
+            return self
+        if ways is None:
+            raise (place / "along").error("expected along_m or area_m, since the scene is not a street")
+        names = [self.along] if isinstance(self.along, str) else self.along
+        lines = [line[:, :2].tolist() for name in names for line in getattr(ways, name)]
+        if not lines:
+            raise (place / "along").error(
+                f"expected ways that the street has, got {', '.join(names)}, of which it has none"
+            )
+        return self.model_copy(update={"along": None, "along_m": lines})
+
     def check(self, place: Place) -> None:
         """Raise an error if keys contradict each other, or if an object cannot be built and placed."""
-        if (self.area_m is None) == (self.along_m is None):
-            raise place.error("expected one of area_m and along_m, got " + ("none" if self.area_m is None else "both"))
+        given_keys = [key for key in ("area_m", "along_m", "along") if getattr(self, key) is not None]
+        if len(given_keys) != 1:
+            raise place.error(f"expected one of area_m, along_m and along, got {' and '.join(given_keys) or 'none'}")
+        if self.weights is not None and len(self.weights) != len(self.objects):
+            raise (place / "weights").error(
+                f"expected one for each of {len(self.objects)} objects, got {len(self.weights)}"
+            )
         if self.along_m is None and self.interpolation != "linear":
-            raise (place / "interpolation").error("expected along_m beside it, got area_m")
+            raise (place / "interpolation").error(f"expected along_m beside it, got {given_keys[0]}")
         there = place / "along_m"
         given: Sequence[Any] = self.along_m or ()
         if _is_nested(given):
@@ -252,9 +283,10 @@ def scatter(
     tallies: dict[str, Tally] = {}
     # Things in areas, things on paths, and the latter with their gaps ahead and behind.
     others, lanes, spaced = Obstacles(), Obstacles(), Obstacles()
-    for name, group in groups.items():
+    for name, given in groups.items():
         there = place / name
-        ground, obstacles = _divided(run.scene, group.on, times, there)
+        group = given.on_ways(run.ways, there)
+        ground, obstacles = _divided(run, group.on, times, there)
         along = bool(group.paths)
         rules = [
             _Rule("clear of the sensor", _sensor(run, times, group.clear_m)),
@@ -266,19 +298,22 @@ def scatter(
                 else [_Rule("gap to {}", lanes, group.gap_m)]
             ),
         ]
-        things: dict[int, Thing] = {}
+        things: dict[tuple[int, int], Thing] = {}
         count = int(group.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))
         missed, done = 0, len(placed)
         refused: Counter[str] = Counter()
         for number in range(count):
             stream = Stream(seed, f"scatter.{name}.{number}", sequence)
-            index = stream.integer(0, len(group.objects) - 1)
-            if index not in things:
-                things[index] = thing_of(group.objects[index], there / "objects" / index)
+            last = len(group.objects) - 1
+            index = stream.integer(0, last) if group.weights is None else stream.index(group.weights)
+            key = index, _variant(group.objects[index], Stream(seed, f"scatter.{name}.{number}.variant", sequence))
+            if key not in things:
+                asset_seed = Stream(seed, f"scatter.{name}.{index}.{key[1]}", sequence).word()
+                things[key] = thing_of(group.objects[index], there / "objects" / index, asset_seed)
             scale = group.drawn("scale", stream, there)
             way = Way(group, stream, times, there)
             phase = Stream(seed, f"scatter.{name}.{number}.phase", sequence).unit()
-            swing = things[index].swing(scale, way, phase, there)
+            swing = things[key].swing(scale, way, phase, there)
             found, reasons = _place(way, stream, swing, ground, rules)
             if found is None:
                 refused += reasons
@@ -289,7 +324,7 @@ def scatter(
             missed = 0
             poses, outline, spaced_out = found
             motion = Trajectory(times, poses) if way.moves else poses[0]
-            parts = things[index].placed(scale, swing, motion, times[0])
+            parts = things[key].placed(scale, swing, motion, times[0])
             placed.append(Placed(name, index, scale, motion, parts))
             (lanes if along else others).add(name, outline)
             if along:
@@ -297,6 +332,15 @@ def scatter(
         tallies[name] = Tally(count, len(placed) - done, dict(refused))
     near = dict.fromkeys(nearby(run, groups), 1) if clearance(groups) else {}
     return placed, Scattered(1, tallies, near)
+
+
+VARIANTS = 8
+"""Number of assets of an entry of a group, without a seed of its own, in a sequence."""
+
+
+def _variant(item: AnyThing, stream: Stream) -> int:
+    """Return which asset of a generator an object is; 0 of all others."""
+    return stream.integer(0, VARIANTS - 1) if isinstance(item, Generated) and "seed" not in item.model_fields_set else 0
 
 
 def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
@@ -314,7 +358,7 @@ def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
     clear = clearance(groups)
     if not clear:
         return _crossed(run, times)
-    on = {name for group in groups.values() for name in group.on}
+    on = {name for group in groups.values() for name in group.on} | _ground_of(run)
     positions = _positions(run, times)
     mounts = [part.mount[2, 3] for part in run.sensor.values()] if isinstance(run.sensor, Rig) else []
     path = Outline(_square(positions, clear), -np.inf, positions[:, 2].max() + max(mounts, default=0.0))
@@ -484,18 +528,25 @@ def _tilted(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
     poses[:, :3, 3] -= low * poses[:, :3, 2]
 
 
-def _divided(scene: Scene, on: Sequence[str], times: Floats, place: Place) -> tuple[Scene, Obstacles]:
-    """Return the ground for objects as a scene, and the obstacles."""
-    missing = set(on) - {item.name for item in scene.objects}
+def _ground_of(run: Run) -> set[str]:
+    """Return the names of the objects that are the ground of a street."""
+    return set() if run.ways is None else set(GROUND)
+
+
+def _divided(run: Run, on: Sequence[str], times: Floats, place: Place) -> tuple[Scene, Obstacles]:
+    """Return the ground for objects as a scene, and the obstacles; the ground of a street is none."""
+    objects = run.scene.objects
+    missing = set(on) - {item.name for item in objects} - _ground_of(run)
     if missing:
         raise (place / "on").error(f"expected names of objects in the scene, got {min(missing)!r}")
     ground = Scene()
-    for item in scene.objects:
+    for item in objects:
         if item.name in on:
             ground.add(item.shape, transform=item.transform)
     obstacles = Obstacles()
-    for item in scene.objects:
-        if item.name not in on and item.shape.bounded:
+    passed = _ground_of(run).union(on)
+    for item in objects:
+        if item.name not in passed and item.shape.bounded:
             obstacles.add(_name(item), _obstacle(item, times))
     return ground, obstacles
 
@@ -508,11 +559,28 @@ def _obstacle(item: SceneObject, times: Floats) -> Outline:
     """Return the outline of an object in the scene; a motion is taken to be straight within a step."""
     (x0, y0, low), (x1, y1, high) = item.bounds
     if item.motion is None:
-        return Outline(np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]]), low, high)
+        return _upright(item) or Outline(np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]]), low, high)
     first, last = item.motion.span
     poses = item.motion._native.at(np.clip(times, first, last))
     solid = np.array([[x, y, z] for z in (low, high) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
     return _solid(poses, solid)
+
+
+def _upright(item: SceneObject) -> Outline | None:
+    """Return the outline of an object that is turned about the z axis, which its bounds along x and y exceed."""
+    place = item.transform
+    if (
+        place is None
+        or place[2, :2].any()
+        or place[:2, 2].any()
+        or not place[0, 1]
+        or np.linalg.det(place[:2, :2]) <= 0
+    ):
+        return None
+    box = item.shape.bounds
+    plan = _corners(box) @ place[:2, :2].T + place[:2, 3]
+    heights = np.sort(box[:, 2] * place[2, 2] + place[2, 3])
+    return Outline(plan[None], float(heights[0]), float(heights[1]))
 
 
 def _solid(poses: Floats, solid: Floats) -> Outline:

@@ -247,8 +247,10 @@ def _strides(height: float, phase: float, times: Floats, speeds: Floats) -> list
     return _walker.postures(height, phase + cycles, np.abs(relative))
 
 
-def thing_of(item: AnyThing, place: Place) -> Thing:
+def thing_of(item: AnyThing, place: Place, seed: int = 0) -> Thing:
     """Return a thing with its parts, wheels last, so that its box has the axes of its body.
+
+    `seed` is that of an asset without a seed of its own.
 
     Raises
     ------
@@ -257,6 +259,8 @@ def thing_of(item: AnyThing, place: Place) -> Thing:
     """
     if "instance" in item.model_fields_set:
         raise (place / "instance").error("expected none, since each copy is an instance of its own")
+    if isinstance(item, Generated) and "seed" not in item.model_fields_set:
+        item = item.model_copy(update={"seed": seed})
     if (walking := _walking(item, place)) is not None:
         return walking
     parts = list(_parts(item, place))

@@ -1,0 +1,73 @@
+"""Models in folders: one object of a group for each file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+import yaml
+
+from lidarsim._base.validation import shown
+from lidarsim.config.document import Node, Place, entries, folder_of, plain, replace, without, written
+from lidarsim.worlds import CLASS_NAMES
+
+__all__ = ["expanded"]
+
+MOST_FILES = 1000
+"""Greatest number of files that a pattern may match: each is read where it is first drawn."""
+
+
+def expanded(root: Node) -> Node:
+    """Return a recipe in which members of groups with ``files``, a pattern, are a scene file for each match.
+
+    Their ``label`` may be the name of a class: of the recipe's class names, or of SemanticKITTI.
+
+    Raises
+    ------
+    ConfigError
+        If a pattern matches no file, or too many, or there is no such class.
+    """
+    found = entries(root)
+    if "scatter" not in found:
+        return root
+    names: dict[str, str | int] = {name: label for label, name in CLASS_NAMES.items()}
+    if "class_names" in found:
+        names |= {str(plain(value)): label for label, (_, value) in entries(found["class_names"][1]).items()}
+    for group, (_, node) in entries(found["scatter"][1]).items():
+        if "objects" not in entries(node):
+            continue
+        objects = entries(node)["objects"][1]
+        place = Place(root) / "scatter" / group / "objects"
+        given = objects.value if isinstance(objects, yaml.SequenceNode) else [objects]
+        if any("files" in entries(item) for item in given):
+            members: list[Node] = []
+            for index, item in enumerate(given):
+                there = place if item is objects else place / index
+                members += _members(item, there, names) if "files" in entries(item) else [item]
+            value = yaml.SequenceNode("tag:yaml.org,2002:seq", members, objects.start_mark, objects.end_mark)
+            root = replace(root, ["scatter", group, "objects"], value)
+    return root
+
+
+def _members(item: Node, place: Place, names: dict[str, str | int]) -> Iterator[Node]:
+    """Yield a scene file for each file that a member names by its pattern, in the order of their names."""
+    node = entries(item)["files"][1]
+    pattern, folder = plain(node), folder_of(node.start_mark)
+    try:
+        found = list(islice(folder.glob(pattern), MOST_FILES + 1))
+    except (NotImplementedError, TypeError, ValueError):
+        raise (place / "files").error(f"expected a pattern such as models/*.glb, got {shown(pattern)}") from None
+    files = sorted(path.relative_to(folder).as_posix() for path in found if path.is_file())
+    if not 1 <= len(files) <= MOST_FILES:
+        count = f"more than {MOST_FILES}" if files else "none"
+        raise (place / "files").error(f"expected 1 to {MOST_FILES} files that match {shown(pattern)}, got {count}")
+    changed = {"shape": written("scene_file", node)}
+    if "label" in entries(item) and isinstance(label := plain(entries(item)["label"][1]), str):
+        if label not in names:
+            raise (place / "label").error(f"expected a number, or one of {', '.join(names)}, got {shown(label)}")
+        changed["label"] = written(int(names[label]), entries(item)["label"][1])
+    for file in files:
+        member = without(item, "files")
+        for key, value in {**changed, "file": written(file, node)}.items():
+            member = replace(member, [key], value)
+        yield member

@@ -1,0 +1,134 @@
+"""Groups along the ways of a street, of assets and of models in folders."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import lidarsim as ls
+from lidarsim.config.starter import STARTER
+from lidarsim.datasets.recipe import Document, load
+from lidarsim.datasets.scatter import Placed
+from lidarsim.errors import ConfigError
+
+SENSOR = {"pattern": {"type": "grid", "azimuths_deg": [0], "elevations_deg": [0], "rate_hz": 10}}
+STREET = {"street": {"seed": 3, "length_m": 160.0}}
+CARS: dict[str, Any] = {
+    "objects": [{"shape": "vehicle", "kind": "hatchback"}, {"shape": "vehicle", "kind": "bicycle"}],
+    "on": ["road"],
+    "count": 6,
+    "along": ["lanes", "turns"],
+    "speed_m_per_s": 5,
+    "gap_m": 2,
+}
+PEOPLE: dict[str, Any] = {
+    "objects": [{"shape": "pedestrian"}],
+    "on": [*ls.worlds.GROUND],
+    "count": 5,
+    "along": "crossings",
+    "speed_m_per_s": 1.2,
+}
+
+
+def recipe(folder: Path, groups: dict[str, Any], *, scene: Any = STREET, **keys: Any) -> Path:
+    run = {"sensor": SENSOR, "scene": scene, "pose": {"position_m": [0, 0, 30]}}
+    path = folder / "recipe.yaml"
+    path.write_text(yaml.safe_dump({"layout": "shards", "frames": 8, "scatter": groups, "run": run, **keys}))
+    return path
+
+
+def placed(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
+    source = load(path).source
+    assert isinstance(source, Document)
+    return source.run(sequence).scene, source.placed[sequence]
+
+
+def test_traffic_follows_the_lanes_and_people_cross(tmp_path: Path) -> None:
+    world = ls.worlds.street(3, length=160.0)
+    scene, found = placed(recipe(tmp_path, {"cars": CARS, "people": PEOPLE}))
+    assert [item.group for item in found] == ["cars"] * 6 + ["people"] * 5
+    assert len(scene) > len(world.scene)
+    lines = {
+        "cars": np.concatenate([*world.ways.lanes, *world.ways.turns]),
+        "people": np.concatenate(world.ways.crossings),
+    }
+    for item in found:
+        assert isinstance(item.motion, ls.Trajectory)
+        for place in item.motion.at(item.motion.times).translation:
+            assert np.linalg.norm(lines[item.group][:, :2] - place[:2], axis=1).min() < 0.6
+        ahead = item.motion.at(item.motion.times[:2]).as_matrix()
+        assert ahead[0, :3, 0] @ (ahead[1, :3, 3] - ahead[0, :3, 3]) > 0
+
+
+def test_assets_without_a_seed_differ_from_object_to_object_and_from_sequence_to_sequence(tmp_path: Path) -> None:
+    path = recipe(tmp_path, {"people": PEOPLE | {"count": 12}}, sequences=2)
+    bodies = []
+    for sequence in (0, 1):
+        _, found = placed(path, sequence)
+        bodies.append({float(item.parts[0].part.shape.bounds[1, 2]) for item in found})
+    assert 3 < len(bodies[0]) <= 8
+    assert not bodies[0] & bodies[1]
+    fixed = PEOPLE | {"objects": [{"shape": "pedestrian", "seed": 4, "posture": "walking"}]}
+    _, found = placed(recipe(tmp_path, {"people": fixed}))
+    assert len({id(item.parts[0].part.shape) for item in found}) == 1
+
+
+def test_weights_choose_among_the_objects(tmp_path: Path) -> None:
+    _, found = placed(recipe(tmp_path, {"cars": CARS | {"count": 12, "weights": [1, 1e9]}}))
+    assert {item.index for item in found} == {1}
+
+
+def test_every_sequence_may_be_another_street(tmp_path: Path) -> None:
+    path = recipe(tmp_path, {}, sequences=2, vary={"scene.street.seed": {"integer": [0, 1000]}})
+    source = load(path).source
+    assert isinstance(source, Document)
+    first, second = (source.run(sequence).scene for sequence in (0, 1))
+    assert len(first) != len(second)
+
+
+def test_models_join_by_folder(tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    for name in ("a.glb", "b.glb"):
+        shutil.copy(STARTER / "scenes/car.glb", tmp_path / "models" / name)
+    cars = CARS | {"objects": {"files": "models/*.glb", "label": "truck", "wheels": "wheel*"}, "count": 8}
+    path = recipe(tmp_path, {"cars": cars})
+    _, found = placed(path)
+    assert {item.index for item in found} == {0, 1}
+    scene, _ = placed(path)
+    assert {item.label for item in scene if "wheel" in item.name and "hub" not in item.name} >= {18}
+    files = load(path).source.files()
+    assert {"models/a.glb", "models/b.glb"} <= set(files)
+
+
+@pytest.mark.parametrize(
+    ("group", "scene", "message"),
+    [
+        (CARS | {"along": "rails"}, STREET, "expected 'lanes', 'turns', 'pavements' or 'crossings', got 'rails'"),
+        (
+            CARS | {"along_m": [[0, 0], [9, 0]]},
+            STREET,
+            "expected one of area_m, along_m and along, got along_m and along",
+        ),
+        (CARS, [{"shape": "plane", "normal": [0, 0, 1], "name": "road"}], "since the scene is not a street"),
+        (CARS | {"along": "crossings"}, {"street": {"kind": "rural"}}, "got crossings, of which it has none"),
+        (
+            CARS | {"objects": {"files": "none/*.glb"}},
+            STREET,
+            "expected 1 to 1000 files that match 'none/*.glb', got none",
+        ),
+        (CARS | {"weights": [1, 2, 3]}, STREET, "weights: expected one for each of 2 objects, got 3"),
+        (CARS | {"weights": [1, 0]}, STREET, "expected a value > 0"),
+        (CARS | {"objects": {"files": 3}}, STREET, "expected a pattern such as models/*.glb, got 3"),
+        (CARS | {"objects": {"files": "*.yaml", "label": "tank"}}, STREET, "got 'tank'"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, group: dict[str, Any], scene: Any, message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        placed(recipe(tmp_path, {"cars": group}, scene=scene))
+    assert message in str(caught.value)
+    assert "scatter.cars" in str(caught.value)
