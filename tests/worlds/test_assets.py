@@ -17,7 +17,7 @@ from lidarsim.worlds import _labels as labels
 from lidarsim.worlds.buildings import BUILDINGS
 from lidarsim.worlds.furnishings import FURNITURE
 from lidarsim.worlds.pedestrians import LOADS, POSTURES
-from lidarsim.worlds.plants import TREES
+from lidarsim.worlds.plants import HABITS, TREES
 from lidarsim.worlds.vehicles import LABELS, SIZES, VEHICLES
 
 Floats = npt.NDArray[np.float64]
