@@ -13,12 +13,20 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 from typing import TYPE_CHECKING, NoReturn
 
 try:
-    import lidarsim._native  # noqa: F401
+    import lidarsim._native as _core
 except ImportError as error:
     raise ImportError(
         f"lidarsim has no compiled core for this Python in {__path__[0]} ({error}): "
         "run `pip install --editable .` in the clone, or leave the clone to use an installed lidarsim"
     ) from None
+
+__version__ = "0.1.0"
+
+if getattr(_core, "__version__", __version__) != __version__:
+    raise ImportError(
+        f"lidarsim {__version__} in {__path__[0]} has the compiled core of {_core.__version__}: "
+        "run `pip install --editable .` in the clone, or reinstall lidarsim"
+    )
 
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns, worlds
 from lidarsim import viewers as viewers  # registers views
@@ -130,8 +138,6 @@ __all__ = [
     "stream",
     "worlds",
 ]
-
-__version__ = "0.1.0"
 
 
 if not TYPE_CHECKING:  # type checkers know all names

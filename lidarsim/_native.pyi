@@ -47,6 +47,8 @@ __all__ = [
     "waveforms",
 ]
 
+__version__: str
+
 _Point = Sequence[float]
 
 _Item = TypeVar("_Item", bound="SceneObject")

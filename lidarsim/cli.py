@@ -627,7 +627,10 @@ def compare(
     sides = source("real", real), source("simulated", simulated)
     counts = [side.count for side in sides]
     total = None if None in counts else sum(filter(None, counts))
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+    with (
+        without_native_logs(),
+        Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
+    ):
         task = progress.add_task("comparing", total=total)
         one, other = (
             dataclasses.replace(side, frames=_counted(side.frames, lambda: progress.advance(task))) for side in sides
@@ -1067,7 +1070,8 @@ def _read(
     first, most = integer("--frame", first, at_least=0), integer("--frames", most, at_least=1)
     found = reading.open_frames(path)
     left = most if found.count is None else max(0, min(most, found.count - first))
-    frames = list(_progress(islice(found.read(first), left), left))
+    with without_native_logs():  # such as lazrs's of damaged data
+        frames = list(_progress(islice(found.read(first), left), left))
     if not frames:
         there = "" if found.count is None else f" of {counted(found.count, 'frame')}"
         raise LidarsimError(f"{path}: --frame: expected the number of a frame{there}, got {first}")

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
@@ -29,14 +29,18 @@ import pytest
 
 import lidarsim as ls
 from lidarsim._base import views
-from lidarsim.io import packets, rosbag
-from lidarsim.motion import trajectory
+from lidarsim.comparison._sources import source
+from lidarsim.datasets.layouts import LAYOUTS
+from lidarsim.datasets.reading import open_frames
+from lidarsim.io import las, packets, rosbag
+from lidarsim.motion import formats as trajectories
+from lidarsim.run import Run
 from lidarsim.scan import pointcloud
 from lidarsim.viewers import pattern
 from lidarsim.viewers.open3d import import_open3d
 from lidarsim.world import scene as scenes
 
-THREADS, TURNS = 6, 2
+THREADS, TURNS = 6, 1
 HEAVY = (
     "laspy",
     "matplotlib.pyplot",
@@ -107,12 +111,16 @@ ASC = "ncols 6\nnrows 6\nxllcorner 0\nyllcorner 0\ncellsize 1\n" + ("1 " * 6 + "
 
 def formats() -> dict[str, Callable[[Path], object]]:
     def of_points(suffix: str) -> Callable[[Path], object]:
-        return lambda folder: (CLOUD.save(folder / f"a{suffix}"), ls.PointCloud.load(folder / f"a{suffix}"))
+        def save_and_load(folder: Path) -> None:
+            CLOUD.save(folder / f"a{suffix}")
+            ls.PointCloud.load(folder / f"a{suffix}")
+
+        return save_and_load
 
     def of_poses(suffix: str) -> Callable[[Path], object]:
         return lambda folder: POSES.save(folder / f"a{suffix}")
 
-    suffixes = {suffix for form in trajectory._FORMATS for suffix in form.suffixes}
+    suffixes = {suffix for form in trajectories._FORMATS for suffix in form.suffixes}
     found = {f"points {suffix}": of_points(suffix) for suffix in pointcloud._FORMATS if suffix != ".label"}
     return found | {f"poses {suffix}": of_poses(suffix) for suffix in suffixes}
 
@@ -198,21 +206,129 @@ def test_six_threads_leave_the_process_as_it_was(kind: str, tmp_path: Path) -> N
     assert {name for name in before if after[name] != before[name]} == set()
 
 
-def test_a_bag_is_read_on_after_a_change_of_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    with rosbag.Writer("drive/", max_duration=0.15) as writer:
+class Frames:
+    """Four scans; between them, the folder of the process is another one."""
+
+    def __iter__(self) -> Iterator[ls.Scan]:
+        home = Path.cwd()
         for k in range(4):
-            writer.write(LIDAR.scan(street(), frame=k, time=0.1 * k))
-    messages = rosbag.read("drive")
+            os.chdir(home / "other")
+            yield LIDAR.scan(street(), frame=k, time=0.1 * k)
+        os.chdir(home)
+
+
+def write_bag(path: str) -> None:
+    with rosbag.Writer(path, max_duration=0.15 if path.endswith("/") else None) as writer:
+        for scan in Frames():
+            writer.write(scan)
+
+
+def write_strip(path: str) -> None:
+    with las.Writer(path) as writer:
+        for scan in Frames():
+            writer.write(scan.point_cloud())
+
+
+def write_packets(path: str) -> None:
+    with packets.Writer(path, VLP16) as writer:
+        for _ in Frames():
+            pass
+        writer.write(VLP16.scan(street()))
+
+
+def write_run(path: str) -> None:
+    home = Path.cwd()
+    written = a_run().write(path, each=lambda _: os.chdir(home / "other"))
+    os.chdir(home)
+    assert all(file.exists() and not file.is_absolute() for file in written)
+
+
+def a_run() -> Run:
+    return ls.config.load("demo", ["frames=3", "sensor.preset=velodyne-vlp16"])
+
+
+WRITERS: dict[str, Callable[[str], object]] = {
+    "drive/": write_bag,
+    "drive.mcap": write_bag,
+    "strip.laz": write_strip,
+    "drive.pcap": write_packets,
+    "run/": write_run,
+    "run.mcap": write_run,
+    "run.pcap": write_run,
+    "run.ply": write_run,
+    "film.gif": lambda path: ls.show(Frames(), save=path, size=(64, 48)),
+    "page.html": lambda path: ls.show(Frames(), save=path),
+    "live.rrd": lambda path: ls.stream(Frames(), path),
+}
+
+
+@pytest.mark.parametrize("path", WRITERS)
+def test_a_change_of_folder_moves_no_output(path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "other").mkdir()
+    WRITERS[path](path)
+    assert list((tmp_path / "other").iterdir()) == []
+    names = [file.name for file in tmp_path.iterdir()]
+    assert any(name.startswith(path.partition(".")[0].rstrip("/")) for name in names)
+
+
+def make_files(folder: str) -> None:
+    Path(folder).mkdir()
+    for k in range(4):
+        CLOUD.save(f"{folder}/{k}.las")
+
+
+def make_set(layout: str) -> Callable[[str], object]:
+    def scenes(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Lidar, None]:  # noqa: ARG001
+        return street(), LIDAR, None
+
+    return lambda folder: ls.generate(scenes, folder, frames=4, layout=layout, class_names={2: "car"}, pictures=0)
+
+
+MADE: dict[str, Callable[[str], object]] = {"files": make_files, "bag": lambda _: write_bag("files/")} | {
+    name: make_set(name) for name in LAYOUTS
+}
+
+
+def damage(folder: Path) -> None:
+    for file in folder.rglob("*"):
+        if file.is_file() and file.suffix not in {".json", ".yaml", ".txt", ".html"}:
+            file.write_bytes(file.read_bytes()[: file.stat().st_size // 2] if file.suffix != ".bin" else b"abc")
+
+
+READ: dict[str, tuple[str, Callable[[str], Iterator[object]]]] = {
+    **{f"data set {name}": (name, lambda path: open_frames(Path(path)).read(0)) for name in MADE},
+    "compared": ("files", lambda path: source("real", path).frames),
+    "compared files": ("files", lambda path: source("real", [f"{path}/{k}.las" for k in range(4)]).frames),
+    "bag": ("bag", rosbag.read),
+    "strip": ("files", lambda path: las.read(f"{path}/0.las")),
+}
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_a_change_of_folder_reads_the_same_files(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "other").mkdir()
+    made, read = READ[kind]
+    MADE[made]("files")
+    count = len(list(read("files")))
+    items = read("files")
     os.chdir("other")
-    first = next(messages)
+    assert len(list(items)) == count >= 1
     os.chdir(tmp_path)
-    assert len([first, *messages]) == 4
+    items = read("files")
+    damage(tmp_path / "files")
+    os.chdir("other")
+    with pytest.raises((ls.errors.LidarsimError, OSError), match=r"^files") as told:
+        list(items)
+    assert str(tmp_path) not in str(told.value)
 
 
-def test_a_package_without_its_core_says_what_to_run(tmp_path: Path) -> None:
+@pytest.mark.parametrize("core", ["", '__version__ = "0.0.1"\n'])
+def test_a_package_without_its_core_says_what_to_run(core: str, tmp_path: Path) -> None:
     shutil.copy(ls.__file__, tmp_path / "__init__.py")
+    if core:
+        (tmp_path / "_native.py").write_text(core, encoding="ascii")
     code = (
         "import importlib.util as u, sys; s = u.spec_from_file_location('lidarsim', sys.argv[1],"
         " submodule_search_locations=[sys.argv[2]]); m = u.module_from_spec(s); sys.modules['lidarsim'] = m;"
@@ -225,6 +341,7 @@ def test_a_package_without_its_core_says_what_to_run(tmp_path: Path) -> None:
         check=False,
     )
     last = run.stderr.splitlines()[-1]
-    assert last.startswith("ImportError: lidarsim has no compiled core")
+    expected = f"{ls.__version__} in {tmp_path} has the compiled core of 0.0.1" if core else "has no compiled core"
+    assert last.startswith(f"ImportError: lidarsim {expected}")
     assert "run `pip install --editable .` in the clone" in last
     assert "circular" not in run.stderr

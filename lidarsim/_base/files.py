@@ -16,7 +16,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory, gettempdir
-from typing import IO, Any, BinaryIO, NoReturn
+from typing import IO, Any, BinaryIO, NoReturn, TypeVar
 from urllib.parse import unquote
 
 import numpy as np
@@ -26,6 +26,7 @@ from lidarsim._base.validation import short, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, LidarsimError, MissingExtraError
 
 PathLike = str | os.PathLike[str]
+Item = TypeVar("Item")
 
 TEMPORARY = ".lidarsim-", ".tmp"
 """Prefix and suffix of temporary folders, in which files are written before they are moved into place."""
@@ -136,7 +137,7 @@ def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def replacing(path: PathLike, *, named: PathLike | None = None) -> Iterator[Path]:
+def replacing(path: PathLike) -> Iterator[Path]:
     """Yield the path of a temporary file, in a folder of its own, that replaces `path` if the block succeeds.
 
     The folder is always removed, even if the main thread receives a SIGTERM that has no other handler. A replaced file
@@ -145,12 +146,11 @@ def replacing(path: PathLike, *, named: PathLike | None = None) -> Iterator[Path
     Raises
     ------
     OSError
-        If the file cannot be written, or if the block raises an `OSError`; the message has `path`, or how it is
-        `named`.
+        If the file cannot be written, or if the block raises an `OSError`; the message names `path`.
     """
     check_folder(path)
     special, target = _special(path), Path(os.path.realpath(path))
-    with writing(named or path), temporary_folder(Path(gettempdir()) if special else target.parent) as folder:
+    with writing(path), temporary_folder(Path(gettempdir()) if special else target.parent) as folder:
         temporary = folder / "written"
         yield temporary
         if special:
@@ -244,6 +244,54 @@ def check_path(path: PathLike) -> Path:
     if "\0" in os.fspath(path):
         raise ArgumentValueError("path", "a path without null characters", shown(str(path)))
     return Path(path)
+
+
+class Place:
+    """A path that keeps its file whatever becomes the folder of the process; errors show it as it was given.
+
+    What reads or writes a file while code of the user runs in between starts with one.
+
+    Parameters
+    ----------
+    path : path-like
+        The path as it was given.
+
+    Attributes
+    ----------
+    path : Path
+        The absolute path.
+    """
+
+    def __init__(self, path: PathLike) -> None:
+        self._given = os.fspath(path)
+        self._before = "" if Path(path).is_absolute() else f"{Path.cwd()}{os.sep}"
+        self.path = Path(path).absolute()
+
+    def __str__(self) -> str:
+        return self._given
+
+    def as_given(self, path: Path) -> Path:
+        """Return a path that was derived from `path` as if it were derived from the path as it was given."""
+        return Path(str(path).removeprefix(self._before))
+
+    @contextmanager
+    def errors_as_given(self) -> Iterator[None]:
+        """Show paths as they were given in the errors of the block that lidarsim words."""
+        try:
+            yield
+        except (LidarsimError, OSError) as error:
+            if self._before and getattr(error, "errno", None) is None:
+                error.args = tuple(map(self._as_given, error.args))
+                vars(error).update({name: self._as_given(value) for name, value in vars(error).items()})
+            raise
+
+    def each(self, items: Iterator[Item]) -> Iterator[Item]:
+        """Yield the items of a generator that reads or writes `path`."""
+        with self.errors_as_given():
+            yield from items
+
+    def _as_given(self, value: Any) -> Any:
+        return value.replace(self._before, "") if isinstance(value, str) else value
 
 
 def _special(path: PathLike) -> bool:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lidarsim._base.files import Place
 from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentTypeError, FileFormatError
 from lidarsim.io import rosbag
@@ -65,14 +66,17 @@ def source(argument: str, given: Given) -> Source:
     if isinstance(given, PointCloud | Scan):
         return Source(_named(given), iter([given]), 1)
     if isinstance(given, str | os.PathLike):
-        path = Path(given)
-        files = _files(path)
+        place = Place(given)
+        files = _files(place)
         count = None if any(map(rosbag.is_bag, files)) else len(files)
-        return Source(str(path), _read(files), count)
+        return Source(str(Path(given)), place.each(_read(files)), count)
+    frames: Iterator[object]
     try:
         frames, count = iter(given), len(given) if isinstance(given, Sized) else None
     except TypeError:
         raise ArgumentTypeError(argument, FORMS, shown(given)) from None
+    if isinstance(given, list | tuple):
+        frames = iter([Place(frame) if isinstance(frame, str | os.PathLike) else frame for frame in given])
     return Source("", _each(argument, frames), count)
 
 
@@ -96,14 +100,16 @@ def _each(argument: str, frames: Iterator[object]) -> Iterator[PointCloud | Scan
     for i, frame in enumerate(frames):
         if isinstance(frame, PointCloud | Scan):
             yield frame
-        elif isinstance(frame, str | os.PathLike):
-            yield from _read(_files(Path(frame)))
+        elif isinstance(frame, str | os.PathLike | Place):
+            place = frame if isinstance(frame, Place) else Place(frame)
+            yield from place.each(_read(_files(place)))
         else:
             raise ArgumentTypeError(f"{argument}[{i}]", "a PointCloud, a Scan or a path", shown(frame))
 
 
-def _files(path: Path) -> list[Path]:
+def _files(place: Place) -> list[Path]:
     """Return a file, or those of a folder and its subfolders that hold points, by the numbers in their names."""
+    path = place.path
     if not path.is_dir():
         return [path]
     found = [
@@ -115,7 +121,7 @@ def _files(path: Path) -> list[Path]:
         and file.is_file()
     ]
     if not found:
-        raise FileFormatError(f"{path}: expected point clouds or bags in the folder, got none")
+        raise FileFormatError(f"{place}: expected point clouds or bags in the folder, got none")
     return sorted(found, key=lambda file: [_natural(part) for part in file.relative_to(path).parts])
 
 
@@ -133,7 +139,7 @@ def _read(files: list[Path]) -> Iterator[PointCloud]:
         for message in rosbag.read(file):
             topic = topic or message.topic
             if message.topic != topic:
-                raise ValueError(
+                raise FileFormatError(
                     f"{file}: expected the clouds of one sensor, got the topics {topic} and {message.topic}; "
                     "lidarsim.io.rosbag.read(…, topic=…) chooses one"
                 )

@@ -39,10 +39,7 @@ Format: https://github.com/ASPRSorg/LAS, revision R15.
 from __future__ import annotations
 
 import os
-import re
 import struct
-import sys
-import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
@@ -50,7 +47,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryFile
 from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
@@ -58,7 +54,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, atomic_writer, check_regular, check_suffix, parsing
+from lidarsim._base.files import PathLike, Place, atomic_writer, check_regular, check_suffix, parsing
 from lidarsim._base.validation import flag, short, shown
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io._flight import flight_fields
@@ -139,7 +135,7 @@ class Writer:
         geokeys: bool = False,
         fields: Sequence[str] | None = None,
     ) -> None:
-        self._path, self._fields = path, fields
+        self._place, self._fields = Place(path), fields
         self._compress = check_suffix(path, SUFFIXES) == ".laz"
         self._reference = _Reference.of(crs, geokeys=geokeys)
         check_output(path)
@@ -149,7 +145,8 @@ class Writer:
 
     def __enter__(self) -> Self:
         """Open a temporary file."""
-        file = self._stack.enter_context(atomic_writer(self._path))
+        with self._place.errors_as_given():
+            file = self._stack.enter_context(atomic_writer(self._place.path))
         self._points = self._stack.enter_context(_Points(file, self._reference, compress=self._compress))
         return self
 
@@ -158,7 +155,8 @@ class Writer:
     ) -> None:
         """Give the file its name, unless there was an error."""
         self._points = None
-        self._stack.__exit__(kind, error, trace)
+        with self._place.errors_as_given():
+            self._stack.__exit__(kind, error, trace)
 
     def write(self, cloud: PointCloud, *, start: float | datetime = 0.0) -> None:
         """Append the points of a cloud.
@@ -179,7 +177,7 @@ class Writer:
             If the fields are not those of the first cloud, one of `fields` is missing, or the file is not open.
         """
         if self._points is None:
-            raise ValueError(f"{self._path}: expected to be written in a with block")
+            raise ValueError(f"{self._place}: expected to be written in a with block")
         names = cloud.fields if self._fields is None else ("xyz", *chosen(self._fields, cloud.fields))
         self._points.write({name: getattr(cloud, name) for name in names}, start)
 
@@ -205,7 +203,12 @@ def read(path: PathLike) -> Iterator[PointCloud]:
         If it cannot be read.
     """
     check_regular(path)
-    with Path(path).open("rb") as file:
+    place = Place(path)
+    return place.each(_read(place.path))
+
+
+def _read(path: Path) -> Iterator[PointCloud]:
+    with path.open("rb") as file:
         with parsing(path, "LAS file"):
             names = _field_names(file)
             pieces = _pieces(file, _open(file))
@@ -584,44 +587,18 @@ def _import(compress: bool) -> ModuleType:
     return import_extra("laspy", "formats", "LAS files")
 
 
-_REPORTING = threading.Lock()
-"""Held while standard error is redirected; a fork waits for it."""
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=_REPORTING.acquire, after_in_parent=_REPORTING.release, after_in_child=_REPORTING.release
-    )
-
-
 @contextmanager
 def _panics() -> Iterator[None]:
     """Turn a panic of lazrs, which is no `Exception`, into an error.
 
-    Rust reports a panic on standard error; only redirecting that prevents it. The output of other threads is passed on.
+    Rust reports it on standard error, too, which is that of all threads: only the owner of the process may redirect it.
     """
-    with (
-        _REPORTING,
-        _without_reports() if sys.__stderr__ else nullcontext(),
-    ):  # without a standard error, its file descriptor belongs to another file
-        try:
-            yield
-        except BaseException as error:
-            if type(error).__name__ != "PanicException":
-                raise
-            raise FileFormatError(f"its compressed data is damaged: {error}") from None
-
-
-@contextmanager
-def _without_reports() -> Iterator[None]:
-    """Delay the block's output on standard error until it ends, and remove reports of panics."""
-    with os.fdopen(os.dup(2), "wb") as stderr, TemporaryFile() as written:
-        os.dup2(written.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(stderr.fileno(), 2)
-            written.seek(0)
-            if said := written.read():
-                stderr.write(re.sub(rb"\n?thread '[^\n]*' (\(\d+\) )?panicked at .*", b"", said, flags=re.DOTALL))
+    try:
+        yield
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":
+            raise
+        raise FileFormatError(f"its compressed data is damaged: {error}") from None
 
 
 for suffix in SUFFIXES:

@@ -65,7 +65,7 @@ import numpy.typing as npt
 
 from lidarsim._base import validation
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, check_name, check_regular, check_suffix, linked, parsing, unquoted
+from lidarsim._base.files import PathLike, Place, check_name, check_regular, check_suffix, linked, parsing, unquoted
 from lidarsim._base.shown import plain
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
@@ -209,7 +209,7 @@ class Writer:
     ) -> None:
         self._limits = _limits(path, max_size, max_duration)
         self._suffix = "" if is_folder(path) else check_suffix(path, SUFFIXES)
-        self._path = path
+        self._place = Place(path)
         given: Mapping[str, Any] = {"lidar": np.eye(4)} if sensors is None else sensors
         if isinstance(given, Rig):
             given = {**given, **given.imus, **given.receivers}
@@ -241,10 +241,11 @@ class Writer:
     def __enter__(self) -> Self:
         """Open a temporary bag beside the final one."""
         if self._suffix:
-            files = _storage.new_file(self._path, self._suffix, self._ros)
+            files = _storage.new_file(self._place.path, self._suffix, self._ros)
         else:
-            files = _storage.new_folder(self._path, self._ros, **self._limits)
-        self._files = self._stack.enter_context(files)
+            files = _storage.new_folder(self._place.path, self._ros, **self._limits)
+        with self._place.errors_as_given():
+            self._files = self._stack.enter_context(files)
         self._stack.push(self._complete)
         return self
 
@@ -253,7 +254,8 @@ class Writer:
     ) -> None:
         """Give the file its name, unless there was an error."""
         try:
-            self._stack.__exit__(kind, error, trace)
+            with self._place.errors_as_given():
+                self._stack.__exit__(kind, error, trace)
             if kind is None:
                 self.metadata = self._files.metadata[0]
         finally:
@@ -308,7 +310,7 @@ class Writer:
 
     def _check_open(self) -> None:
         if self._files is None:
-            raise ValueError(f"{self._path}: expected to be written in a with block")
+            raise ValueError(f"{self._place}: expected to be written in a with block")
 
     def write_cloud(
         self,
@@ -791,13 +793,15 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     OSError
         If it cannot be read.
     """
-    paths = _storage.listed(Path(path)) if Path(path).is_dir() else [Path(path)]
-    for each in paths:
-        check_regular(each)
-    return _each(path, _read([each.absolute() for each in paths], topic))
+    place = Place(path)
+    with place.errors_as_given():
+        paths = _storage.listed(place.path) if place.path.is_dir() else [place.path]
+        for each in paths:
+            check_regular(each)
+    return place.each(_each(place.path, _read(paths, topic)))
 
 
-def _each(path: PathLike, messages: Iterator[Message]) -> Iterator[Message]:
+def _each(path: Path, messages: Iterator[Message]) -> Iterator[Message]:
     while True:
         with parsing(path, "ROS 2 bag"):
             if (message := next(messages, None)) is None:
@@ -933,7 +937,7 @@ def _read(paths: list[Path], topic: str | None) -> Iterator[Message]:
 def _warn(paths: list[Path], problem: str) -> None:
     """Warn, at the call that reads the next cloud of a bag."""
     name = paths[0] if len(paths) == 1 else paths[0].parent
-    warnings.warn(f"{name}: {problem}", stacklevel=4)
+    warnings.warn(f"{name}: {problem}", stacklevel=5)
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:

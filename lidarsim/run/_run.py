@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarsim._base.files import atomic_writer, check_folder
+from lidarsim._base.files import Place, atomic_writer, check_folder
 from lidarsim.errors import LidarsimError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.run._frames import Frames, RunFrame, insert
@@ -85,23 +85,25 @@ class Run(Frames):
             self.check_coverage()
         written: dict[Path, None] = {}
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
-        parts = [(number, part, place, part.samples()) for number, part, place in self._legs(path)]
-        for number, part, place, samples in parts:
-            with to.open(part, place, number, samples) as save:
-                if not to.complete:
-                    written.update(dict.fromkeys(_save_samples(samples, place)))
-                for frame in part.measured():
-                    written.update(dict.fromkeys(save(frame)))
+        place = Place(path)
+        with place.errors_as_given():
+            parts = [(number, part, file, part.samples()) for number, part, file in self._legs(place.path)]
+            for number, part, file, samples in parts:
+                with to.open(part, file, number, samples) as save:
                     if not to.complete:
-                        for name, scan in frame.scans.items():
-                            track = scan.time, frame.moments[name], frame.poses[name]
-                            tracks.setdefault(name, []).append(track)
-                    if each:
-                        each(frame)
-        if len(self.frames) > 1:
-            for name, track_of_it in tracks.items():
-                written.update(dict.fromkeys(_save_track(path, name, track_of_it)))
-        return list(written)
+                        written.update(dict.fromkeys(_save_samples(samples, file)))
+                    for frame in part.measured():
+                        written.update(dict.fromkeys(save(frame)))
+                        if not to.complete:
+                            for name, scan in frame.scans.items():
+                                track = scan.time, frame.moments[name], frame.poses[name]
+                                tracks.setdefault(name, []).append(track)
+                        if each:
+                            each(frame)
+            if len(self.frames) > 1:
+                for name, track_of_it in tracks.items():
+                    written.update(dict.fromkeys(_save_track(place.path, name, track_of_it)))
+        return [place.as_given(file) for file in written]
 
     def output(self, path: Path, **options: Any) -> Output:
         """Return where the run is written to.

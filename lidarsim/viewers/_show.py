@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from lidarsim._base import validation
-from lidarsim._base.files import PathLike, check_folder, check_suffix
+from lidarsim._base.files import PathLike, Place, check_folder, check_suffix
 from lidarsim._base.shown import counted, plain
 from lidarsim._base.validation import (
     Floats,
@@ -148,6 +148,7 @@ def show(
     one_of("viewer", viewer, ("pyvista", "open3d"))
     if save is not None:
         check_save(save)
+        place = Place(save)
     width, height = checked_size(size)
     style = _style(limits, color_map, background)
     view = checked_camera(camera)
@@ -179,14 +180,16 @@ def show(
     picture = replace(picture, of_points=what is not scene)
     if accumulate:
         picture = _accumulated(picture)
-    if save is not None and Path(save).suffix.lower() == ".html":
-        html.write(picture, save, size=(width, height), point_size=point_size)
-    elif save is None and in_notebook():
-        return html.page(picture, size=(width, height), point_size=point_size)
-    elif save is None and viewer == "open3d":
-        open3d.draw(picture, size=(width, height), point_size=point_size)
-    else:
-        pyvista.draw(picture, save, size=(width, height), point_size=point_size)
+    looks: dict[str, Any] = {"size": (width, height), "point_size": point_size}
+    if save is not None:
+        write = html.write if place.path.suffix.lower() == ".html" else pyvista.draw
+        with place.errors_as_given():
+            write(picture, place.path, **looks)
+        return None
+    if in_notebook():
+        return html.page(picture, **looks)
+    draw = open3d.draw if viewer == "open3d" else partial(pyvista.draw, path=None)
+    draw(picture, **looks)
     return None
 
 

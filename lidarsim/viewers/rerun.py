@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, check_folder, replacing
+from lidarsim._base.files import PathLike, Place, check_folder, replacing
 from lidarsim._base.validation import short, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.viewers._colors import DARK, PATH
@@ -84,16 +84,16 @@ class Rerun:
     """
 
     def __init__(self, to: PathLike, *, expose: bool = False) -> None:
-        self._to, self._path = checked_target(to)
+        self._to, self._place = checked_target(to)
         self._expose = expose
         if expose and self._to != NAME:
             raise ArgumentValueError("expose", f"False unless `to` is {NAME!r}", True)
         if self._to == NAME:
             require_display()
-        elif self._path is None:
+        elif self._place is None:
             _check_viewer(self._to)
         self._rerun = import_rerun()
-        self.paced = self._path is None
+        self.paced = self._place is None
         self._pipe: _Pipe | None = None
         self._last: dict[str, Floats] = {}
         self._made: set[str] = set()
@@ -101,8 +101,9 @@ class Rerun:
     def __enter__(self) -> Self:
         """Start the recording."""
         with ExitStack() as stack:
-            if self._path:
-                temporary = stack.enter_context(replacing(self._path, named=self._to))
+            if self._place:
+                stack.enter_context(self._place.errors_as_given())
+                temporary = stack.enter_context(replacing(self._place.path))
                 self._pipe = stack.enter_context(_Pipe(temporary))
             address = _viewer(expose=self._expose) if self._to == NAME else self._to
             self._log: rerun.RecordingStream = self._rerun.RecordingStream(APPLICATION)
@@ -269,8 +270,8 @@ class _Pipe:
                         self.failure = error
 
 
-def checked_target(to: PathLike) -> tuple[str, Path | None]:
-    """Return what `Rerun` shows frames in, as it was given, and the absolute path of a file whose folder exists."""
+def checked_target(to: PathLike) -> tuple[str, Place | None]:
+    """Return what `Rerun` shows frames in, as it was given, and the place of a file whose folder exists."""
     if not isinstance(to, str | os.PathLike):
         raise ArgumentTypeError("to", f"{NAME} or a path", type(to).__name__)
     name = os.fspath(to)
@@ -279,7 +280,7 @@ def checked_target(to: PathLike) -> tuple[str, Path | None]:
     if Path(to).suffix.lower() != ".rrd":
         raise ArgumentValueError("to", f"{NAME}, a .rrd file or rerun+http://HOST:PORT/proxy", shown(to))
     check_folder(to)
-    return name, Path(to).absolute()
+    return name, Place(to)
 
 
 def _check_viewer(to: str) -> None:

@@ -1,6 +1,5 @@
 """LAS and LAZ beside laspy."""
 
-import os
 import struct
 import subprocess
 import sys
@@ -261,23 +260,19 @@ def test_laz_of_one_stream_as_the_first_laszip_wrote_it(tmp_path: Path) -> None:
         PointCloud.load(path)
 
 
-def test_a_panic_of_the_decoder_is_an_error_without_a_report(capfd: pytest.CaptureFixture[str]) -> None:
-    """What else is written to standard error in the meantime stays."""
+def test_a_panic_of_the_decoder_is_an_error() -> None:
     item = struct.pack("<HHBBHIIqqH", 1, 0, 1, 2, 0, 0, 0, -1, -1, 1) + struct.pack("<HHH", 6, 20, 1)
     decompressor = lazrs.LasZipDecompressor(BytesIO(bytes(1000)), item)
 
     def decompress() -> None:
         with las._panics():
-            os.write(2, b"of another thread\n")
             decompressor.decompress_many(bytearray(200))
 
     with pytest.raises(BaseException, match="Variable-size chunks") as caught:
         decompressor.decompress_many(bytearray(200))
     assert type(caught.value).__name__ == "PanicException"
-    assert "panicked" in capfd.readouterr().err, "lazrs still reports it there"
     with pytest.raises(FileFormatError, match="its compressed data is damaged: "):
         decompress()
-    assert capfd.readouterr().err == "of another thread\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there, a process has no such descriptors")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
+from lidarsim._base.files import Place
 from lidarsim.datasets.reading import bags, files, kitti, nuscenes, semantickitti, shards
 from lidarsim.datasets.reading._frames import Frame, Frames
 
@@ -35,8 +37,9 @@ def open_frames(path: Path) -> Frames:
     OSError
         If it cannot be read.
     """
-    readers: tuple[Reader, ...] = (*(READERS if path.is_dir() else ()), bags)
-    for reader in readers:
-        if reader.recognise(path):
-            return reader.open_frames(path)
-    return files.open_frames(path)
+    place = Place(path)
+    with place.errors_as_given():
+        readers: tuple[Reader, ...] = (*(READERS if path.is_dir() else ()), bags)
+        reader = next((reader for reader in readers if reader.recognise(place.path)), files)
+        opened = reader.open_frames(place.path)
+    return replace(opened, read=lambda first: place.each(opened.read(first)))

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from lidarsim._base.files import PathLike, atomic_writer, check_names, check_suffix
+from lidarsim._base.files import PathLike, Place, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io.packets import _pcap, hesai, livox, ouster, velodyne  # noqa: F401 - each vendor registers itself
 from lidarsim.io.packets._encoders import companions, encoders
@@ -100,7 +100,7 @@ class Writer:
         port: int | None = None,
     ) -> None:
         check_suffix(path, SUFFIXES)
-        self._path = Path(path)
+        self._place = Place(path)
         if isinstance(sensors, Mapping):
             check_names("sensors", sensors)
         self._sensors = sensors if isinstance(sensors, Mapping) else {"": sensors}
@@ -112,10 +112,10 @@ class Writer:
 
     def __enter__(self) -> Self:
         """Open temporary files beside the final ones."""
-        with ExitStack() as stack:
-            for path, content in companions(self._path, self._encoders).items():
+        with self._place.errors_as_given(), ExitStack() as stack:
+            for path, content in companions(self._place.path, self._encoders).items():
                 stack.enter_context(atomic_writer(path)).write(content)
-            self._capture = _pcap.Capture(stack.enter_context(atomic_writer(self._path)))
+            self._capture = _pcap.Capture(stack.enter_context(atomic_writer(self._place.path)))
             stack.push(self._complete)
             self._stack = stack.pop_all()
         return self
@@ -125,7 +125,8 @@ class Writer:
     ) -> None:
         """Write the last packets, and give the files their names, unless there was an error."""
         try:
-            self._stack.__exit__(kind, error, trace)
+            with self._place.errors_as_given():
+                self._stack.__exit__(kind, error, trace)
         finally:
             self._capture = None
 
@@ -151,7 +152,7 @@ class Writer:
             If no sensor has that name, a scan is of another sensor, or the file is not open.
         """
         if self._capture is None:
-            raise ValueError(f"{self._path}: expected to be written in a with block")
+            raise ValueError(f"{self._place}: expected to be written in a with block")
         by_name = self._merged.by_name(scans)
         for name, scan in by_name.items():
             if name in self._sensors and getattr(scan, "lidar", None) != self._sensors[name]:
@@ -161,7 +162,8 @@ class Writer:
     @property
     def files(self) -> list[Path]:
         """The file, and the files beside it that decoders need: list of Path."""
-        return [self._path, *companions(self._path, self._encoders)]
+        path = self._place.as_given(self._place.path)
+        return [path, *companions(path, self._encoders)]
 
     def _put(self, packets: list[tuple[str, Packet]]) -> None:
         for name, packet in packets:

@@ -39,6 +39,7 @@ pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 
 #[pymodule]
 fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add_class::<PyShape>()?;
     m.add_class::<PyAffine>()?;
     m.add_class::<PySceneObject>()?;
