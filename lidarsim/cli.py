@@ -290,7 +290,7 @@ def scan(
 def generate(
     recipe: Annotated[
         Path | None,
-        typer.Argument(metavar="RECIPE", help="YAML recipe, or a packaged one: detection.", parser=_path),
+        typer.Argument(metavar="RECIPE", help="YAML recipe, or a packaged one: detection, segmentation.", parser=_path),
     ] = None,
     *,
     output: Annotated[str, _option("--output -o", "FOLDER|URL", "Output folder, or a URL such as s3://bucket/folder.")],
@@ -667,7 +667,9 @@ def check(
     config: Annotated[
         Path,
         typer.Argument(
-            metavar="CONFIG", help="YAML configuration or recipe, or a packaged one: demo, detection.", parser=_path
+            metavar="CONFIG",
+            help="YAML configuration or recipe, or a packaged one: demo, detection, segmentation.",
+            parser=_path,
         ),
     ],
     *,

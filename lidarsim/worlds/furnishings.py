@@ -22,6 +22,9 @@ FURNITURE: tuple[FurnitureKind, ...] = get_args(FurnitureKind)
 LONG = {"fence": (2.0, 6.0), "wall": (2.0, 6.0), "cable": (20.0, 35.0)}
 """Lengths to draw from, m, of what has a length."""
 
+OVERHEAD = 3.0
+"""Height above which people pass below, m."""
+
 METAL, DARK = materials.PAINTED_METAL, Material(reflectivity=0.08)
 WOOD = Material(reflectivity=0.45)
 """Weathered wood: between BARK and bright boards, assumed."""
@@ -62,7 +65,11 @@ def furniture(kind: FurnitureKind, rng: np.random.Generator, *, length: float | 
     if kind not in LONG:
         if length is not None:
             raise ArgumentValueError("length", f"None, but for {', '.join(LONG)}", shown(length))
-        return Asset(tuple(merged(kind, _MADE[kind](rng))))
+        pieces = list(_MADE[kind](rng))
+        # What is overhead is a part of its own, so that the box of a post does not reach over the road.
+        low = [piece for piece in pieces if piece.vertices[:, 2].min() < OVERHEAD]
+        high = [piece for piece in pieces if piece.vertices[:, 2].min() >= OVERHEAD]
+        return Asset((*merged(kind, low), *merged(f"{kind} head", high)))
     long = drawn(rng, LONG[kind]) if length is None else real("length", length, at_least=0.5, at_most=100.0)
     return Asset(tuple(merged(kind, _LONG[kind](rng, long))))
 

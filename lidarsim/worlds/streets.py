@@ -50,7 +50,7 @@ class Ways:
     turns : tuple of ndarray
         From a lane into one of another road at a junction.
     pavements : tuple of ndarray
-        Along the pavements between side roads.
+        Along the pavements between side roads, or beside a rural road.
     crossings : tuple of ndarray
         From pavement to pavement over a road, at junctions.
     """
@@ -138,11 +138,11 @@ class Layout:
 
 LAYOUTS: dict[StreetKind, Layout] = {
     "residential": Layout(
-        (2.6, 3.0), (0.0, 2.0, 2.1), (0.0, 1.6), (1.8, 3.0), (2.0, 7.0), 0.5, ("house", "house", "house", "terrace"),
+        (2.6, 3.0), (0.0, 2.0, 2.1), (0.0, 1.6), (1.8, 3.0), (2.0, 7.0), 0.4, ("house", "house", "house", "terrace"),
         (2.0, 7.0), (7.0, 16.0), (1.2, 2.4), (70.0, 120.0),
     ),
     "city": Layout(
-        (3.0, 3.5), (2.0, 2.2), (0.0, 0.0), (2.5, 4.0), (0.0, 2.5), 0.8, ("terrace", "terrace", "block"), (0.0, 0.05),
+        (3.0, 3.5), (2.0, 2.2), (0.0, 0.0), (2.5, 4.0), (0.0, 2.5), 0.6, ("terrace", "terrace", "block"), (0.0, 0.05),
         (10.0, 20.0), (0.3, 1.0), (60.0, 100.0),
     ),
     "rural": Layout(
@@ -231,6 +231,11 @@ class Side:
     def plot(self) -> float:
         """Distance of the outer edge of the pavement."""
         return self.walk + self.pavement
+
+    @property
+    def way(self) -> float:
+        """Distance of the way for people: the middle of the pavement or, without one, beside the road."""
+        return (self.walk + self.plot) / 2 if self.pavement else self.kerb + 0.9
 
     @property
     def front(self) -> float:
@@ -361,7 +366,8 @@ class Plan:
             aside_any = np.minimum(aside_any, aside - junction.half)
             found[(across > kerb) & (aside <= junction.plot)] = labels.SIDEWALK
             u, v = across - kerb, aside - junction.half
-            found[(u >= 0) & (v >= 0) & (u <= CORNER) & (v <= CORNER) & (u + v < 1.2 * CORNER)] = labels.SIDEWALK
+            if junction.pavement:
+                found[(u >= 0) & (v >= 0) & (u <= CORNER) & (v <= CORNER) & (u + v < 1.2 * CORNER)] = labels.SIDEWALK
         parks = (across > lane) & (across <= kerb) & (aside_any > CLEAR)
         road = self.is_road(s, d)
         found[road] = labels.ROAD
@@ -416,9 +422,7 @@ class Plan:
                     turns.append(_turned(comes, goes))
             crossings += self._crossings(junction)
         for side in (1, -1):
-            if not self.sides[side].pavement:
-                continue
-            walk = side * (self.sides[side].walk + self.sides[side].plot) / 2
+            walk = side * self.sides[side].way
             stops = [(j.s - j.reach, j.s + j.reach) for j in self.junctions if side in j.sides]
             blocks = [(start, stop) for start, stop in _between(-end, end, stops) if stop - start > 12.0]
             pavements += [((start, walk), (stop, walk)) for start, stop in blocks]
@@ -441,9 +445,7 @@ class Plan:
 
     def _crossings(self, junction: Junction) -> Iterator[Line]:
         """Yield the ways over a side road, and over the street beside it."""
-        if not self.sides[1].pavement:
-            return
-        walks = {side: (widths.walk + widths.plot) / 2 for side, widths in self.sides.items()}
+        walks = {side: widths.way for side, widths in self.sides.items()}
         reach = junction.half + 10.0
         for side in junction.sides:
             yield (junction.s - reach, side * walks[side]), (junction.s + reach, side * walks[side])
@@ -701,9 +703,9 @@ class _Builder:
                 else:
                     make = partial(furniture, border, length=3.0)
                     self._put(self._one(f"{border} 3 m", make, 2), border, (middle, d), side * np.pi / 2)
-        if widths.set_back > 2.5 and self.plan.kind in {"residential", "rural"}:
+        if widths.set_back > 1.8:
             low, high = widths.plot + 1.2, max(widths.front - 0.9, widths.plot + 1.3)
-            for _ in range(rng.poisson((stop - start) * (high - low) * rng.choice((0.05, 0.2, 0.4)))):
+            for _ in range(rng.poisson((stop - start) * (high - low) * rng.choice((0.15, 0.4, 0.8)))):
                 kind: TreeKind = "young" if rng.random() < 0.06 else "bush"
                 self._tree(kind, rng.uniform(start, stop), side * rng.uniform(low, high))
 
@@ -718,11 +720,13 @@ class _Builder:
         for s in self._along(layout.trees, side, 8.0):
             if young:
                 self._tree("young", s, side * max(at, widths.kerb + 0.9), 0.9, 1.1)
-            elif at > widths.lane + 3.4:
-                self._tree("broadleaf", s, side * at, 0.7, 1.0)
-            else:
+                continue
+            plant = self._one("broadleaf", partial(tree, "broadleaf"), 4)
+            if at < widths.lane + np.abs(plant.bounds[:, :2]).max() + 0.5:  # it would hang over the road
                 plant = self._one("street tree", partial(tree, "broadleaf", clearance=ROOM), 4)
-                self._put(plant, "broadleaf", (s, side * at), rng.uniform(0, 6.3))
+            self._put(plant, "broadleaf", (s, side * at), rng.uniform(0, 6.3))
+            for _ in range(rng.integers(0, 3)):  # bushes grow at its foot
+                self._tree("bush", s + rng.uniform(-1.2, 1.2), side * (at + rng.uniform(0.0, 0.3)), 0.4, 0.8)
 
     def _furniture(self, side: int) -> None:
         widths, rng = self.plan.sides[side], self.rng
@@ -767,7 +771,7 @@ class _Builder:
             count = rng.poisson(density * plan.length * (REACH - low) * 0.5)
             near = rng.beta(1.0, 1.8, count) * (REACH - low - 4.0) + low
             for s, d in zip(rng.uniform(-plan.length / 2, plan.length / 2, count), near, strict=True):
-                if self._free(s, side, 3.0):
+                if self._free(s, side, 7.0):
                     kinds: tuple[TreeKind, ...] = ("broadleaf", "broadleaf", "conifer", "bush", "bush")
                     self._tree(kinds[rng.integers(5)], s, side * d)
             for s in rng.uniform(-plan.length / 2, plan.length / 2, int(plan.length / 12)):

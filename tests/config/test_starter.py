@@ -36,7 +36,7 @@ def lidarsim(*arguments: str) -> int:
 
 def test_the_packaged_configurations_are_those_of_the_repository() -> None:
     shared = [file for file in starter.files() if file.name not in {"README.md", "scan.py"}]
-    assert len(shared) == 7
+    assert len(shared) == 8
     for file in shared:
         assert (starter.STARTER / file).read_bytes() == (CONFIGS / file).read_bytes(), file
 
@@ -45,7 +45,7 @@ def test_every_command_of_the_notes_runs_in_a_new_project(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert lidarsim("new", "project") == 0
-    assert [Path("project", file).is_file() for file in starter.files()] == [True] * 9
+    assert [Path("project", file).is_file() for file in starter.files()] == [True] * 10
     assert all(f"`{file.as_posix()}`" in NOTES for file in starter.files() if file.suffix in {".yaml", ".py"})
     said = capsys.readouterr().out
     first = said.partition("next: cd project && ")[2].splitlines()[0]
@@ -95,7 +95,7 @@ def test_a_project_that_cannot_be_finished_is_removed(there: bool, monkeypatch: 
 
 
 def test_names_stand_for_packaged_configurations(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list(starter.names()) == ["ahead", "demo", "detection"]
+    assert list(starter.names()) == ["ahead", "demo", "detection", "segmentation"]
     assert lidarsim("check", "demo") == 0
     assert "demo: ok" in capsys.readouterr().out
     assert lidarsim("scan", "demo", "-o", "demo.npz", "--set", "sensor.preset=velodyne-vlp16") == 0
@@ -126,5 +126,5 @@ def test_an_unknown_name_is_answered_with_those_there_are(
     command: str, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert lidarsim(*command.split()) == 2
-    known = "ahead, demo, detection"
+    known = "ahead, demo, detection, segmentation"
     assert capsys.readouterr().err == f"lidarsim: {name}: expected a file, or one of the packaged {known}\n"

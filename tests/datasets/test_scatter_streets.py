@@ -83,6 +83,15 @@ def test_weights_choose_among_the_objects(tmp_path: Path) -> None:
     assert {item.index for item in found} == {1}
 
 
+def test_a_street_without_junctions_has_no_turns(tmp_path: Path) -> None:
+    kind = next(seed for seed in range(99) if not ls.worlds.street(seed, "rural", length=60.0).ways.turns)
+    scene = {"street": {"seed": kind, "kind": "rural", "length_m": 60.0}}
+    path = recipe(tmp_path, {"cars": CARS | {"along": "turns"}}, scene=scene)
+    _, found = placed(path)
+    assert found == []
+    assert load(path).source.scattered(0).groups["cars"].asked == 6
+
+
 def test_every_sequence_may_be_another_street(tmp_path: Path) -> None:
     path = recipe(tmp_path, {}, sequences=2, vary={"scene.street.seed": {"integer": [0, 1000]}})
     source = load(path).source
@@ -115,7 +124,6 @@ def test_models_join_by_folder(tmp_path: Path) -> None:
             "expected one of area_m, along_m and along, got along_m and along",
         ),
         (CARS, [{"shape": "plane", "normal": [0, 0, 1], "name": "road"}], "since the scene is not a street"),
-        (CARS | {"along": "crossings"}, {"street": {"kind": "rural"}}, "got crossings, of which it has none"),
         (
             CARS | {"objects": {"files": "none/*.glb"}},
             STREET,

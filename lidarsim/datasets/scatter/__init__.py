@@ -127,8 +127,8 @@ class Scatter(Model):
             for points in (given if _is_nested(given) else [given] if given else [])
         ]
 
-    def on_ways(self, ways: Ways | None, place: Place) -> Scatter:
-        """Return the group with the ways of a street as its paths, if it is placed along them."""
+    def on_ways(self, ways: Ways | None, place: Place) -> Scatter | None:
+        """Return the group with the ways of a street as its paths, if it is placed along them; None if it has none."""
         if self.along is None:
             return self
         if ways is None:
@@ -136,9 +136,7 @@ class Scatter(Model):
         names = [self.along] if isinstance(self.along, str) else self.along
         lines = [line[:, :2].tolist() for name in names for line in getattr(ways, name)]
         if not lines:
-            raise (place / "along").error(
-                f"expected ways that the street has, got {', '.join(names)}, of which it has none"
-            )
+            return None
         return self.model_copy(update={"along": None, "along_m": lines})
 
     def check(self, place: Place) -> None:
@@ -285,7 +283,11 @@ def scatter(
     others, lanes, spaced = Obstacles(), Obstacles(), Obstacles()
     for name, given in groups.items():
         there = place / name
+        count = int(given.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))
         group = given.on_ways(run.ways, there)
+        if group is None:
+            tallies[name] = Tally(count, 0, {"no such ways in the street": count})
+            continue
         ground, obstacles = _divided(run, group.on, times, there)
         along = bool(group.paths)
         rules = [
@@ -299,7 +301,6 @@ def scatter(
             ),
         ]
         things: dict[tuple[int, int], Thing] = {}
-        count = int(group.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))
         missed, done = 0, len(placed)
         refused: Counter[str] = Counter()
         for number in range(count):
