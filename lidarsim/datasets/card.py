@@ -15,10 +15,10 @@ import numpy as np
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import short
 from lidarsim.datasets import manifest
-from lidarsim.datasets.engine import RANGES
 from lidarsim.datasets.layouts import class_name
 from lidarsim.datasets.reading._frames import boxes_at
-from lidarsim.datasets.samples import samples
+from lidarsim.datasets.samples import RANGES
+from lidarsim.datasets.sampling import samples
 from lidarsim.datasets.statistics import POINTS, VISIBILITY, BoxStatistics, box_statistics
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
@@ -28,9 +28,9 @@ from lidarsim.viewers import show
 
 if TYPE_CHECKING:
     from lidarsim._base.views import Camera
-    from lidarsim.datasets.engine import Plan
     from lidarsim.datasets.layouts import Files, Summary
     from lidarsim.datasets.layouts._layout import BoxFilter
+    from lidarsim.datasets.manifest import Plan
     from lidarsim.datasets.recipe import Recipe
     from lidarsim.datasets.scattered import Scattered
     from lidarsim.lidar import Lidar

@@ -25,18 +25,18 @@ from lidarsim._base.files import told
 from lidarsim._base.validation import integer, shown
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
-from lidarsim.datasets.samples import RANGES, Record, samples
+from lidarsim.datasets.samples import RANGES, Record
+from lidarsim.datasets.sampling import samples
 from lidarsim.datasets.scattered import Scattered
 from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from lidarsim.datasets.manifest import Head
+    from lidarsim.datasets.manifest import Plan
     from lidarsim.datasets.recipe import Recipe
-    from lidarsim.datasets.store import Store
 
-__all__ = ["RANGES", "Made", "Plan", "cluster", "make"]
+__all__ = ["Made", "cluster", "make"]
 
 TRIES = 3
 SUBMITTED = 2
@@ -63,20 +63,6 @@ LOCAL = {
 """Dask's settings for workers on this machine."""
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Everything that a worker needs: recipe, store, and the data set's head with its sources and versions."""
-
-    recipe: Recipe
-    store: Store
-    head: Head
-
-    @property
-    def versions(self) -> dict[str, str]:
-        """Versions of the packages that affect the bits."""
-        return self.head.versions
 
 
 @dataclass(frozen=True)

@@ -39,12 +39,13 @@ from lidarsim.errors import FileFormatError, LidarsimError
 if TYPE_CHECKING:
     from typing import BinaryIO
 
-    from lidarsim.datasets.engine import Plan
+    from lidarsim.datasets.recipe import Recipe
     from lidarsim.datasets.store import Store
 
 __all__ = [
-    "CARD", "MANIFEST", "PARTS", "PICTURES", "Head", "Part", "complete", "differences", "done", "finish", "is_complete",
-    "lost", "missing", "part_name", "parts", "pictures", "records", "start", "verify", "versions", "write_part",
+    "CARD", "MANIFEST", "PARTS", "PICTURES", "Head", "Part", "Plan", "complete", "differences", "done", "finish",
+    "is_complete", "lost", "missing", "part_name", "parts", "pictures", "records", "start", "verify", "versions",
+    "write_part",
 ]  # fmt: skip
 
 MANIFEST, PARTS, RECIPE, CARD, PICTURES = "manifest.jsonl", "manifest", "recipe.yaml", "README.md", "pictures"
@@ -122,6 +123,20 @@ class Part(_Note):
     labels: dict[Annotated[str, Field(pattern="^[0-9]{1,10}$")], Count]
     ranges: Annotated[list[Count], Field(min_length=len(RANGES) - 1, max_length=len(RANGES) - 1)]
     scattered: Scattered = Scattered()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that a worker needs: recipe, store, and the data set's head with its sources and versions."""
+
+    recipe: Recipe
+    store: Store
+    head: Head
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of the packages that affect the bits."""
+        return self.head.versions
 
 
 def versions() -> dict[str, str]:

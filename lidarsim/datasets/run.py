@@ -13,9 +13,11 @@ import numpy as np
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import integer
 from lidarsim.datasets import Generated, card, manifest
-from lidarsim.datasets.engine import RANGES, Made, Plan, make
+from lidarsim.datasets.engine import Made, make
 from lidarsim.datasets.layouts import Files, Summary, class_name
+from lidarsim.datasets.manifest import Plan
 from lidarsim.datasets.progress import Progress
+from lidarsim.datasets.samples import RANGES
 from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.store import open_store
 from lidarsim.errors import FileFormatError, LidarsimError

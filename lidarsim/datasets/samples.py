@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,22 +11,16 @@ from pydantic import AfterValidator, Field
 
 from lidarsim._base.files import check_name
 from lidarsim._base.validation import UINT32, Floats
-from lidarsim.scan.scan import moment_and_pose, moment_of
 
 if TYPE_CHECKING:
-    from lidarsim.datasets.recipe import Recipe
-    from lidarsim.run import Deskew, Run
-    from lidarsim.scan.boxes import Boxes
+    from lidarsim.run import Run
     from lidarsim.scan.pointcloud import PointCloud
     from lidarsim.scan.scan import Scan
 
-__all__ = ["RANGES", "Annotation", "Record", "Sample", "samples"]
+__all__ = ["RANGES", "Annotation", "Record", "Sample"]
 
 RANGES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, np.inf)
 """Edges of the histogram of ranges, m."""
-
-UNIT32 = 2.0**-24
-"""Unit roundoff of float32."""
 
 Number = Annotated[int, Field(ge=0, lt=2**63)]
 Seconds = Annotated[float, Field(gt=-1e12, lt=1e12)]
@@ -157,73 +151,3 @@ class Sample:
     cloud: PointCloud
     number: int
     class_names: Mapping[int, str]
-
-
-def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[str, Scan]) -> Iterator[Sample]:
-    """Yield the sample of each sensor in frame number `frame` of a sequence.
-
-    In a layout with boxes, the points of moving things are moved along when a cloud is deskewed. If all sensors of the
-    frame share its stamp in the layout, all clouds are deskewed to that of the first sensor.
-    """
-    layout, split = recipe.layout, recipe.splits.of(sequence)
-    frame_of, given = run.cloud["frame"], run.cloud["deskew"]
-    fields = None if layout.held is None else {*layout.held, "range", "label"}
-    stamp = None
-    for name, scan in scans.items():
-        deskew: Deskew = given if stamp is None else stamp - scan.time
-        moment, pose = moment_and_pose(scan, deskew=deskew)
-        if layout.shares_stamp(frame) and moment_of(given, 1.0) is not None:
-            stamp = moment
-        boxes: tuple[Annotation, ...] = ()
-        body = run.body_pose(moment)
-        if layout.kept is None:
-            cloud = scan.point_cloud(frame_of, deskew=deskew, fields=fields)
-        else:
-            moves = moment_of(deskew, 1.0) is not None
-            cloud = scan.point_cloud(frame_of, deskew=deskew, deskew_movers=moves, fields=fields)
-            found = scan.boxes(frame=frame_of, deskew=deskew, min_points=layout.least_points)
-            here = body[:3, 3] if frame_of == "world" else (np.linalg.inv(pose) @ body)[:3, 3]
-            boxes = _annotations(found[layout.kept.of(found, here, recipe.class_names)])
-        record = Record(sequence, frame, name, moment, len(cloud), _rows(pose), _rows(body), split, boxes)
-        yield Sample(record, run, scan, cloud, sequence * recipe.frames + frame, recipe.class_names)
-
-
-def _rows(matrix: Floats) -> tuple[float, ...]:
-    return tuple(matrix[:3].ravel().tolist())
-
-
-def _annotations(boxes: Boxes) -> tuple[Annotation, ...]:
-    """Return the boxes, with room for points in float32.
-
-    Points and centre have coordinates of at most `reach`, and each of these is rounded by at most `UNIT32` of it. In
-    the axes of the box, the difference of two then moves by less than √3 times both, and a box grows at both ends.
-    """
-    reach = np.abs(boxes.center).max(axis=1, initial=0.0) + np.linalg.norm(boxes.size, axis=1)
-    size = boxes.size + 2.0 * np.sqrt(3.0) * 2.0 * UNIT32 * reach[:, None]
-    seen = [None if np.isnan(share) else share for share in boxes.visibility.tolist()]
-    three = zip(boxes.center.tolist(), size.tolist(), boxes.velocity.tolist(), strict=True)
-    return tuple(
-        Annotation(
-            instance=instance,
-            label=label,
-            points=points,
-            center=tuple(center),
-            size=tuple(extent),
-            velocity=tuple(velocity),
-            rotation=tuple(rotation),
-            visibility=visibility,
-            truncation=outside,
-            time=time,
-        )
-        for instance, label, points, (center, extent, velocity), rotation, visibility, outside, time in zip(
-            boxes.instance.tolist(),
-            boxes.label.tolist(),
-            boxes.points.tolist(),
-            three,
-            boxes.rotation.reshape(-1, 9).tolist(),
-            seen,
-            boxes.truncation.tolist(),
-            boxes.time.tolist(),
-            strict=True,
-        )
-    )

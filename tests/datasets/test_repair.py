@@ -14,7 +14,7 @@ import pytest
 import lidarsim as ls
 from lidarsim.cli import main
 from lidarsim.datasets import engine
-from lidarsim.datasets.samples import samples
+from lidarsim.datasets.sampling import samples
 from lidarsim.errors import LidarsimError
 
 Tree = Callable[[Path], dict[str, str]]
