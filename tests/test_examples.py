@@ -47,8 +47,8 @@ def draws_what_the_guide_shows(picture: Path, image: Path) -> None:
         assert drawn.width / drawn.height == pytest.approx(shown.width / shown.height, rel=0.01)
         assert len(drawn.convert("RGB").getcolors(2**24) or []) > 16  # it is not blank
     if image.stem == "street":
-        # 128 colours have none for the axes of the sensor, which move a block by 10 of 255.
-        assert pictures.difference(picture, image) < 15
+        # 128 colours have none for the axes of the sensor, which move a block by 18 of 255.
+        assert pictures.difference(picture, image) < 25
         assert pictures.difference(picture, image.with_name("snippet.png")) > 100  # another picture fails
 
 

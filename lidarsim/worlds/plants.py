@@ -52,11 +52,11 @@ class Habit:
 
 
 HABITS: dict[TreeKind, Habit] = {
-    "broadleaf": Habit((7.0, 14.0), (0.2, 0.35), (0.2, 0.36), 0.018, 0.8, 0.085),
-    "conifer": Habit((7.0, 16.0), (0.06, 0.16), (0.14, 0.22), 0.016, 1.8, 0.08),
-    "young": Habit((4.0, 6.5), (0.33, 0.45), (0.14, 0.22), 0.008, 0.9, 0.06),
-    "hedge": Habit((1.1, 2.3), (0.0, 0.0), (0.0, 0.0), 0.0, 5.0, 0.05),
-    "bush": Habit((0.8, 2.2), (0.0, 0.0), (0.4, 0.65), 0.0, 3.0, 0.06),
+    "broadleaf": Habit((7.0, 14.0), (0.2, 0.35), (0.2, 0.36), 0.018, 0.9, 0.11),
+    "conifer": Habit((7.0, 16.0), (0.06, 0.16), (0.14, 0.22), 0.016, 1.8, 0.1),
+    "young": Habit((4.0, 6.5), (0.33, 0.45), (0.14, 0.22), 0.008, 0.9, 0.07),
+    "hedge": Habit((1.1, 2.3), (0.0, 0.0), (0.0, 0.0), 0.0, 5.0, 0.07),
+    "bush": Habit((0.8, 2.2), (0.0, 0.0), (0.4, 0.65), 0.0, 3.0, 0.075),
     "grass": Habit((0.15, 0.45), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.035),
 }
 """Height and spread of trees in towns: H. Pretzsch et al., 2015, Crown size and growing space requirement of common
@@ -98,7 +98,7 @@ def tree(
     Returns
     -------
     Asset
-        Trunk and branches, if there are any, as a mesh, and leaves as `Disks`. The trunk below the crown is of the
+        Trunk and branches, if there are any, as meshes, and leaves as `Disks`. The trunk below the crown is of the
         class trunk, grass of the class terrain, and all else vegetation.
 
     Raises
@@ -112,7 +112,7 @@ def tree(
     >>> import lidarsim as ls
     >>> oak = ls.worlds.tree("broadleaf", np.random.default_rng(5), height=10.0)
     >>> [part.name for part in oak.parts]
-    ['wood', 'leaves']
+    ['trunk', 'branches', 'leaves']
     """
     one_of("kind", kind, TREES)
     habit = HABITS[kind]
@@ -133,20 +133,22 @@ def tree(
     # Leaves gather around the twigs, so that there are gaps between them.
     bunch = (0.16 if kind != "conifer" else 0.13) * radius
     at = twigs[rng.integers(len(twigs), size=count)] + rng.normal(0.0, bunch, (count, 3)) * (1, 1, 0.7)
-    at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, habit.leaf), max(tall, clear + 0.5))
+    at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, 1.1 * habit.leaf), max(tall, clear + 0.5))
     at = at[at[:, 2] >= clear + 2 * habit.leaf * bool(clear)]
     material = materials.CONIFER if kind == "conifer" else materials.FOLIAGE
     leaves = _leaves(rng, at, habit.leaf, material)
     if not habit.girth:
         return Asset((leaves,))
-    wood = merged("wood", _wood(rng, twigs, habit.girth * tall, foot, (0.95 if kind == "conifer" else 0.7) * tall))
+    trunk, *branches = _wood(rng, twigs, habit.girth * tall, foot, (0.95 if kind == "conifer" else 0.7) * tall)
+    # Branches are a part of their own, so that the box of a trunk does not reach over the road.
+    wood = *merged("trunk", [trunk]), *merged("branches", branches)
     return Asset((*wood, leaves))
 
 
 def _leaves(rng: np.random.Generator, at: Floats, radius: float, material: Material, label: int = VEGETATION) -> Part:
     """Return leaves that face all ways alike."""
     normals = rng.normal(size=(len(at), 3))
-    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.7, 1.3, len(at))), label, material)
+    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.8, 1.2, len(at))), label, material)
 
 
 def _twigs(kind: TreeKind, rng: np.random.Generator, foot: float, tall: float, radius: float) -> Floats:
@@ -197,7 +199,7 @@ def _clipped(rng: np.random.Generator, habit: Habit, tall: float, long: float) -
     near = np.flatnonzero(rng.random(count) < 0.7)
     at[near, side[near]] = np.where(at[near, side[near]] < 0, -0.5, 0.5) * rng.uniform(0.86, 1.0, len(near))
     at = at * size + (0, 0, tall / 2) + rng.normal(0, 0.02, (count, 3))
-    at[:, 2] = np.clip(at[:, 2], habit.leaf, tall)
+    at[:, 2] = np.clip(at[:, 2], 1.1 * habit.leaf, tall)
     return _leaves(rng, at, habit.leaf, materials.FOLIAGE)
 
 

@@ -690,7 +690,7 @@ class _Builder:
     def _garden(self, side: int, start: float, stop: float) -> None:
         """Put a fence, wall or hedge at the pavement, and plants behind it and behind the house."""
         widths, rng = self.plan.sides[side], self.rng
-        if self.plan.kind == "residential" and widths.set_back > 1.5 and rng.random() < 0.75:
+        if self.plan.kind == "residential" and widths.set_back > 1.5 and rng.random() < 0.9:
             kinds: tuple[Literal["hedge", "fence", "wall"], ...] = ("hedge", "hedge", "fence", "wall")
             border = kinds[rng.integers(4)]
             for middle in np.arange(start + 1.5, stop - 1.5, 3.0):
