@@ -44,9 +44,10 @@ from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan.batch import ScanBatch, scan_many
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.cells import Cells
+from lidarsim.scan.formats import register_format
 from lidarsim.scan.laser_scan import LaserScan
 from lidarsim.scan.occupancy_grid import OccupancyGrid, occupancy
-from lidarsim.scan.pointcloud import PointCloud, register_format
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan, Source, Status
 from lidarsim.scan.waveforms import Waveforms
 from lidarsim.sensor.gnss import Gnss, GnssFixes

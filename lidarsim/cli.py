@@ -41,7 +41,7 @@ from lidarsim.patterns import describe
 from lidarsim.run import Run, RunFrame, checked_output
 from lidarsim.run import _output as outputs
 from lidarsim.run.packets import pcap
-from lidarsim.scan.pointcloud import is_point_cloud
+from lidarsim.scan.formats import is_point_cloud
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
 from lidarsim.viewers._show import check_save, checked_size, frame_title, together_title

@@ -11,7 +11,7 @@ import pytest
 
 from lidarsim.config import schema
 from lidarsim.datasets.layouts import LAYOUTS
-from lidarsim.scan import pointcloud
+from lidarsim.scan.formats import FORMATS
 from lidarsim.sensor.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
@@ -59,7 +59,7 @@ def test_each_effect_is_named() -> None:
 
 def test_each_format_has_its_row() -> None:
     named = {suffix for suffix in rows(FILES) if suffix.startswith(".")}
-    assert pointcloud._FORMATS.keys() - named == set()
+    assert FORMATS.keys() - named == set()
 
 
 @pytest.mark.parametrize("package", ["world/shapes", "patterns", "io", "io/vendors", "io/trajectories"])

@@ -13,7 +13,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import FileFormatError
-from lidarsim.scan.pointcloud import CANONICAL, PointCloud, check_output, field_names
+from lidarsim.scan.fields import CANONICAL
+from lidarsim.scan.formats import check_output
+from lidarsim.scan.pointcloud import PointCloud, field_names
 
 assert io, "the formats register themselves on import"
 
@@ -423,7 +425,7 @@ class TestSaving:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("scan.abc", "unknown extension '.abc', expected .bin, .csv, "),
+        ("scan.qqq", "unknown extension '.qqq', expected .bin, .csv, "),
         ("scan", "no extension, expected .bin, .csv, "),
         (".pcd", "no extension, expected .bin, .csv, "),
     ],

@@ -35,7 +35,7 @@ from lidarsim.datasets.reading import open_frames
 from lidarsim.io import las, packets, rosbag
 from lidarsim.motion import formats as trajectories
 from lidarsim.run import Run
-from lidarsim.scan import pointcloud
+from lidarsim.scan.formats import FORMATS
 from lidarsim.viewers import pattern
 from lidarsim.viewers.open3d import import_open3d
 from lidarsim.world import scene as scenes
@@ -121,7 +121,7 @@ def formats() -> dict[str, Callable[[Path], object]]:
         return lambda folder: POSES.save(folder / f"a{suffix}")
 
     suffixes = {suffix for form in trajectories._FORMATS for suffix in form.suffixes}
-    found = {f"points {suffix}": of_points(suffix) for suffix in pointcloud._FORMATS if suffix != ".label"}
+    found = {f"points {suffix}": of_points(suffix) for suffix in FORMATS if suffix != ".label"}
     return found | {f"poses {suffix}": of_poses(suffix) for suffix in suffixes}
 
 
@@ -176,7 +176,7 @@ WORK: dict[str, Callable[[Path], object]] = {
 
 
 def test_all_kinds_take_part() -> None:
-    assert len(pointcloud._FORMATS) > 8
+    assert len(FORMATS) > 8
     pictures = {"plot", "page", "summary"}
     conversions = {"pyvista", "from_pyvista", "open3d", "from_open3d"}
     files = {"from_raster", "geotiff", "to_npz", "from_npz"}

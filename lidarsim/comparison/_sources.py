@@ -14,7 +14,8 @@ from lidarsim._base.files import Place
 from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentTypeError, FileFormatError
 from lidarsim.io import rosbag
-from lidarsim.scan.pointcloud import PointCloud, is_point_cloud
+from lidarsim.scan.formats import is_point_cloud
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan
 
 Given = PointCloud | Scan | str | os.PathLike[str] | Iterable[PointCloud | Scan | str | os.PathLike[str]]

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from lidarsim.io._records import check_plausible, put, to_fields
 from lidarsim.io._times import NAMES, since_stamp
 from lidarsim.io._units import fitting, reflectivity, vendor_range
-from lidarsim.scan.pointcloud import Fields, PointCloud, adopted
+from lidarsim.scan.fields import Fields
+from lidarsim.scan.pointcloud import PointCloud, adopt
 
 if TYPE_CHECKING:
     from lidarsim.sensor.sensor import Sensor
@@ -161,4 +162,4 @@ def to_cloud(columns: Fields, stamp: int, recorded: int) -> PointCloud:
             columns["ring"] = columns.pop(name)
     if "range" in columns and columns["range"].dtype.kind == "u":
         columns["range"] = columns["range"] / 1e3
-    return PointCloud(adopted(to_fields(columns, ("normal_x", "normal_y", "normal_z"))))
+    return PointCloud(adopt(to_fields(columns, ("normal_x", "normal_y", "normal_z"))))

@@ -27,7 +27,8 @@ import numpy.typing as npt
 from lidarsim._base.extras import import_extra
 from lidarsim._base.validation import UINT32, short
 from lidarsim.errors import FileFormatError
-from lidarsim.scan.pointcloud import CANONICAL, Fields, field_names, first_misfit, held
+from lidarsim.scan.fields import CANONICAL, Fields, first_misfit, fit
+from lidarsim.scan.pointcloud import field_names
 
 BLOCK = 1 << 14
 """Points converted at a time."""
@@ -224,7 +225,7 @@ def as_declared(columns: Fields, dtype: np.dtype[np.void]) -> Fields:
     """
     typed, raw = {}, {}
     for name, column in columns.items():
-        numbers, exact = held(column, dtype[name].base)
+        numbers, exact = fit(column, dtype[name].base)
         typed[name] = numbers.astype(dtype[name].base, copy=False)
         if not exact and dtype[name].base.kind in "iu":
             key = f"{name}_raw"

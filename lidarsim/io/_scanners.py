@@ -16,7 +16,7 @@ import numpy.typing as npt
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import blocks, parsed_block
 from lidarsim.io._units import fitting
-from lidarsim.scan.pointcloud import CANONICAL, Fields
+from lidarsim.scan.fields import CANONICAL, Fields
 
 COLOURS = ("red", "green", "blue")
 TYPES = {**dict.fromkeys("xyz", "f8"), "intensity": "f4", **dict.fromkeys(COLOURS, "u1")}

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
-from lidarsim.scan.pointcloud import Fields
+from lidarsim.scan.fields import Fields
 
 if TYPE_CHECKING:
     from lidarsim.sensor.sensor import Sensor

@@ -31,7 +31,8 @@ from lidarsim._base.vectors import product
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_expansion, to_fields
 from lidarsim.io._scanners import COLOURS, check_finite, coloured, joined_lists
-from lidarsim.scan.pointcloud import Fields, held, register_format
+from lidarsim.scan.fields import Fields, fit
+from lidarsim.scan.formats import register_format
 
 NAMES = {
     **{f"cartesian{axis.upper()}": axis for axis in "xyz"},
@@ -154,7 +155,7 @@ def _scan(library: Any, read: Any, index: int, size: int) -> Fields:
     if "return_number" in fields:
         fields["return_number"] += 1
     for name in COLOURS:
-        if name in fields and held(fields[name], np.uint8)[1]:
+        if name in fields and fit(fields[name], np.uint8)[1]:
             fields[name] = fields[name].astype(np.uint8)
     if header.has_pose() and all(name in fields for name in "xyz"):
         fields |= _placed(np.stack([fields[name] for name in "xyz"], axis=1), header)

@@ -20,7 +20,8 @@ import numpy as np
 
 from lidarsim.io._records import BLOCK, check_plausible, columns_of, headerless, to_columns, to_records
 from lidarsim.io._units import warn_above
-from lidarsim.scan.pointcloud import Fields, register_format
+from lidarsim.scan.fields import Fields
+from lidarsim.scan.formats import register_format
 
 NAMES = ("x", "y", "z", "intensity")
 RECORD = np.dtype([(name, "<f4") for name in NAMES])

@@ -61,7 +61,9 @@ from lidarsim.io._flight import flight_fields
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
 from lidarsim.io._units import fitting, warn_above
 from lidarsim.motion.georeference import gps_time, projected
-from lidarsim.scan.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, chosen, register_format
+from lidarsim.scan.fields import CANONICAL, Fields
+from lidarsim.scan.formats import check_output, register_format
+from lidarsim.scan.pointcloud import PointCloud, adopt, choose
 
 if TYPE_CHECKING:
     import pyproj
@@ -178,7 +180,7 @@ class Writer:
         """
         if self._points is None:
             raise ValueError(f"{self._place}: expected to be written in a with block")
-        names = cloud.fields if self._fields is None else ("xyz", *chosen(self._fields, cloud.fields))
+        names = cloud.fields if self._fields is None else ("xyz", *choose(self._fields, cloud.fields))
         self._points.write({name: getattr(cloud, name) for name in names}, start)
 
 
@@ -217,7 +219,7 @@ def _read(path: Path) -> Iterator[PointCloud]:
                 if (piece := next(pieces, None)) is None:
                     return
                 whole = to_fields(piece, NORMAL)
-                fields = adopted(whole)
+                fields = adopt(whole)
                 fields |= {name: whole[name.removesuffix("_raw")] for name in names - fields.keys()}
                 cloud = PointCloud(fields)
             if len(cloud):
@@ -231,10 +233,10 @@ def _field_names(file: BinaryIO) -> set[str]:
     """
     pieces = _pieces(file, _open(file))
     first = to_fields(next(pieces), NORMAL)
-    names = set(adopted(first))
+    names = set(adopt(first))
     types = {name: CANONICAL[name][1] for name in first.keys() & CANONICAL.keys()}
     if not all(np.can_cast(first[name].dtype, dtype) for name, dtype in types.items()):
-        names.update(*(adopted(to_fields(piece, NORMAL)) for piece in pieces))
+        names.update(*(adopt(to_fields(piece, NORMAL)) for piece in pieces))
     return names
 
 

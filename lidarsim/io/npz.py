@@ -13,7 +13,8 @@ from lidarsim._base.files import read_array
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import SMALL, check_expansion
-from lidarsim.scan.pointcloud import Fields, register_format
+from lidarsim.scan.fields import Fields
+from lidarsim.scan.formats import register_format
 
 LONGEST = (1 << 16) - 1 - len(".npy")
 """Greatest length of a name in a ZIP archive, characters."""

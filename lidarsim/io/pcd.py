@@ -45,7 +45,8 @@ from lidarsim.io._records import (
     to_fields,
     to_records,
 )
-from lidarsim.scan.pointcloud import Fields, register_format
+from lidarsim.scan.fields import Fields
+from lidarsim.scan.formats import register_format
 
 NORMAL = ("normal_x", "normal_y", "normal_z")
 CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}

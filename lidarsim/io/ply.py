@@ -35,7 +35,8 @@ from lidarsim.io._records import (
     to_fields,
     to_records,
 )
-from lidarsim.scan.pointcloud import Fields, narrowed, register_format
+from lidarsim.scan.fields import Fields, narrow
+from lidarsim.scan.formats import register_format
 
 NORMAL = ("nx", "ny", "nz")
 CODES = {"f4", "f8", "i4", "u1", "u2"}
@@ -63,7 +64,7 @@ def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | Non
     uint32: these are widened, and a comment names the original type. Comments also hold the class names.
     """
     widened = {name: array for name, array in fields.items() if array.dtype.str[1:] in WIDENED}
-    columns = to_columns(fields | {name: narrowed(name, array) for name, array in widened.items()}, NORMAL, CODES)
+    columns = to_columns(fields | {name: narrow(name, array) for name, array in widened.items()}, NORMAL, CODES)
     record = record_of(columns)
     header = [
         "ply",

@@ -25,7 +25,8 @@ from lidarsim.io._scanners import (
     whole_number,
     write_lines,
 )
-from lidarsim.scan.pointcloud import Fields, register_format
+from lidarsim.scan.fields import Fields
+from lidarsim.scan.formats import register_format
 
 LAYOUTS = {3: (*"xyz",), 4: (*"xyz", "intensity"), 6: (*"xyz", *COLOURS), 7: (*"xyz", "intensity", *COLOURS)}
 """Names by the number of columns."""

@@ -36,7 +36,8 @@ from lidarsim.io._scanners import (
     write_lines,
 )
 from lidarsim.io._units import warn_above
-from lidarsim.scan.pointcloud import Fields, register_format
+from lidarsim.scan.fields import Fields
+from lidarsim.scan.formats import register_format
 
 LAYOUTS = {4: (*"xyz", "intensity"), 7: (*"xyz", "intensity", *COLOURS)}
 """Names by the number of columns."""

@@ -74,7 +74,9 @@ from lidarsim.io._storage import check_folder, is_folder, lost_writes
 from lidarsim.motion.georeference import START, unix_time
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
-from lidarsim.scan.pointcloud import Fields, PointCloud, register_format
+from lidarsim.scan.fields import Fields
+from lidarsim.scan.formats import register_format
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan
 
 if TYPE_CHECKING:

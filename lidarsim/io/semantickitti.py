@@ -17,7 +17,8 @@ import numpy.typing as npt
 from lidarsim._base.files import PathLike, check_regular
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import fitting
-from lidarsim.scan.pointcloud import Fields, register_format
+from lidarsim.scan.fields import Fields
+from lidarsim.scan.formats import register_format
 
 __all__ = ["read_labels"]
 

@@ -40,7 +40,8 @@ import numpy.typing as npt
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import blocks, number, to_columns, to_fields
-from lidarsim.scan.pointcloud import CANONICAL, Fields, held, register_format
+from lidarsim.scan.fields import CANONICAL, Fields, fit
+from lidarsim.scan.formats import register_format
 
 NORMAL = ("nx", "ny", "nz")
 CODES = {"b1", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
@@ -276,13 +277,13 @@ def _alike(parts: list[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
     wide = np.uint64 if np.dtype(np.uint64) in dtypes else np.int64
     if len(dtypes) == 1 or not any(dtype.kind in "iu" for dtype in dtypes):
         return parts
-    return [part.astype(wide) for part in parts] if all(held(part, wide)[1] for part in parts) else parts
+    return [part.astype(wide) for part in parts] if all(fit(part, wide)[1] for part in parts) else parts
 
 
 def _narrow(name: str, column: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
     """Return a copy of the column in the dtype of lidarsim's field of that name, if nothing is lost."""
     _, dtype = CANONICAL.get(name, ((), np.float64))
-    exact = dtype is np.float64 or held(column, dtype)[1]
+    exact = dtype is np.float64 or fit(column, dtype)[1]
     return np.array(column, dtype if exact else np.float64)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lidarsim.io import rosbag, scenes
-from lidarsim.scan.pointcloud import is_point_cloud, register_unread
+from lidarsim.scan.formats import is_point_cloud, register_unread
 
 PCAP = "d4c3b2a1", "a1b2c3d4", "4d3cb2a1", "a1b23c4d", "0a0d0d0a"
 """First bytes of captures in either byte order, with times in µs or ns, and of pcapng."""

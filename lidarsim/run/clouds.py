@@ -15,7 +15,8 @@ from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
 from lidarsim.run._frames import Frames, RunFrame, insert
 from lidarsim.run._output import OUTPUTS, Option, Output, Samples, Save, register_output
-from lidarsim.scan.pointcloud import PointCloud, check_output
+from lidarsim.scan.formats import check_output
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan
 
 if TYPE_CHECKING:

@@ -6,11 +6,10 @@ import inspect
 import math
 import re
 import textwrap
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +19,8 @@ from lidarsim._base.extras import import_extra
 from lidarsim._base.files import (
     PathLike,
     atomic_writer,
-    check_folder,
     check_path,
     check_regular,
-    check_suffix,
     parsing,
     reading,
 )
@@ -33,8 +30,10 @@ from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import html_table, text_table
 from lidarsim._base.validation import Transform, as_array, named_labels, shown
 from lidarsim._base.views import Plotted, view
-from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan.cells import Cells, Statistic, cells_of
+from lidarsim.scan.fields import CANONICAL, EXTRA_DTYPES, Fields, first_misfit, fit, with_unit
+from lidarsim.scan.formats import FORMATS, HEAD, check_output, format_of, options_of, recognise
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -44,43 +43,9 @@ if TYPE_CHECKING:
     import pyproj
     import pyvista
 
-__all__ = ["PointCloud", "check_output", "chosen", "register_format"]
-
-Fields = dict[str, npt.NDArray[Any]]
-
-CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
-    "xyz": ((3,), np.float64),
-    "range": ((), np.float64),
-    "true_range": ((), np.float64),
-    "intensity": ((), np.float32),
-    "time": ((), np.float64),
-    "ring": ((), np.uint16),
-    "column": ((), np.uint32),
-    "return_number": ((), np.uint8),
-    "return_count": ((), np.uint8),
-    "object_id": ((), np.int32),
-    "instance": ((), np.uint32),
-    "label": ((), np.uint32),
-    "source": ((), np.uint8),
-    "path": ((), np.uint8),
-    "normal": ((3,), np.float32),
-    "incidence": ((), np.float32),
-    "range_error": ((), np.float64),
-    "radial_velocity": ((), np.float32),
-}
-"""Shape per point and dtype of lidarsim's own fields, in order."""
-
-UNITS = {
-    **dict.fromkeys(("x", "y", "z", "height", "range", "true_range", "range_error"), "m"),
-    "time": "s",
-    "incidence": "rad",
-    "radial_velocity": "m/s",
-}
-"""Units of the fields that have one, of coordinates, and of the height that pictures show."""
+__all__ = ["PointCloud", "adopt", "choose", "field_names"]
 
 MOST_ROWS = 14  # maximum lines of a repr below its title
-
-_EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"))
 
 
 class PointCloud(Pickled, Plotted):
@@ -561,10 +526,10 @@ class PointCloud(Pickled, Plotted):
         """
         path, arrays = check_path(path), self._arrays()
         if fields is not None:
-            arrays = {name: arrays[name] for name in ("xyz", *chosen(fields, self.fields))}
+            arrays = {name: arrays[name] for name in ("xyz", *choose(fields, self.fields))}
         check_output(path)
-        save, where = _format(path).save, None if pose is None else validation.pose("pose", pose)
-        known = _options(_format(path))
+        save, where = format_of(path).save, None if pose is None else validation.pose("pose", pose)
+        known = options_of(format_of(path))
         if float32 is not None and validation.flag("float32", float32):
             if misfit := first_misfit("xyz", arrays["xyz"], np.float32):
                 raise ArgumentValueError("xyz", *misfit, "float32=False")
@@ -575,7 +540,7 @@ class PointCloud(Pickled, Plotted):
         options = {"pose": where, "class_names": self.class_names, "float32": float32, "crs": crs, "start": start}
         for name, nothing in {"crs": None, "start": 0.0}.items():
             if name not in known and options[name] != nothing:
-                held = " and ".join(suffix for suffix, other in _FORMATS.items() if name in _options(other))
+                held = " and ".join(suffix for suffix, other in FORMATS.items() if name in options_of(other))
                 raise ArgumentValueError(name, f"a file that can hold it ({held})", shown(path))
         options = {name: option for name, option in options.items() if name in known}
         with atomic_writer(path) as file:
@@ -675,14 +640,14 @@ class PointCloud(Pickled, Plotted):
             raise IsADirectoryError(f"{path}: expected a file, got a folder")
         check_regular(path)
         with reading(path), path.open("rb") as file:
-            suffix = _recognised(file.read(_HEAD), path)
-            load = _FORMATS[suffix].load
+            suffix = recognise(file.read(HEAD), path)
+            load = FORMATS[suffix].load
             if not options.keys() <= inspect.signature(load).parameters.keys():
                 expected = f"none, since {suffix} files name their columns"
                 raise ArgumentValueError("columns", expected, f"some for {path}")
             file.seek(0)
             with parsing(path, f"{suffix} point cloud"):
-                return cls(adopted(load(file, **options)))
+                return cls(adopt(load(file, **options)))
 
     def to_open3d(self) -> open3d.t.geometry.PointCloud:
         """Return an Open3D tensor point cloud with all fields as attributes.
@@ -748,7 +713,7 @@ class PointCloud(Pickled, Plotted):
         TypeError, ValueError
             If `points` is not a point cloud, or an attribute cannot be a field.
         """
-        return cls(adopted(view(PointCloud, "from_open3d")(points)))
+        return cls(adopt(view(PointCloud, "from_open3d")(points)))
 
     @classmethod
     def from_pyvista(cls, mesh: pyvista.DataSet) -> PointCloud:
@@ -771,7 +736,7 @@ class PointCloud(Pickled, Plotted):
         TypeError, ValueError
             If `mesh` is not a data set, or an array cannot be a field.
         """
-        return cls(adopted(view(PointCloud, "from_pyvista")(mesh)))
+        return cls(adopt(view(PointCloud, "from_pyvista")(mesh)))
 
 
 def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -816,7 +781,7 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
         raise ArgumentValueError(name, expected, given.shape)
     given = given.astype(given.dtype.newbyteorder("="), copy=False)
     if dtype is None:
-        if given.dtype not in _EXTRA_DTYPES:
+        if given.dtype not in EXTRA_DTYPES:
             raise ArgumentTypeError(name, "bool, integers, float32 or float64", f"dtype {given.dtype}")
         return np.ascontiguousarray(given)
     if given.dtype.kind not in "fiu":
@@ -824,38 +789,6 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
     if misfit := first_misfit(name, given, dtype):
         raise ArgumentValueError(name, *misfit)
     return np.ascontiguousarray(given, dtype)
-
-
-def first_misfit(
-    name: str, given: npt.NDArray[Any], dtype: type[np.number[Any]], first: int = 0
-) -> tuple[str, str] | None:
-    """Return what is expected of numbers of a type, and the first that it cannot hold, for an error; None if all fit.
-
-    `first` is the number of the first point.
-    """
-    wrong = _misfits(given, dtype)
-    if not wrong.any():
-        return None
-    index = np.argwhere(wrong)[0]
-    where = "".join(f"[{i}]" for i in [*(index[:1] + first), *index[1:]])
-    if issubclass(dtype, np.integer):
-        kind = f"integers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
-    else:
-        kind = f"numbers that {np.dtype(dtype)} can hold"
-    return kind, f"{name}{where} = {given[tuple(index)]}"
-
-
-def _misfits(given: npt.NDArray[Any], dtype: type[np.number[Any]]) -> npt.NDArray[np.bool_]:
-    """Return a mask of the numbers that `dtype` cannot hold; rounding to a float is allowed, overflow is not."""
-    if np.can_cast(given.dtype, dtype):
-        return np.broadcast_to(np.False_, given.shape)
-    if issubclass(dtype, np.integer):
-        low, high = np.iinfo(dtype).min, np.iinfo(dtype).max
-        fits: npt.NDArray[np.bool_] = (given >= low) & (given <= high) & (given == np.floor(given))
-        return ~fits
-    with np.errstate(over="ignore"):
-        beyond: npt.NDArray[np.bool_] = np.isinf(given.astype(dtype)) & np.isfinite(given)
-    return beyond
 
 
 def _is_name(name: str) -> bool:
@@ -887,7 +820,7 @@ def field_names(names: Sequence[str]) -> list[str]:
     return fields
 
 
-def adopted(fields: Mapping[str, Any]) -> dict[str, Any]:
+def adopt(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Convert the fields of a file or another library to valid fields of a cloud, without loss.
 
     Parameters
@@ -912,26 +845,11 @@ def adopted(fields: Mapping[str, Any]) -> dict[str, Any]:
         elif array.shape[1:] != shape:
             raw[name] = array
         else:
-            kept[name], exact = held(array, dtype)
+            kept[name], exact = fit(array, dtype)
             if not exact:
                 raw[name] = array
     names = field_names([*kept, *(f"{name}_raw" for name in raw)])
     return dict(zip(names, [*kept.values(), *raw.values()], strict=True)) | classes
-
-
-def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any], bool]:
-    """Return `array` with 0 for all numbers that `dtype` cannot hold, and whether the conversion is lossless.
-
-    Rounding a float counts as lossless, rounding an integer does not.
-    """
-    kind: Any = np.dtype(dtype).type
-    numbers = array.view(np.uint8) if array.dtype == np.bool_ else array
-    wrong = _misfits(numbers, kind)
-    exact = array.dtype != np.bool_ and not wrong.any()
-    if exact and issubclass(kind, np.floating) and array.dtype.kind in "iu" and array.size:
-        most = 2 ** (np.finfo(kind).nmant + 1)
-        exact = bool(array.min() >= -most and array.max() <= most)
-    return (np.where(wrong, numbers.dtype.type(0), numbers) if wrong.any() else numbers), exact
 
 
 def _columns(names: Sequence[str]) -> list[str]:
@@ -956,12 +874,7 @@ def _extent(array: npt.NDArray[Any]) -> str:
     return " … ".join(f"({', '.join(end)})" if array.ndim == 2 else end[0] for end in ends)
 
 
-def with_unit(name: str) -> str:
-    """Return the name of a field with its unit, such as "range [m]", for pictures."""
-    return f"{name} [{UNITS[name]}]" if name in UNITS else name
-
-
-def chosen(names: Collection[str], known: Sequence[str]) -> list[str]:
+def choose(names: Collection[str], known: Sequence[str]) -> list[str]:
     """Return some fields besides `xyz`, in order, after checking that they exist."""
     if isinstance(names, str):
         raise ArgumentTypeError("fields", "a sequence of names", repr(names))
@@ -971,142 +884,3 @@ def chosen(names: Collection[str], known: Sequence[str]) -> list[str]:
             expected = f"fields of this point cloud ({', '.join(known)})"
             raise ArgumentValueError("fields", expected, validation.shown(name))
     return [name for name in known if name in names and name != "xyz"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Format:
-    save: Callable[..., None]
-    load: Callable[[BinaryIO], Fields]
-    signature: bytes
-
-
-def _options(written: _Format) -> set[str]:
-    """Return the names of the options of a format's `save`."""
-    return set(inspect.signature(written.save).parameters)
-
-
-_HEAD = 16  # bytes at the start of a file, enough for any signature
-_FORMATS: dict[str, _Format] = {}
-_UNREAD: dict[str, tuple[str, tuple[bytes, ...]]] = {}
-
-
-def register_format(
-    suffix: str,
-    *,
-    save: Callable[..., None],
-    load: Callable[[BinaryIO], Fields],
-    signature: bytes = b"",
-) -> None:
-    """Let `PointCloud.save` and `PointCloud.load` handle files with a suffix.
-
-    Parameters
-    ----------
-    suffix : str
-        With its dot, in lower case; it may have several parts, such as ".pcd.bin".
-    save : callable
-        ``save(fields, file)`` writes the fields of a cloud, in order, to an open binary file. A format that can hold
-        the pose from `PointCloud.save` takes it as the keyword `pose`: a 4×4 array, or None; a format that can hold
-        class names takes them as the keyword `class_names`. A format takes the other arguments of `PointCloud.save`,
-        `float32`, `crs` and `start`, under their names; `xyz` is already in the type that `float32` asks for.
-    load : callable
-        ``load(file)`` returns the fields in an open binary file, by any names, and class names, if there are any, as
-        ``"class_names"``; the message of any exception becomes the reason in the error. A format whose files need not
-        name their columns takes the names given to `PointCloud.load` as the keyword `columns`: a list, or None.
-    signature : bytes
-        First bytes of every file of the format, which identify it whatever its name; empty if there are none.
-    """
-    _FORMATS[suffix] = _Format(save, load, signature)
-
-
-def register_unread(suffix: str, problem: str, *signatures: bytes) -> None:
-    """Let `PointCloud.load` say what to do with files of a format that it does not read.
-
-    Parameters
-    ----------
-    suffix : str
-        With its dot, in lower case.
-    problem : str
-        What is not read, and what to do: the error for such a file.
-    *signatures : bytes
-        First bytes of files of the format, which identify it whatever its name.
-    """
-    _UNREAD[suffix] = problem, signatures
-
-
-def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a field in one of the types that Open3D reads and writes in every format.
-
-    Parameters
-    ----------
-    name : str
-        Name of the field, for the error.
-    array : ndarray
-        Values of the field, of any valid type.
-
-    Returns
-    -------
-    ndarray
-        Unchanged if uint8, uint16, int32, float32 or float64. Booleans become uint8; other integers become int32 or, if
-        one of them does not fit, float64.
-
-    Raises
-    ------
-    ValueError
-        If the magnitude of an integer exceeds 2⁵³, up to which float64 is exact.
-    """
-    if array.dtype.str[1:] in {"u1", "u2", "i4", "f4", "f8"}:
-        return array
-    if array.dtype == np.bool_:
-        return array.astype(np.uint8)
-    low, high = (int(array.min()), int(array.max())) if array.size else (0, 0)
-    if low >= -(2**31) and high < 2**31:
-        return array.astype(np.int32)
-    if low < -(2**53) or high > 2**53:
-        raise ArgumentValueError(
-            name, "integers from -2**53 to 2**53, the most that Open3D's types hold", low if low < -(2**53) else high
-        )
-    return array.astype(np.float64)
-
-
-def check_output(path: PathLike, others: Collection[str] = ()) -> None:
-    """Check, before any work, that `PointCloud.save` can write a file: a known suffix and a writable folder.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to write.
-    others : collection of str
-        Other suffixes, which the caller writes itself.
-
-    Raises
-    ------
-    FileFormatError
-        If the suffix is unknown.
-    OSError
-        If the folder does not exist or is not writable.
-    """
-    check_suffix(path, [*_FORMATS, *others])
-    if Path(path).name.lower().endswith(".copc.laz"):
-        raise FileFormatError(f"{path}: COPC, which is LAZ sorted into an octree, cannot be written; name it .laz")
-    check_folder(path)
-
-
-def is_point_cloud(path: PathLike) -> bool:
-    """Return whether the suffix of a file belongs to a format that `PointCloud.load` reads."""
-    return any(Path(path).name.lower().endswith(suffix) for suffix in _FORMATS)
-
-
-def _format(path: PathLike) -> _Format:
-    return _FORMATS[check_suffix(path, _FORMATS)]
-
-
-def _recognised(head: bytes, path: Path) -> str:
-    """Return the suffix of a file's format, from its first bytes or else from its name."""
-    told = {suffix for suffix, format_ in _FORMATS.items() if format_.signature and head.startswith(format_.signature)}
-    own = path.suffix.lower()
-    if told:
-        return own if own in told else min(told)
-    for suffix, (problem, signatures) in _UNREAD.items():
-        if head.startswith(signatures) or own == suffix:
-            raise FileFormatError(f"{path}: {problem}")
-    return check_suffix(path, _FORMATS)

@@ -28,8 +28,9 @@ from lidarsim.patterns import Pulses
 from lidarsim.patterns._pulses import pulses_of
 from lidarsim.patterns.raster import projection, rows_and_columns
 from lidarsim.scan.boxes import Boxes, boxes_of
+from lidarsim.scan.fields import CANONICAL
 from lidarsim.scan.laser_scan import LaserScan, laser_scan_of
-from lidarsim.scan.pointcloud import CANONICAL, PointCloud, chosen
+from lidarsim.scan.pointcloud import PointCloud, choose
 from lidarsim.scan.waveforms import Waveforms
 from lidarsim.sensor.measurement import PULSE_LENGTH
 from lidarsim.sensor.sensor import Sensor
@@ -372,7 +373,7 @@ class Scan(Pickled, Plotted):
             moment = self._deskewed_to(deskew)
         if deskew_movers and moment is None:
             raise ArgumentValueError("deskew_movers", "a deskewed cloud", "deskew=False")
-        names = None if fields is None else chosen(fields, self._cloud_fields())
+        names = None if fields is None else choose(fields, self._cloud_fields())
         given = names if names is None or not deskew_movers else [*names, *_MOVED]
         if isinstance(self.pose, Trajectory):
             cloud = self._cloud(self.pose._native, frame, None if frame == "world" else moment, given)

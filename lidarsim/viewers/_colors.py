@@ -16,7 +16,8 @@ import numpy.typing as npt
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, array, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.scan.pointcloud import PointCloud, with_unit
+from lidarsim.scan.fields import with_unit
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Source
 from lidarsim.viewers import _classes as classes
 from lidarsim.viewers._classes import class_color

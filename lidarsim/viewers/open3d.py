@@ -16,7 +16,8 @@ from lidarsim._base.validation import Floats
 from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 from lidarsim.scan.boxes import Boxes
-from lidarsim.scan.pointcloud import Fields, PointCloud, narrowed
+from lidarsim.scan.fields import Fields, narrow
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import NAME, _channels
 from lidarsim.viewers._display import require_display
@@ -58,7 +59,7 @@ def to_open3d(cloud: PointCloud) -> open3d.t.geometry.PointCloud:
     o3d = import_open3d()
     columns: Fields = {"positions": cloud.xyz}
     for name in cloud.fields[1:]:
-        array = narrowed(name, getattr(cloud, name))
+        array = narrow(name, getattr(cloud, name))
         if name == "normal":
             columns["normals"] = array.astype(np.float64)
         elif array.ndim == 1:
@@ -80,7 +81,7 @@ def scene_to_open3d(scene: Scene, **options: Any) -> list[dict[str, Any]]:
             continue
         mesh = _mesh(o3d, surface)
         for name, value in (("object_id", surface.object_id), ("label", surface.labels)):
-            column = narrowed(name, np.full(len(surface.faces), value, np.int64))
+            column = narrow(name, np.full(len(surface.faces), value, np.int64))
             mesh.triangle[name] = o3d.core.Tensor(column[:, np.newaxis])
         name = f"{surface.object_id} {surface.item.name}".rstrip()
         converted.append({"name": name, "geometry": mesh})

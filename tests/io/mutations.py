@@ -36,7 +36,7 @@ from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import rosbag
 from lidarsim.io.semantickitti import read_labels
 from lidarsim.patterns import Table
-from lidarsim.scan import pointcloud
+from lidarsim.scan.formats import FORMATS
 
 sys.path.append(str(Path(__file__).parents[2]))
 from tests.io.scenes.gltf_files import Gltf
@@ -68,7 +68,7 @@ def cloud(points: int = 60) -> PointCloud:
 
 def samples(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
     """Name, file and reader of a sound file of each kind."""
-    for suffix in sorted(pointcloud._FORMATS.keys() - {".label"}):
+    for suffix in sorted(FORMATS.keys() - {".label"}):
         path = folder / f"plain{suffix}"
         cloud().save(path)
         yield suffix, path, PointCloud.load

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import lidarsim as ls
-from lidarsim.scan import pointcloud
+from lidarsim.scan.formats import FORMATS
 
 
 def street() -> ls.Scene:
@@ -45,7 +45,7 @@ def main() -> None:
     took = milliseconds(lambda: lidar.scan(scene).point_cloud())
     sys.stdout.write(f"{len(cloud):,} points of {len(scan):,} pulses, {len(cloud.fields)} fields: {took:.0f} ms\n")
     with tempfile.TemporaryDirectory() as folder:
-        for suffix in pointcloud._FORMATS:
+        for suffix in FORMATS:
             path = Path(folder) / f"cloud{suffix}"
             written = milliseconds(lambda: cloud.save(path))  # noqa: B023
             load = ls.io.semantickitti.read_labels if suffix == ".label" else ls.PointCloud.load

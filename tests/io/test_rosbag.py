@@ -28,7 +28,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim.errors import FileFormatError, MissingExtraError
 from lidarsim.io import _records, rosbag
-from lidarsim.scan.pointcloud import CANONICAL, PointCloud
+from lidarsim.scan.fields import CANONICAL
+from lidarsim.scan.pointcloud import PointCloud
 
 COUNT = 500
 START = 1_577_836_800 * 10**9

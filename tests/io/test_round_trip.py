@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from lidarsim import io
 from lidarsim.errors import FileFormatError
-from lidarsim.scan.pointcloud import CANONICAL, PointCloud
+from lidarsim.scan.fields import CANONICAL
+from lidarsim.scan.pointcloud import PointCloud
 
 assert io, "the formats register themselves on import"
 

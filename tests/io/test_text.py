@@ -8,7 +8,8 @@ import pytest
 
 from lidarsim import io
 from lidarsim.errors import FileFormatError
-from lidarsim.scan.pointcloud import CANONICAL, PointCloud
+from lidarsim.scan.fields import CANONICAL
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers.open3d import import_open3d
 
 assert io, "the formats register themselves on import"

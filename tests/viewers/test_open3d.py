@@ -13,7 +13,8 @@ import pytest
 import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import LidarsimError, MissingExtraError
-from lidarsim.scan.pointcloud import CANONICAL, PointCloud, narrowed
+from lidarsim.scan.fields import CANONICAL, narrow
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers import open3d as view
 from lidarsim.viewers._colors import QUALITATIVE
 
@@ -65,7 +66,7 @@ def test_every_field_comes_back(points: int) -> None:
     for name in cloud.fields:
         got, want = getattr(back, name), getattr(cloud, name)
         np.testing.assert_array_equal(got, want, strict=name in CANONICAL)
-        assert (got.shape, got.dtype) == (want.shape, want.dtype if name in CANONICAL else narrowed(name, want).dtype)
+        assert (got.shape, got.dtype) == (want.shape, want.dtype if name in CANONICAL else narrow(name, want).dtype)
 
 
 def test_clouds_of_open3d_are_taken_over() -> None:

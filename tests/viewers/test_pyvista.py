@@ -14,7 +14,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 from lidarsim.errors import FileFormatError, LidarsimError, MissingExtraError
-from lidarsim.scan.pointcloud import CANONICAL, PointCloud
+from lidarsim.scan.fields import CANONICAL
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers import show
 from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, coloring
 from lidarsim.viewers.pyvista import _check_opengl, check_screenshot

@@ -18,7 +18,8 @@ from lidarsim.config.document import plain, read
 from lidarsim.errors import FileFormatError
 from lidarsim.io.semantickitti import read_labels
 from lidarsim.scan.boxes import Boxes
-from lidarsim.scan.pointcloud import PointCloud, is_point_cloud
+from lidarsim.scan.formats import is_point_cloud
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._boxes import moved
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from lidarsim.datasets.reading._frames import (
 from lidarsim.errors import FileFormatError
 from lidarsim.io import npz
 from lidarsim.scan.boxes import Boxes
-from lidarsim.scan.pointcloud import PointCloud, adopted
+from lidarsim.scan.pointcloud import PointCloud, adopt
 
 Number = Annotated[int, Field(ge=0, lt=2**63)]
 Label = Annotated[int, Field(ge=0, lt=2**32)]
@@ -135,7 +135,7 @@ def _frame(parts: list[tuple[tuple[Path, tarfile.TarInfo], About]], names: dict[
     frames = []
     for (path, member), about in parts:
         with parsing(path, "tar file of samples"), tarfile.open(path, "r:") as tar:
-            cloud = PointCloud(adopted(npz.load(BytesIO(_read(tar, member)))))
+            cloud = PointCloud(adopt(npz.load(BytesIO(_read(tar, member)))))
         pose = np.array([*about.pose, 0.0, 0.0, 0.0, 1.0]).reshape(4, 4)
         boxes = _boxes(about.boxes, names) if about.boxes else None
         if placed:
