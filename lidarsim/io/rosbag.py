@@ -780,10 +780,10 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     topic : str, optional
         Only clouds of this topic.
 
-    Yields
-    ------
-    Message
-        A point cloud; messages come in file order. For each topic with clouds that cannot be used, a warning says why
+    Returns
+    -------
+    iterator of Message
+        The point clouds in file order. For each topic with clouds that cannot be used, a warning says why
         the first of them is left out, and a last one how many are.
 
     Raises
