@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from lidarsim.motion.trajectory import Trajectory
     from lidarsim.rig import Rig
     from lidarsim.run import Deskew
+    from lidarsim.scan.pointcloud import PointCloud
     from lidarsim.world.scene import Scene
 
     MakeRun = Callable[[np.random.Generator, int], tuple[Scene, Lidar | Rig, Trajectory | Transform | None]]
@@ -69,6 +70,7 @@ def generate(
     output: PathLike,
     *,
     client: Client | None = None,
+    after_scan: Callable[[PointCloud, np.random.Generator], PointCloud] | None = None,
     part: tuple[int, int] = (0, 1),
     overrides: Sequence[str] = (),
     sequences: int | None = None,
@@ -105,6 +107,12 @@ def generate(
     client : dask.distributed.Client, optional
         Client of the cluster whose workers make the data set; they must see the recipe's files, and an output folder,
         under the same paths. Default: this process.
+    after_scan : callable, optional
+        A function that gets the cloud of each frame of each sensor, with all columns, and a `numpy.random.Generator`
+        that is seeded by the recipe's seed, the sequence, the frame and the sensor, and returns the cloud to write,
+        such as one without the points that a learned model drops. It replaces that of the recipe, and is compared on
+        resuming as a recipe function is. Boxes count the points that it leaves, and go with their last. Default: that
+        of the recipe; none for a function.
     part : tuple of int
         ``(i, n)`` makes only part i of n, counting from 0. The call that completes the data set writes its tables.
     overrides : sequence of str
@@ -169,6 +177,7 @@ def generate(
     ...     done.frames, sorted(path.name for path in Path(folder).rglob("*.bin"))
     (2, ['000000.bin', '000000.bin'])
     """
+    from lidarsim.datasets import after_scan as changes
     from lidarsim.datasets import recipe as recipes
     from lidarsim.datasets.layouts import layout_of
     from lidarsim.datasets.run import run
@@ -192,13 +201,14 @@ def generate(
     names = named_labels("class_names", class_names)
     given["splits"] = _splits(splits)
     chosen = None if layout is None else layout_of(layout)
+    change = None if after_scan is None else changes.from_function(after_scan)
     if callable(recipe):
         if overrides:
             raise ArgumentValueError("overrides", "none with a function", shown(overrides))
         defaults = {"sequences": 1, "frames": 1, "seed": 0}
         settings = {key: defaults.get(key) if value is None else value for key, value in given.items()}
         settings["layout"] = chosen or layout_of("shards")
-        made = recipes.from_function(recipe, names, deskew, frame, **settings)
+        made = recipes.from_function(recipe, names, deskew, frame, change, **settings)
     else:
         for name, value, default in (("deskew", deskew, None), ("frame", frame, "sensor")):
             if value != default:
@@ -209,7 +219,7 @@ def generate(
         if class_names is not None:
             given["class_names"] = {str(label): name for label, name in names.items()}
         values = {name: value for name, value in given.items() if value is not None}
-        made = recipes.load(Path(recipe), overrides, values)
+        made = recipes.load(Path(recipe), overrides, values, change)
     result, failed = run(made, output, client, part, pictures, verify=verify)
     if failed:
         more = f" (and {len(failed) - TOLD} more)" if len(failed) > TOLD else ""

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from lidarsim.datasets.layouts._layout import BoxFilter
     from lidarsim.datasets.manifest import Plan
     from lidarsim.datasets.recipe import Recipe
+    from lidarsim.datasets.samples import Record
     from lidarsim.datasets.scattered import Scattered
     from lidarsim.lidar import Lidar
     from lidarsim.run import Run
     from lidarsim.scan.boxes import Boxes
-    from lidarsim.scan.scan import Scan
 
 __all__ = ["write"]
 
@@ -85,7 +85,7 @@ Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, a
 among them.
 
 Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, run)}
-{air}{recipe.layout.reading}
+{air}{_change(recipe)}{recipe.layout.reading}
 {_splits(recipe, summary)}## Classes
 
 {_table("label | name", classes, points)}
@@ -122,6 +122,12 @@ def _coordinates(recipe: Recipe, run: Run) -> str:
     if moment is None:
         return f"{text}. Each box is where its points are on average, and points of fast things may lie outside."
     return f"{text}, and points of moving things are moved along to that moment, which is also that of the boxes."
+
+
+def _change(recipe: Recipe) -> str:
+    """Return in words which function changed the clouds."""
+    name = recipe.after_scan and recipe.after_scan.name
+    return f"\nAfter the scan, {escaped(name)} changed each cloud.\n" if name else ""
 
 
 def _splits(recipe: Recipe, summary: Summary) -> str:
@@ -243,14 +249,23 @@ def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
         run = recipe.source.run(sequence, frame)
         number = run.frames.start + frame
         (scans,) = dataclasses.replace(run, frames=range(number, number + 1)).scans()
-        boxes = _annotated(recipe, run, sequence, frame, scans)
+        measured = list(samples(recipe, run, sequence, frame, scans)) if recipe.after_scan or recipe.layout.kept else []
+        boxes = _annotated(recipe, run, [sample.record for sample in measured])
+        shown: dict[str, Any] = {**scans}
+        view: dict[str, Any] = {}
+        if recipe.after_scan:
+            placed = run.cloud["frame"] == "world"
+            for sample in measured:
+                cloud, pose = sample.cloud, sample.record.matrix
+                shown[sample.record.sensor] = cloud if placed else cloud.transformed(pose)
+            view = {"pose": measured[0].record.matrix, "time": measured[0].record.seconds}
         for camera, place in CAMERAS.items():
             name = f"{manifest.PICTURES}/{sequence:06}_{frame:06}_{camera}.png"
             with TemporaryDirectory() as folder:
                 path = Path(folder) / "frame.png"
                 try:
                     show(
-                        scans,
+                        shown,
                         scene=run.scene,
                         boxes=boxes,
                         color_by="label",
@@ -258,6 +273,7 @@ def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
                         camera=camera,
                         save=path,
                         size=(1200, 750),
+                        **view,
                     )
                 except MissingExtraError:
                     return []
@@ -266,11 +282,10 @@ def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
     return drawn
 
 
-def _annotated(recipe: Recipe, run: Run, sequence: int, frame: int, scans: dict[str, Scan]) -> Boxes | None:
+def _annotated(recipe: Recipe, run: Run, records: list[Record]) -> Boxes | None:
     """Return the boxes that the data set has of a frame, one of each thing, in world coordinates."""
     if recipe.layout.kept is None:
         return None
-    records = [sample.record for sample in samples(recipe, run, sequence, frame, scans)]
     things = {box.instance: (record, box) for record, box in recipe.layout.annotations(records)}
     places = [record.matrix if run.cloud["frame"] == "sensor" else np.eye(4) for record, _ in things.values()]
     boxes = [box for _, box in things.values()]

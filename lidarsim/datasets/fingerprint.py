@@ -12,6 +12,7 @@ import dis
 import enum
 import functools
 import hashlib
+import inspect
 import itertools
 import sys
 import types
@@ -23,18 +24,46 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.files import told
+from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentTypeError
 
-__all__ = ["fingerprint", "name_of"]
+__all__ = ["check_function", "fingerprint", "name_of"]
 
 _LRU = type(functools.lru_cache(lambda: None))
 _GLOBAL = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS"}
 
 
-def name_of(function: Callable[..., Any]) -> str:
+def check_function(argument: str, function: object, takes: str, expected: str = "a function") -> Callable[..., Any]:
+    """Return a function of two arguments, which `takes` names, after checking that it is one.
+
+    Raises
+    ------
+    TypeError
+        If it is not.
+    """
+    kinds: dict[str, Callable[[object], bool]] = {
+        "class": inspect.isclass,
+        "built-in function": inspect.isbuiltin,
+        "coroutine function": inspect.iscoroutinefunction,
+    }
+    if not callable(function):
+        raise ArgumentTypeError(argument, expected, shown(function))
+    for kind, holds in kinds.items():
+        if holds(function):
+            raise ArgumentTypeError(argument, expected, f"the {kind} {name_of(function)}")
+    try:
+        inspect.signature(function).bind(None, None)
+    except ValueError:  # a C function without a signature
+        pass
+    except TypeError as error:
+        raise ArgumentTypeError(argument, f"a function of {takes}", f"one with {told(error)}") from None
+    return function
+
+
+def name_of(function: Callable[..., Any], separator: str = ".") -> str:
     """Return the full name of a function or method, of the function in a partial, or of an object's class."""
     named = _named(function)
-    return f"{named.__module__}.{named.__qualname__}"
+    return f"{named.__module__}{separator}{named.__qualname__}"
 
 
 def _named(function: Any) -> Any:
@@ -43,8 +72,10 @@ def _named(function: Any) -> Any:
     return function if hasattr(function, "__qualname__") else type(function)
 
 
-def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
+def fingerprint(function: Callable[..., Any], argument: str = "recipe") -> dict[str, str]:
     """Return the hashes of a function's code and of each value that it takes from outside, by name.
+
+    `argument` is what error messages call the function.
 
     Raises
     ------
@@ -57,7 +88,7 @@ def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
             hashes[name] = _Hasher().digest(value).hex()
         except Exception as error:  # a class may raise anything when it is pickled
             raise ArgumentTypeError(
-                "recipe",
+                argument,
                 "a function that is made of values that can be pickled",
                 f"{name}, a {type(value).__name__}: {told(error)}",
             ) from error

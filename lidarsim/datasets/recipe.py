@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 import numpy as np
 from pydantic import Field
 
-from lidarsim._base.files import told
 from lidarsim._base.validation import pose as validated
 from lidarsim._base.validation import shown
 from lidarsim.config.document import (
@@ -35,8 +33,10 @@ from lidarsim.config.document import (
 from lidarsim.config.loader import CHOICES, Change, built, checked, whole
 from lidarsim.config.schema import Model, labelled
 from lidarsim.config.starter import configuration
+from lidarsim.datasets import after_scan
+from lidarsim.datasets.after_scan import AfterScan
 from lidarsim.datasets.draws import Draw, Stream
-from lidarsim.datasets.fingerprint import fingerprint, name_of
+from lidarsim.datasets.fingerprint import check_function, fingerprint, name_of
 from lidarsim.datasets.layouts import AnyLayout, Layout
 from lidarsim.datasets.scatter import Placed, Scatter, nearby, scatter
 from lidarsim.datasets.scatter._folders import expanded
@@ -80,6 +80,7 @@ class Settings(Model):
     splits: dict[str, Any] = Field(default={})
     vary: dict[str, Draw] = Field(default={})
     scatter: dict[str, Scatter] = Field(default={})
+    after_scan: str | None = None
 
 
 class Source(Protocol):
@@ -125,6 +126,8 @@ class Recipe:
         Class names by label: those of the scene, overridden by those of the recipe.
     splits : Splits
         Splits of the sequences.
+    after_scan : AfterScan or None
+        Function that changes each cloud before it is written.
     """
 
     source: Source
@@ -135,6 +138,7 @@ class Recipe:
     layout: Layout
     class_names: dict[int, str]
     splits: Splits
+    after_scan: AfterScan | None = None
 
     @property
     def shards(self) -> int:
@@ -158,8 +162,14 @@ class Recipe:
             "layout": self.layout.model_dump(),
             "class_names": {str(label): name for label, name in sorted(self.class_names.items())},
             "splits": dict(self.splits.given),
+            **({"after_scan": self.after_scan.name} if self.after_scan else {}),
             **self.source.resolved(),
         }
+
+    def files(self) -> dict[str, str]:
+        """Return the SHA-256 of each file, or part of a function, that the data set depends on, by name."""
+        own = self.after_scan.made_of if self.after_scan else {}
+        return self.source.files() | {f"after_scan: {name}": digest for name, digest in own.items()}
 
     def text(self) -> str:
         """Return the recipe in YAML; `load` restores it if its source is a document."""
@@ -293,7 +303,12 @@ def _replace(cache: dict[int, Any], sequence: int, value: object) -> None:
     cache[sequence] = value
 
 
-def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] | None = None) -> Recipe:
+def load(
+    path: Path,
+    overrides: Sequence[str] = (),
+    given: Mapping[str, object] | None = None,
+    change: AfterScan | None = None,
+) -> Recipe:
     """Return the recipe in a YAML file.
 
     Parameters
@@ -304,6 +319,8 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
         Values to replace or add.
     given : mapping of str to object, optional
         Values of the recipe's own keys, which override all others.
+    change : AfterScan, optional
+        Function that changes the clouds, instead of that of the recipe.
 
     Raises
     ------
@@ -334,8 +351,11 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
     source = Document(str(path.parent), _run(place / "run", root), settings, root, loaded)
     names = labelled(settings.class_names, place / "class_names")
     splits = Splits(check_splits(settings.splits, settings.sequences, place / "splits"))
+    if change is None and settings.after_scan is not None:
+        with (place / "after_scan").refusals():
+            change = after_scan.load(settings.after_scan, str(path.parent))
     with (place / "run").refusals():
-        made = _recipe(source, settings, names, splits)
+        made = _recipe(source, settings, names, splits, change)
     with (place / "layout").refusals():
         made.layout.check_classes(made.class_names)
     if made.shards > MOST_SHARDS:
@@ -407,6 +427,7 @@ def from_function(
     class_names: dict[int, str],
     deskew: Deskew | None = None,
     frame: Literal["sensor", "world"] = "sensor",
+    change: AfterScan | None = None,
     **settings: Any,
 ) -> Recipe:
     """Return the recipe of a function with settings that were checked before, except `splits`.
@@ -418,35 +439,27 @@ def from_function(
     ValueError
         If there are too many shards, or the splits or the class names cannot be used.
     """
-    kinds: dict[str, Callable[[object], bool]] = {
-        "class": inspect.isclass,
-        "built-in function": inspect.isbuiltin,
-        "coroutine function": inspect.iscoroutinefunction,
-    }
-    for kind, holds in kinds.items():
-        if holds(function):
-            raise ArgumentTypeError("recipe", "a path or a function", f"the {kind} {name_of(function)}")
-    try:
-        inspect.signature(function).bind(None, 0)
-    except ValueError:  # a C function without a signature
-        pass
-    except TypeError as error:
-        raise ArgumentTypeError("recipe", "a function of a generator and a number", f"one with {told(error)}") from None
+    check_function("recipe", function, "a generator and a number", "a path or a function")
     known = Settings.model_construct(**settings)
     splits = Splits(check_splits(known.splits, known.sequences))
     if deskew is None:
         deskew = False if known.layout.kept is None else "start"
     made_of = fingerprint(function)  # before a call, which may change its values
     source = Function(function, known.frames, known.seed, made_of, {"frame": frame, "deskew": deskew})
-    made = _recipe(source, known, class_names, splits)
+    made = _recipe(source, known, class_names, splits, change)
     made.layout.check_classes(made.class_names)
     if made.shards > MOST_SHARDS:
         raise ArgumentValueError("shard_frames", f"at most {MOST_SHARDS:,} shards", f"{made.shards:,}")
     return made
 
 
-def _recipe(source: Source, settings: Settings, class_names: dict[int, str], splits: Splits) -> Recipe:
+def _recipe(
+    source: Source, settings: Settings, class_names: dict[int, str], splits: Splits, change: AfterScan | None
+) -> Recipe:
     """Return the recipe after checking the run of its first frame."""
+    if change is not None and settings.layout.of_scans:
+        expected = f"none with {settings.layout.type}, which has the messages of the sensors' drivers"
+        raise ArgumentValueError("after_scan", expected, change.name)
     run = source.run(0, 0)
     if run.cloud["frame"] == "world" and not settings.layout.in_world:
         kind = settings.layout.type
@@ -470,4 +483,5 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str], spl
         layout=settings.layout,
         class_names=names,
         splits=splits,
+        after_scan=change,
     )

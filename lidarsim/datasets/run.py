@@ -46,7 +46,7 @@ def run(
         recipe=hashlib.sha256(resolved).hexdigest(),
         seed=recipe.seed,
         versions=manifest.versions(),
-        sources=recipe.source.files(),
+        sources=recipe.files(),
     )
     plan = Plan(recipe, open_store(output), head)
     try:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._base.validation import Floats
+from lidarsim.datasets.draws import Stream
 from lidarsim.datasets.samples import Annotation, Record, Sample
 from lidarsim.scan.scan import moment_and_pose, moment_of
 
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
     from lidarsim.datasets.recipe import Recipe
     from lidarsim.run import Deskew, Run
     from lidarsim.scan.boxes import Boxes
+    from lidarsim.scan.pointcloud import PointCloud
     from lidarsim.scan.scan import Scan
 
 __all__ = ["samples"]
@@ -27,18 +31,20 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
     """Yield the sample of each sensor in frame number `frame` of a sequence.
 
     In a layout with boxes, the points of moving things are moved along when a cloud is deskewed. If all sensors of the
-    frame share its stamp in the layout, all clouds are deskewed to that of the first sensor.
+    frame share its stamp in the layout, all clouds are deskewed to that of the first sensor. `after_scan` gets all
+    columns; the boxes then count the points that it leaves.
     """
-    layout, split = recipe.layout, recipe.splits.of(sequence)
+    layout, split, change = recipe.layout, recipe.splits.of(sequence), recipe.after_scan
     frame_of, given = run.cloud["frame"], run.cloud["deskew"]
-    fields = None if layout.held is None else {*layout.held, "range", "label"}
+    held = {*(layout.held or ()), "range", "label"}
+    fields = None if layout.held is None or change else held
     stamp = None
     for name, scan in scans.items():
         deskew: Deskew = given if stamp is None else stamp - scan.time
         moment, pose = moment_and_pose(scan, deskew=deskew)
         if layout.shares_stamp(frame) and moment_of(given, 1.0) is not None:
             stamp = moment
-        boxes: tuple[Annotation, ...] = ()
+        found: Boxes | None = None
         body = run.body_pose(moment)
         if layout.kept is None:
             cloud = scan.point_cloud(frame_of, deskew=deskew, fields=fields)
@@ -47,9 +53,26 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
             cloud = scan.point_cloud(frame_of, deskew=deskew, deskew_movers=moves, fields=fields)
             found = scan.boxes(frame=frame_of, deskew=deskew, min_points=layout.least_points)
             here = body[:3, 3] if frame_of == "world" else (np.linalg.inv(pose) @ body)[:3, 3]
-            boxes = _annotations(found[layout.kept.of(found, here, recipe.class_names)])
+            found = found[layout.kept.of(found, here, recipe.class_names)]
+        if change:
+            needed = (held & {*cloud.fields}) | ({"instance"} if layout.kept else set())
+            stream = Stream(recipe.seed, f"after_scan.{name}", sequence, frame)
+            cloud = change.changed(cloud, np.random.Generator(stream.bits), sorted(needed))
+            if found is not None:
+                counts = _counts(cloud, found)
+                found = dataclasses.replace(found, points=counts)[counts >= layout.least_points]
+        boxes = () if found is None else _annotations(found)
         record = Record(sequence, frame, name, moment, len(cloud), _rows(pose), _rows(body), split, boxes)
         yield Sample(record, run, scan, cloud, sequence * recipe.frames + frame, recipe.class_names)
+
+
+def _counts(cloud: PointCloud, boxes: Boxes) -> npt.NDArray[np.int64]:
+    """Return the number of points on the instance of each box."""
+    instances, counts = np.unique(cloud.instance, return_counts=True)
+    index = np.minimum(np.searchsorted(instances, boxes.instance), len(instances) - 1)
+    if not len(instances):
+        return np.zeros(len(boxes), np.int64)
+    return np.where(instances[index] == boxes.instance, counts[index], 0).astype(np.int64)
 
 
 def _rows(matrix: Floats) -> tuple[float, ...]:

@@ -182,6 +182,8 @@ class Layout(Model):
         Text for the data card on how to read the data set, if that is not obvious.
     in_world : bool
         Whether the points may be in world coordinates.
+    of_scans : bool
+        Whether the files are made of scans rather than of clouds, which `after_scan` may change.
     has_samples : bool
         Whether the files can hold the samples of IMUs and the fixes of GNSS receivers.
     held : tuple of str, or None
@@ -192,6 +194,7 @@ class Layout(Model):
     greatest_label: ClassVar[int] = UINT32
     reading: ClassVar[str] = ""
     in_world: ClassVar[bool] = False
+    of_scans: ClassVar[bool] = False
     has_samples: ClassVar[bool] = False
     held: ClassVar[tuple[str, ...] | None] = None
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 class Bags(Layout):
     """ROS 2 bags with the messages of the sensors' drivers."""
 
+    of_scans: ClassVar[bool] = True
     has_samples: ClassVar[bool] = True
 
     type: Literal["bags"]
