@@ -194,7 +194,12 @@ class Measurement(Immutable):
     crossover : tuple of float, (near, far), optional
         Ranges at which the beam enters the receiver's field of view and lies completely inside it, m, 0 <= near < far.
         The intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. Only
-        a `detection` limit hides echoes that become too weak. Default: the overlap is 1 everywhere.
+        a `detection` limit or a `near_threshold` hides echoes that become too weak. Default: the overlap is 1
+        everywhere.
+    near_threshold : float
+        Least intensity that is detected near the sensor, 0 to 1: an echo is kept only if I/R² is at least the greater
+        of `near_threshold`/R² and the limit ρ/r² of the `detection` (without one, of reflectivity 0.1 at the
+        `max_range` of the `Lidar`). See the notes.
     extinction : float
         Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR). That of the
         scene's `Atmosphere` adds to it.
@@ -225,6 +230,12 @@ class Measurement(Immutable):
     diffuser at normal incidence. f(θ) is cos θ, unless the `Material` says otherwise. Intensity is not divided by R²,
     since sensors report intensity corrected for range; the power that decides detection is I/R², as in the lidar
     equation for targets larger than the beam (A. V. Jelalian, Laser Radar Systems, Artech House, 1992).
+
+    Near the sensor, real receivers are far less sensitive than their limit far off: they are desensitised after each
+    pulse, and their gain rises with time. The simplest such gain rises with R², up to the range r·√(i/ρ) where
+    i/R², with the `near_threshold` i, falls to the limit ρ/r²; from there on it is constant. Which echo of a pulse is
+    the strongest, and how much of `range_sigma_limit` it has, depends on the power times this gain. Without it, fog,
+    rain and snow outshine all surfaces (`Atmosphere`).
 
     With a `depth` of more than 1, a surface with shares T transmitted and M mirrored sends on T of the light straight
     ahead and M in the mirrored direction. Each surface further on returns light as any does, from the range that is the
@@ -259,6 +270,7 @@ class Measurement(Immutable):
         "detection": Detection,
         "power_sigma": float,
         "crossover_m": tuple[float, float],
+        "near_threshold": float,
         "extinction_per_m": float,
         "false_returns": float,
         "beam": Beam,
@@ -278,6 +290,7 @@ class Measurement(Immutable):
     detection: Detection | None = None
     power_sigma: float = 0.0
     crossover: tuple[float, float] | None = None
+    near_threshold: float = 0.0
     extinction: float = 0.0
     false_returns: float = 0.0
     beam: Beam | None = None
@@ -324,6 +337,7 @@ _NUMBERS = {
     "elevation_sigma": 1.0,
     "dropout": 1.0,
     "power_sigma": math.inf,
+    "near_threshold": 1.0,
     "extinction": math.inf,
     "false_returns": 1.0,
 }

@@ -337,15 +337,15 @@ pub fn scan<'py>(
     arrays(py, columns)
 }
 
-/// The echoes of an atmosphere in front of no surface: range and power of that of fog, if there is one, and
-/// how many drops or flakes of a pulse are seen on average.
+/// The echoes of an atmosphere in front of no surface: range and power of the mean one of fog, if there is one,
+/// and how many patches of fog, and how many drops or flakes, of a pulse are seen on average.
 #[pyfunction]
 pub fn air_echoes<'py>(
     lidar: &Bound<'py, PyAny>,
     atmosphere: &Bound<'py, PyAny>,
-) -> PyResult<(Option<[f64; 2]>, f64)> {
+) -> PyResult<(Option<[f64; 2]>, [f64; 2])> {
     let measurement = Measurement::from_parameters(&Attributes(lidar, Some(atmosphere)))?;
-    Ok((measurement.fog_echo(), measurement.particles_seen()))
+    Ok((measurement.fog_echo(), measurement.spots_seen()))
 }
 
 /// `known` is the number of rings with sensor parameters, if these differ between rings.

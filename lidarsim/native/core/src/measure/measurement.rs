@@ -63,14 +63,16 @@ impl Measurement {
         self.effects.tells_sources()
     }
 
-    /// The range and power of the echo of fog in front of no surface, if there is one.
+    /// The range and power of the mean echo of fog in front of no surface, if there is one.
     pub fn fog_echo(&self) -> Option<[f64; 2]> {
         self.effects.fog().map(|fog| [fog.range, fog.power])
     }
 
-    /// How many drops or flakes of a pulse in front of no surface are seen on average.
-    pub fn particles_seen(&self) -> f64 {
-        self.effects.particles().map_or(0.0, |particles| particles.seen_on_average())
+    /// How many patches of fog, and how many drops or flakes, of a pulse in front of no surface are seen on
+    /// average.
+    pub fn spots_seen(&self) -> [f64; 2] {
+        let patches = self.effects.fog().map_or(0.0, |fog| fog.seen_on_average());
+        [patches, self.effects.particles().map_or(0.0, |particles| particles.seen_on_average())]
     }
 
     /// How many rings the sensor has parameters for; none if these are the same for all rings.

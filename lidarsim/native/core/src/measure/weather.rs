@@ -60,7 +60,7 @@ impl<C: Caster> Scan<'_, C> {
         reported: &mut Reported<I::F64x8>,
     ) {
         let (effects, returns) = (&self.measurement.effects, self.measurement.returns);
-        if let Some(fog) = effects.fog() {
+        if let Some(fog) = effects.fog().filter(|fog| fog.is_even()) {
             let [range, power, end] = [fog.range, fog.power, fog.clear_to].map(I::F64x8::splat);
             let mut open = end.lt(surface);
             if !effects.fluctuates() {
@@ -75,29 +75,24 @@ impl<C: Caster> Scan<'_, C> {
                 reported.add::<I>(returns, echoes.report());
             }
         }
-        if let Some(particles) = effects.particles() {
-            let surface = surface.store();
-            let mut lanes = particles.seen::<I::F64x8, 8>(draws, part);
-            while lanes != 0 {
-                let lane = lanes.trailing_zeros() as usize;
-                lanes &= lanes - 1;
-                let pulse = 8 * part + lane;
-                if pulse >= batch.indices.len() {
-                    break;
-                }
-                for particle in particles.of(batch, pulse) {
-                    if particle.range >= surface[lane] {
-                        break;
-                    }
-                    let mut echo = Echo::of_air(pulse, particle.range, particle.intensity);
-                    self.receive(pulse, FIRST_NUMBER + particle.number + 1, &mut echo, batch, draws);
-                    if let Ok(range) = echo.measured {
-                        let [range, truth, intensity, power] =
-                            [range, echo.true_range, echo.intensity, echo.power].map(I::F64x8::splat);
-                        let kept = 1 << lane;
-                        let air = Reported { kept, aerial: kept, range, truth, intensity, power };
-                        reported.add::<I>(returns, air);
-                    }
+        let surface = surface.store();
+        let mut lanes = effects.spots_seen::<I::F64x8, 8>(draws, part);
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let pulse = 8 * part + lane;
+            if pulse >= batch.indices.len() {
+                break;
+            }
+            for spot in effects.spots(batch, pulse, surface[lane]) {
+                let mut echo = Echo::of_air(pulse, spot.range, spot.intensity);
+                self.receive(pulse, FIRST_NUMBER + spot.number + 1, &mut echo, batch, draws);
+                if let Ok(range) = echo.measured {
+                    let [range, truth, intensity, power] =
+                        [range, echo.true_range, echo.intensity, echo.power].map(I::F64x8::splat);
+                    let kept = 1 << lane;
+                    let air = Reported { kept, aerial: kept, range, truth, intensity, power };
+                    reported.add::<I>(returns, air);
                 }
             }
         }
@@ -125,7 +120,7 @@ impl<C: Caster> Scan<'_, C> {
                 echoes.push(echo);
             }
         };
-        if let Some(fog) = effects.fog() {
+        if let Some(fog) = effects.fog().filter(|fog| fog.is_even()) {
             let share: f64 = match beam {
                 None => f64::from(u8::from(is_clear(first, fog.clear_to))),
                 Some(beam) => {
@@ -137,13 +132,11 @@ impl<C: Caster> Scan<'_, C> {
                 insert(0, Echo::of_air(first, fog.range, share * fog.power * fog.range * fog.range));
             }
         }
-        if let Some(particles) = effects.particles()
-            && particles.seen::<f64, 1>(&scratch.draws, pulse) != 0
-        {
-            for particle in particles.of(batch, pulse) {
-                let ray = first + beam.map_or(0, |beam| beam.at_share(particle.place));
-                if is_clear(ray, particle.range) {
-                    insert(particle.number + 1, Echo::of_air(ray, particle.range, particle.intensity));
+        if effects.spots_seen::<f64, 1>(&scratch.draws, pulse) != 0 {
+            for spot in effects.spots(batch, pulse, f64::INFINITY) {
+                let ray = first + beam.map_or(0, |beam| beam.at_share(spot.place));
+                if is_clear(ray, spot.range) {
+                    insert(spot.number + 1, Echo::of_air(ray, spot.range, spot.intensity));
                 }
             }
         }

@@ -15,14 +15,24 @@
 //! own. One further off takes away less than 2·Φ(−2) = 4.6 % of the peak: the integrand without g falls
 //! beyond its maximum, so where it is ended it is less than all the way from there to the peak. This is
 //! neglected.
+//!
+//! A receiver with a threshold near by sees fog only where it is brighter than on average. Fog is uneven; the
+//! simplest distribution of a positive power, the exponential one, is assumed, independent in each length
+//! L = √(2π)·σ of the air, that of the pulse. So the echoes that exceed the least intensity i(R) are a Poisson
+//! process along the beam of the density exp(−i(R)/(W(R)·R²))/L, with intensities that exceed i(R) by an
+//! exponential variable of the mean W(R)·R².
 
 use std::f64::consts::{LN_2, PI};
 
-use super::Effect;
-use super::air::Air;
+use super::air::{Air, Process, Threshold};
+use super::near::Near;
+use super::particles::{self, Particle};
+use super::{Draws, Effect, Pulses};
 use crate::arith::elementary::{exp, ln};
+use crate::arith::simd::Floats;
 use crate::measure::beam::{REACH, pulse_sigma};
 use crate::measure::parameters::{Parameters, Value};
+use crate::measure::rng::EffectId;
 
 /// The echo of fog in front of no surface.
 #[derive(Clone, Debug)]
@@ -36,6 +46,17 @@ pub(in crate::measure) struct Fog {
     /// π·β, 1/m.
     strength: f64,
     response: Response,
+    /// What is seen instead by a receiver with a threshold near by.
+    patches: Option<Patches>,
+}
+
+/// Fog that is brighter than the threshold.
+#[derive(Clone, Debug)]
+struct Patches {
+    process: Process,
+    threshold: Threshold,
+    /// Ranges, m, and the mean intensity W(R)·R² there.
+    means: Vec<[f64; 2]>,
 }
 
 /// The integral of the response.
@@ -47,7 +68,9 @@ struct Response {
 }
 
 impl Effect for Fog {
-    type Draws = ();
+    const ID: Option<EffectId> = Some(EffectId(8));
+    /// Uniform numbers that tell how far off the first patch is.
+    type Draws = Vec<f64>;
 
     fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
         let backscatter = parameters.optional_number("atmosphere.backscatter")?.unwrap_or(0.0);
@@ -62,11 +85,76 @@ impl Effect for Fog {
         let (range, peak) = response.peak();
         let strength = PI * backscatter;
         let (power, clear_to) = (strength * peak, range + 2.0 * response.sigma);
-        Ok((power > 0.0).then_some(Fog { range, power, clear_to, strength, response }))
+        let patches = match Near::from_parameters(parameters)? {
+            Some(_) => Some(Patches::new(&response, strength, Threshold::from_parameters(parameters)?)),
+            None => None,
+        };
+        Ok((power > 0.0).then_some(Fog { range, power, clear_to, strength, response, patches }))
+    }
+
+    #[inline(always)]
+    fn draw(&self, pulses: &Pulses, uniforms: &mut Vec<f64>) {
+        if self.patches.is_some() {
+            pulses.uniforms::<Self>(0, uniforms);
+        }
+    }
+}
+
+impl Patches {
+    fn new(response: &Response, strength: f64, threshold: Threshold) -> Self {
+        const CELLS: u32 = 1 << 6;
+        let mean = |range: f64| strength * response.at(range) * range * range;
+        let density = |range: f64| {
+            exp(-threshold.at(range) / mean(range)) / ((2.0 * PI).sqrt() * response.sigma)
+        };
+        // Beyond twice this range, exp(−64) of all patches are seen.
+        const FARTHEST: f64 = 1e5;
+        const RARE: f64 = 64.0;
+        let mut end = response.air.overlaps_from().max(1.0);
+        while end < FARTHEST && threshold.at(end) < RARE * mean(end) {
+            end *= 2.0;
+        }
+        let process = Process::new([response.air.begin, end], CELLS, density);
+        let means = process.ranges.iter().map(|range| [*range, mean(*range)]).collect();
+        Patches { process, threshold, means }
     }
 }
 
 impl Fog {
+    /// Whether it has one echo, in each pulse alike.
+    #[inline(always)]
+    pub(in crate::measure) fn is_even(&self) -> bool {
+        self.patches.is_none()
+    }
+
+    /// Patches of a pulse that nothing ends.
+    pub(in crate::measure) fn seen_on_average(&self) -> f64 {
+        self.patches.as_ref().map_or(0.0, |patches| patches.process.average())
+    }
+
+    /// A bit for each of N pulses, those from N·part on, that see a patch.
+    #[inline(always)]
+    pub(super) fn seen<F: Floats<f64, N>, const N: usize>(&self, draws: &Draws, part: usize) -> u32 {
+        self.patches.as_ref().map_or(0, |patches| patches.process.seen::<F, N>(&draws.fog, part))
+    }
+
+    /// The patches that a pulse of the batch sees, from the nearest on.
+    #[inline(always)]
+    pub(super) fn of<'a>(&'a self, batch: &'a Pulses, pulse: usize) -> impl Iterator<Item = Particle> + 'a {
+        /// Echoes of the air have so many numbers besides those of particles.
+        const MOST: u16 = 10_000;
+        self.patches.iter().flat_map(move |Patches { process, threshold, means }| {
+            process.echoes::<Self>(batch, pulse, MOST).map(move |echo| {
+                let above = means.partition_point(|[range, _]| *range < echo.range).clamp(1, means.len() - 1);
+                let ([r0, m0], [r1, m1]) = (means[above - 1], means[above]);
+                let mean = m0 + (m1 - m0) * ((echo.range - r0) / (r1 - r0));
+                let intensity = threshold.at(echo.range) + mean * echo.excess;
+                let number = particles::MOST + echo.number;
+                Particle { number, range: echo.range, intensity, place: echo.place }
+            })
+        })
+    }
+
     /// The ranges from which light comes back: up to where it is less than 2⁻²⁴ of what it is at the
     /// full overlap, at most twice as far.
     pub(in crate::measure) fn extent(&self) -> [f64; 2] {
@@ -172,7 +260,7 @@ mod tests {
         for (begin, extinction, sigma) in [(0.5, 0.06, 0.32), (2.0, 0.003, 0.1), (1.0, 0.2, 20.0)] {
             let response = Response { air: Air::clear(begin, extinction), sigma };
             let (range, peak) = response.peak();
-            let fog = Fog { range, power: peak, clear_to: 0.0, strength: 1.0, response };
+            let fog = Fog { range, power: peak, clear_to: 0.0, strength: 1.0, response, patches: None };
             let [first, last] = fog.extent();
             assert_eq!(first, begin);
             let mut sum = 0.0;

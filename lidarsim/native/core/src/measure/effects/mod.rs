@@ -17,6 +17,7 @@ mod fluctuation;
 mod fog;
 mod gate;
 mod jitter;
+mod near;
 mod particles;
 mod quantization;
 mod range_noise;
@@ -107,6 +108,7 @@ effects! {
     fog: fog::Fog,
     particles: particles::Particles,
     fluctuation: fluctuation::Fluctuation,
+    near: near::Near,
     detection: detection::DetectionLimit,
     dropout: dropout::Dropout,
     bias: bias::Bias,
@@ -154,9 +156,31 @@ impl Effects {
         self.particles.as_ref()
     }
 
+    /// A bit for each of N pulses, those from N·part on, that see a patch of fog, a drop or a flake.
+    #[inline(always)]
+    pub(super) fn spots_seen<F: Floats<f64, N>, const N: usize>(&self, draws: &Draws, part: usize) -> u32 {
+        self.fog.as_ref().map_or(0, |fog| fog.seen::<F, N>(draws, part))
+            | self.particles.as_ref().map_or(0, |particles| particles.seen::<F, N>(draws, part))
+    }
+
+    /// The patches, drops and flakes nearer than `end` that a pulse of the batch sees.
+    #[inline(always)]
+    pub(super) fn spots<'a>(
+        &'a self,
+        batch: &'a Pulses,
+        pulse: usize,
+        end: f64,
+    ) -> impl Iterator<Item = particles::Particle> + 'a {
+        let is_nearer = move |spot: &particles::Particle| spot.range < end;
+        let patches = self.fog.iter().flat_map(move |fog| fog.of(batch, pulse).take_while(is_nearer));
+        let particles =
+            self.particles.iter().flat_map(move |these| these.of(batch, pulse).take_while(is_nearer));
+        patches.chain(particles)
+    }
+
     /// The false returns of N pulses, those from N·part on; none if there never are any. A pulse that is
     /// dropped has none, and they are rounded and gated as any reading. Their intensity is the least that is
-    /// detected at their range: no more is known of it.
+    /// detected at their range.
     #[inline(always)]
     pub(super) fn false_returns<F: Floats<f64, N>, const N: usize>(
         &self,
@@ -182,7 +206,8 @@ impl Effects {
         }
         let range = echoes.reported();
         let least_power = self.detection.as_ref().map_or(0.0, |detection| detection.power);
-        echoes.intensity = F::splat(least_power).mul(range.mul(range));
+        let near = self.near.as_ref().map_or(0.0, |near| near.intensity);
+        echoes.intensity = F::splat(least_power).mul(range.mul(range)).max(F::splat(near));
         Some(echoes)
     }
 

@@ -10,12 +10,12 @@
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
-use super::air::Air;
-use super::detection::DetectionLimit;
+use super::air::{Air, Event, Process, Threshold};
+pub(super) use super::air::MOST;
 use super::fluctuation::Fluctuation;
 use super::{Draws, Effect, Pulses};
-use crate::arith::elementary::{exp, ln};
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::elementary::exp;
+use crate::arith::simd::Floats;
 use crate::measure::beam::divergence;
 use crate::measure::parameters::{Parameters, Value};
 use crate::measure::rng::EffectId;
@@ -23,14 +23,10 @@ use crate::measure::rng::EffectId;
 #[derive(Clone, Debug)]
 pub(in crate::measure) struct Particles {
     sight: Sight,
-    /// The density at diameter 0 and the rate at which it falls: N₀, 1/m⁴, and Λ, 1/m.
-    intercept: f64,
+    /// The rate at which their density falls with diameter: Λ, 1/m.
     slope: f64,
-    /// Ranges, m, and how many particles nearer than each are seen of a pulse, on average.
-    ranges: Vec<f64>,
-    counts: Vec<f64>,
-    /// The probability that a pulse sees none.
-    none: f64,
+    /// Those that are seen.
+    process: Process,
 }
 
 /// How a particle is seen.
@@ -42,7 +38,9 @@ struct Sight {
     /// Full widths of the beam at the sensor, m, and full angles, rad.
     aperture: f64,
     divergence: [f64; 2],
-    least_power: f64,
+    threshold: Threshold,
+    /// The largest factor by which a particle's power fluctuates.
+    brightest: f64,
 }
 
 /// A drop or flake in the beam.
@@ -55,11 +53,6 @@ pub(in crate::measure) struct Particle {
     pub(in crate::measure) place: f64,
 }
 
-/// Draws of a particle: the way to it, in numbers of particles; its size; its place.
-const DRAWS: u16 = 3;
-/// The draws of a pulse have 16 bits.
-const MOST: u16 = u16::MAX / DRAWS;
-
 impl Effect for Particles {
     const ID: Option<EffectId> = Some(EffectId(7));
     /// Uniform numbers that tell how far off the first particle is.
@@ -70,7 +63,10 @@ impl Effect for Particles {
         if intercept == 0.0 {
             return Ok(None);
         }
-        let least_power = least_power(parameters)?;
+        let threshold = Threshold::from_parameters(parameters)?;
+        if threshold.power == 0.0 {
+            return Err(parameters.unexpected("max_range", Value::Number(f64::INFINITY)));
+        }
         let fluctuation = Fluctuation::from_parameters(parameters)?;
         let brightest = fluctuation.map_or(1.0, |fluctuation| fluctuation.largest_factor());
         let divergence = match divergence(parameters)? {
@@ -82,7 +78,8 @@ impl Effect for Particles {
             reflectance: parameters.number("atmosphere.reflectance")? * FRAC_PI_4,
             aperture: parameters.number("atmosphere.aperture")?,
             divergence,
-            least_power: least_power / brightest,
+            threshold,
+            brightest,
         };
         let slope = parameters.number("atmosphere.slope")?;
         Ok(Some(Particles::new(sight, intercept, slope)))
@@ -92,19 +89,6 @@ impl Effect for Particles {
     fn draw(&self, pulses: &Pulses, uniforms: &mut Vec<f64>) {
         pulses.uniforms::<Self>(0, uniforms);
     }
-}
-
-/// The power of the weakest particle that is seen: that of the detection limit; without one, that of a
-/// diffuser of the reflectivity 0.1 at the greatest range of the sensor.
-fn least_power<P: Parameters>(parameters: &P) -> Result<f64, P::Error> {
-    if let Some(detection) = DetectionLimit::from_parameters(parameters)? {
-        return Ok(detection.power);
-    }
-    let max_range = parameters.number("max_range")?;
-    if max_range == f64::INFINITY {
-        return Err(parameters.unexpected("max_range", Value::Number(max_range)));
-    }
-    Ok(0.1 / (max_range * max_range))
 }
 
 impl Sight {
@@ -121,60 +105,37 @@ impl Sight {
 
     /// D₀(r), m. Infinite where no light comes back.
     fn least_diameter(&self, range: f64) -> f64 {
-        (self.least_power / self.unit_intensity(range)).sqrt() * range
+        (self.threshold.at(range) / self.brightest / self.unit_intensity(range)).sqrt()
+    }
+
+    /// The range from which on no particle is seen: at twice this range, its diameter would be one that
+    /// exp(−64) of all exceed.
+    fn end(&self, slope: f64) -> f64 {
+        const FARTHEST: f64 = 1e5;
+        const RARE: f64 = 64.0;
+        let mut range = self.air.overlaps_from().max(1.0);
+        while range < FARTHEST && slope * self.least_diameter(range) < RARE {
+            range *= 2.0;
+        }
+        range.min(FARTHEST.max(self.air.begin))
     }
 }
 
 impl Particles {
     fn new(sight: Sight, intercept: f64, slope: f64) -> Self {
-        let mut particles =
-            Particles { sight, intercept, slope, ranges: Vec::new(), counts: Vec::new(), none: 1.0 };
-        particles.tabulate();
-        particles.none = exp(-particles.seen_on_average());
-        particles
+        const CELLS: u32 = 1 << 10;
+        // Of those seen, per length of the beam, 1/m.
+        let density = |range: f64| {
+            let seen = exp(-slope * sight.least_diameter(range));
+            sight.section(range) * intercept / slope * seen
+        };
+        let process = Process::new([sight.air.begin, sight.end(slope)], CELLS, density);
+        Particles { sight, slope, process }
     }
 
     /// Particles of a pulse that nothing ends.
     pub(in crate::measure) fn seen_on_average(&self) -> f64 {
-        *self.counts.last().unwrap_or(&0.0)
-    }
-
-    /// Of those seen, per length of the beam, 1/m.
-    fn density(&self, range: f64) -> f64 {
-        let seen = exp(-self.slope * self.sight.least_diameter(range));
-        self.sight.section(range) * self.intercept / self.slope * seen
-    }
-
-    /// Integrates the density, by Simpson's rule in each of the cells, which are narrower near the sensor.
-    fn tabulate(&mut self) {
-        const CELLS: u32 = 1 << 10;
-        let (begin, end) = (self.sight.air.begin, self.end());
-        let at = |k: u32| {
-            let way = f64::from(k) / f64::from(CELLS);
-            begin + (end - begin) * way * way
-        };
-        let mut count = 0.0;
-        for k in 0..=CELLS {
-            if k > 0 {
-                let (low, high) = (at(k - 1), at(k));
-                let middle = self.density(low + 0.5 * (high - low));
-                count += (high - low) / 6.0 * (self.density(low) + 4.0 * middle + self.density(high));
-            }
-            self.ranges.push(at(k));
-            self.counts.push(count);
-        }
-    }
-
-    /// The range from which on no particle is seen: at twice this range, its diameter would be one that
-    /// exp(−64) of all exceed.
-    fn end(&self) -> f64 {
-        const FARTHEST: f64 = 1e5;
-        const RARE: f64 = 64.0;
-        let mut range = self.sight.air.overlaps_from().max(1.0);
-        while range < FARTHEST && self.slope * self.sight.least_diameter(range) < RARE {
-            range *= 2.0;
-        }
-        range.min(FARTHEST.max(self.sight.air.begin))
+        self.process.average()
     }
 
     /// A bit for each of N pulses, those from N·part on, that see a particle.
@@ -184,8 +145,7 @@ impl Particles {
         draws: &Draws,
         part: usize,
     ) -> u32 {
-        let uniform: F = lanes::load(&draws.particles, part);
-        F::splat(self.none).le(uniform)
+        self.process.seen::<F, N>(&draws.particles, part)
     }
 
     /// The particles that a pulse of the batch sees, from the nearest on.
@@ -195,27 +155,13 @@ impl Particles {
         batch: &'a Pulses,
         pulse: usize,
     ) -> impl Iterator<Item = Particle> + 'a {
-        let (number, mut way) = (batch.indices[pulse], 0.0);
-        let exponential =
-            move |draw: u16| -ln(batch.stream.uniform(number, const { super::id::<Self>() }, draw));
-        (0..MOST).map_while(move |k| {
-            way += exponential(DRAWS * k);
-            let range = self.range_of(way)?;
-            let diameter = self.sight.least_diameter(range) + exponential(DRAWS * k + 1) / self.slope;
+        self.process.echoes::<Self>(batch, pulse, MOST).map(|Event { number, range, excess, place }| {
+            let diameter = self.sight.least_diameter(range) + excess / self.slope;
             let intensity = diameter * diameter * self.sight.unit_intensity(range);
-            let place = batch.stream.uniform(number, const { super::id::<Self>() }, DRAWS * k + 2);
             // At most that of a white diffuser that fills the beam.
             let intensity = intensity.min(self.sight.air.share(range, 0.0));
-            Some(Particle { number: k, range, intensity, place })
+            Particle { number, range, intensity, place }
         })
-    }
-
-    /// The range nearer than which so many are seen on average, if ever.
-    fn range_of(&self, count: f64) -> Option<f64> {
-        let above = self.counts.partition_point(|nearer| *nearer < count);
-        let (high, low) = (*self.counts.get(above)?, self.counts[above.checked_sub(1)?]);
-        let (near, far) = (self.ranges[above - 1], self.ranges[above]);
-        Some(near + (far - near) * ((count - low) / (high - low)))
     }
 }
 
@@ -238,7 +184,10 @@ mod tests {
                 "atmosphere.divergence" => Value::Number(0.003),
                 "measurement.detection.reflectivity" => Value::Number(0.1),
                 "measurement.detection.range" => Value::Number(100.0),
-                "measurement.extinction" | "measurement.power_sigma" | "min_range" => Value::Number(0.0),
+                "measurement.extinction"
+                | "measurement.near_threshold"
+                | "measurement.power_sigma"
+                | "min_range" => Value::Number(0.0),
                 _ => Value::Nothing,
             })
         }
@@ -251,7 +200,7 @@ mod tests {
     #[test]
     fn particles_rise_in_range_and_are_seen() {
         let rain = Particles::from_parameters(&Rain).unwrap().unwrap();
-        assert!(rain.counts.windows(2).all(|two| two[0] <= two[1]));
+        assert!(rain.process.counts.windows(2).all(|two| two[0] <= two[1]));
         let indices: Vec<u64> = (0..4096).collect();
         let batch = Pulses { stream: Stream::new(1, 2, 3), indices: &indices, rings: &[], directions: &[] };
         let mut draws = Draws::default();
@@ -268,6 +217,6 @@ mod tests {
         }
         let mean = rain.seen_on_average() * indices.len() as f64;
         assert!(mean > 100.0 && (count as f64 - mean).abs() < 5.0 * mean.sqrt());
-        assert_eq!([rain.range_of(0.0), rain.range_of(1e9)], [None; 2]);
+        assert_eq!([rain.process.range_of(0.0), rain.process.range_of(1e9)], [None; 2]);
     }
 }
