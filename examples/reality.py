@@ -1,7 +1,8 @@
 """Hold presets against captures of real sensors; prints a table and writes reality.png.
 
 captures.csv has the figures of the captures: noise (mm) at a range x (m), share of the pulses that a road at x returns
-or that a wall at x loses, shares of edges with a dual return or a mixed point at a jump of x. The table and where the
+or that a wall at x loses, shares of edges with a dual return or a mixed point at a jump of x, the median intensity of a
+road at x, and how much intensities scatter from pulse to pulse along a ring. The table and where the
 figures come from: lidarsim/presets/README.md.
 """
 
@@ -22,6 +23,8 @@ WHAT = {
     "dual returns": ("edges of {x} m, share with dual returns", ".2f"),
     "mixed points": ("edges of {x} m, share with mixed points", ".2f"),
     "holes": ("holes in surfaces at {x} m, share", ".4f"),
+    "intensity": ("road at {x} m, median intensity", ".3f"),
+    "scatter": ("{material} at {x} m, scatter of intensities", ".2f"),
 }
 
 
@@ -42,23 +45,34 @@ def simulated(row: dict[str, str], noise: str) -> float:
     """Return the figure of a row of captures.csv for a preset with this noise."""
     lidar, x, quantity = ls.Lidar.preset(row["preset"], noise=noise), float(row["x"]), row["quantity"]
     roughness = float(row["roughness"] or 0.0) if noise == "measured" else 0.0  # data sheets: Lambert's law
-    material = ls.Material(reflectivity=float(row["reflectivity"]), roughness=roughness)
+    material = ls.Material(reflectivity=float(row["reflectivity"] or 1.0), roughness=roughness)
     if quantity in {"dual returns", "mixed points"}:
         if lidar.measurement.beam is None:
             return 0.0
         return max(edges(lidar, x, material)[f"{quantity} at edges"].cells, key=lambda cell: cell.n_real).real
     angles, surface = np.linspace(-0.2, 0.2, 128), ls.Plane((1, 0, 0), x)
     pattern = ls.patterns.Grid(angles, angles, rate=10.0)
-    if quantity == "road":
+    if row["height"]:
         height = float(row["height"])
         surface = ls.Plane((0, 0, 1), -height)
         pattern = ls.patterns.Grid(np.linspace(-np.pi, np.pi, 4000), [-np.arcsin(height / x)], rate=10.0)
+    if quantity == "scatter":
+        material = ls.materials.named(row["material"])
+        ring = np.arange(-0.5, 0.5, np.radians(0.172)), pattern.elevations[:1]
+        pattern = ls.patterns.Grid(*ring, rate=10.0)
     scene = ls.Scene()
     scene.add(surface, material=material)
     effects = dataclasses.replace(lidar.measurement, beam=None, channel_bias_sigma=0.0)
     scan = dataclasses.replace(lidar, pattern=pattern, measurement=effects, range_offset=0.0).scan(scene, seed=1)
     if quantity == "noise":
         return float(1e3 * scan.point_cloud().range_error.std())
+    if quantity == "intensity":
+        seen = scan.intensity[~np.isnan(scan.intensity)]
+        return float(np.median(seen)) if len(seen) else np.nan
+    if quantity == "scatter":  # robust: of second differences, relative to the mean of three
+        of = scan.intensity[:, 0].astype(float)
+        second = (of[2:] - 2 * of[1:-1] + of[:-2]) / 6**0.5
+        return float(1.4826 * np.nanmedian(np.abs(second / ((of[2:] + of[1:-1] + of[:-2]) / 3))))
     return float(((scan.status == ls.Status.hit) == (quantity == "road")).mean())
 
 
@@ -67,9 +81,8 @@ results = [(row, float(row["real"]), simulated(row, "measured"), simulated(row, 
 print("| preset | quantity | real | measured | data sheet | real unit |\n|---|---|---|---|---|---|")
 for row, *figures in results:
     what, form = WHAT[row["quantity"]]
-    print(
-        f"| `{row['preset']}` | {what.format(**row)} | {' | '.join(format(f, form) for f in figures)} | {row['unit']} |"
-    )
+    shown = ["none" if np.isnan(figure) else format(figure, form) for figure in figures]
+    print(f"| `{row['preset']}` | {what.format(**row)} | {' | '.join(shown)} | {row['unit']} |")
 
 picture = Figure(figsize=(11, 4.4), layout="constrained")
 noises, roads = picture.subplots(1, 2)

@@ -52,7 +52,7 @@ from lidarsim.scan.scan import Scan, Source, Status
 from lidarsim.scan.waveforms import Waveforms
 from lidarsim.sensor.gnss import Gnss, GnssFixes
 from lidarsim.sensor.imu import Imu, ImuErrors, ImuSamples
-from lidarsim.sensor.measurement import Beam, Detection, Measurement
+from lidarsim.sensor.measurement import Beam, Detection, Measurement, Response
 from lidarsim.viewers import show
 from lidarsim.world.atmosphere import Atmosphere
 from lidarsim.world.rules import Rule
@@ -102,6 +102,7 @@ __all__ = [
     "Plane",
     "PointCloud",
     "Polygon",
+    "Response",
     "Rig",
     "RigSensor",
     "Rule",

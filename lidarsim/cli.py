@@ -695,8 +695,10 @@ def check(
             raise LidarsimError(f"{option}: expected only with a recipe, got {config}")
     run = _load(config, overrides)
     run.check_coverage()
-    for frame in sorted({run.numbers[0], run.numbers[-1]}):
-        next(run.only(frame).measured())
+    notes: dict[str, None] = {}
+    for number in sorted({run.numbers[0], run.numbers[-1]}):
+        frame = next(run.only(number).measured())
+        notes |= dict.fromkeys(scan.summary().note for scan in frame.scans.values())
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
     meshes = [item.shape for item in run.scene if isinstance(item.shape, ls.TriangleMesh)]
     degenerate = any(mesh.degenerate_count for mesh in meshes)
@@ -728,6 +730,8 @@ def check(
         _print_import(file)
     for lidar in run.lidars.values():
         _print_sensor(lidar, run.scene.atmosphere)
+    for note in filter(None, notes):
+        paragraph(note)
     for name, lidar in run.lidars.items():
         _print_depth(name, lidar, run.scene)
     _print_others(run)
@@ -1162,7 +1166,9 @@ def _air(air: ls.Atmosphere, lidar: ls.Lidar) -> str:
     """Return what echoes of the air a sensor gets in front of no surface."""
     seen = []
     if echo := air.fog_echo(lidar):
-        seen.append(f"an echo of intensity {echo[1]:.3g} at {echo[0]:.3g} m")
+        seen.append(f"on average an echo of intensity {echo[1]:.3g} at {echo[0]:.3g} m")
+        if lidar.measurement.near_threshold:
+            seen.append(f"{air.patches_seen(lidar):.3g} detected echoes of fog per pulse")
     if air.intercept:
         seen.append(f"{air.particles_seen(lidar):.3g} echoes of drops or flakes per pulse")
     return " and ".join(seen) or "without echoes"

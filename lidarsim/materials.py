@@ -220,6 +220,10 @@ class Material(Value):
     mirror : float
         Share of the light that goes on in the mirrored direction, 0 to 1. `transmission` and `mirror` together are at
         most 1. They need a `Measurement` with a `depth` of more than 1.
+    variation : float
+        Texture: relative standard deviation of the reflectivity from cell to cell, 0 to 10. One for all of an object.
+    grain : float
+        Edge of a cell of the texture, m, > 0.
 
     Raises
     ------
@@ -244,10 +248,15 @@ class Material(Value):
     the same way out and back. They do not change the light that the surface itself returns. Each crossing counts: a
     pane that is modelled as a thin `Box` is crossed twice, and needs the square root of the pane's transmission.
 
+    With `variation`, ρ is multiplied by a log-normal factor of mean 1, one for each cell of a cubic grid in the
+    coordinates of the object, before `transform`. It depends on the cell and the id of the object alone, so that every
+    scan sees the same texture. Points that are farther apart than a cell differ independently; a `Beam` averages over
+    the cells in its footprint.
+
     Examples
     --------
     >>> import lidarsim as ls
-    >>> asphalt = ls.Material(reflectivity=0.17, roughness=0.5)
+    >>> asphalt = ls.Material(reflectivity=0.17, roughness=0.5, variation=0.15)
     >>> lacquer = ls.Material(reflectivity=0.1, specular=20.0, specular_width=0.05)
     >>> sign = ls.Material(reflectivity=[0.1, 300.0], per="face")
     >>> stripes = ls.Texture([[0.1, 0.6, 0.1, 0.1]])
@@ -256,6 +265,7 @@ class Material(Value):
     """
 
     __slots__ = (
+        "_grain",
         "_mirror",
         "_per",
         "_reflectivity",
@@ -264,6 +274,7 @@ class Material(Value):
         "_specular_width",
         "_texture_map",
         "_transmission",
+        "_variation",
     )
 
     def __init__(
@@ -277,6 +288,8 @@ class Material(Value):
         specular_width: float = 0.1,
         transmission: float = 0.0,
         mirror: float = 0.0,
+        variation: float = 0.0,
+        grain: float = 0.05,
     ) -> None:
         if per is None:
             per = "texture" if isinstance(reflectivity, Texture) else "object"
@@ -290,6 +303,8 @@ class Material(Value):
         if self._transmission + self._mirror > 1.0:
             most = f"at most {1.0 - self._transmission:g} beside a transmission of {self._transmission:g}"
             raise ArgumentValueError("mirror", most, f"{self._mirror:g}", "more light would go on than comes")
+        self._variation = real("variation", variation, at_least=0.0, at_most=10.0)
+        self._grain = real("grain", grain, above=0.0)
         self._reflectivity = _reflectivity(reflectivity, per)
         self._texture_map = None
         if isinstance(self._reflectivity, Texture):
@@ -338,8 +353,20 @@ class Material(Value):
         """Share of the light that goes on in the mirrored direction: float."""
         return self._mirror
 
+    @property
+    def variation(self) -> float:
+        """Relative standard deviation of the reflectivity from cell to cell: float."""
+        return self._variation
+
+    @property
+    def grain(self) -> float:
+        """Edge of a cell of the texture, m: float."""
+        return self._grain
+
     def _contents(self) -> dict[str, Any]:
         names = ["reflectivity", "per", "roughness", "specular", "specular_width", "transmission", "mirror"]
+        if self._variation > 0.0:
+            names += ["variation", "grain"]
         if self._texture_map is not None:
             names.append("texture_coordinates")
         return {name: getattr(self, name) for name in names}
@@ -518,9 +545,31 @@ def _cited(
     roughness: float = 0.0,
     transmission: float = 0.0,
     mirror: float = 0.0,
+    texture: tuple[float, float] | None = None,
 ) -> Material:
+    """Return a material; `texture`: how much intensities of such surfaces scatter in two captures."""
+    variation = 0.0
+    if texture is not None:
+        source += f". {_TEXTURE}, {texture[0]} and {texture[1]}"
+        variation = round(sum(texture) / 2, 2)
     SOURCES[name] = source
-    return Material(reflectivity=reflectivity, roughness=roughness, transmission=transmission, mirror=mirror)
+    return Material(
+        reflectivity=reflectivity,
+        roughness=roughness,
+        transmission=transmission,
+        mirror=mirror,
+        variation=variation,
+        grain=_GRAIN,
+    )
+
+
+# Pulses along a ring are 3 cm apart at 10 m, where most points of the captures lie, and their intensities scatter
+# independently.
+_GRAIN = 0.03
+_TEXTURE = (
+    "Variation: robust scatter of intensities along rings, from second differences, of SemanticKITTI 00 and 08 "
+    "(samples in ika-rwth-aachen/PCLSegmentation, CC BY-NC-SA 4.0; statistics only), mean of the two"
+)
 
 
 # Collections of spectra
@@ -561,6 +610,7 @@ ASPHALT = _cited(
     f"{_ROAD_SOURCE}",
     reflectivity=0.17,
     roughness=_ROAD,
+    texture=(0.13, 0.18),
 )
 ASPHALT_1550 = _cited(
     "ASPHALT_1550",
@@ -568,18 +618,21 @@ ASPHALT_1550 = _cited(
     f"to 1.3 times the value at 905 nm, and so here. {_ROAD_SOURCE}",
     reflectivity=0.21,
     roughness=_ROAD,
+    texture=(0.13, 0.18),
 )
 ASPHALT_LIGHT = _cited(
     "ASPHALT_LIGHT",
     f"{_KLUM}: the brightest of four roads, A003, 0.30. {_ROAD_SOURCE}",
     reflectivity=0.3,
     roughness=_ROAD,
+    texture=(0.13, 0.18),
 )
 ASPHALT_LIGHT_1550 = _cited(
     "ASPHALT_LIGHT_1550",
     f"{_KLUM}: the brightest of four roads, A003, 0.34. {_ROAD_SOURCE}",
     reflectivity=0.34,
     roughness=_ROAD,
+    texture=(0.13, 0.18),
 )
 CONCRETE = _cited(
     "CONCRETE",
@@ -587,6 +640,7 @@ CONCRETE = _cited(
     "0.37 of 60 sidewalks. Roughness: that of ASPHALT is assumed",
     reflectivity=0.32,
     roughness=_ROAD,
+    texture=(0.08, 0.10),
 )
 CONCRETE_1550 = _cited(
     "CONCRETE_1550",
@@ -594,6 +648,7 @@ CONCRETE_1550 = _cited(
     "ASPHALT is assumed",
     reflectivity=0.35,
     roughness=_ROAD,
+    texture=(0.08, 0.10),
 )
 
 # At grazing incidence, paint with glass beads returns π·R_L of what a white diffuser does at normal incidence. R_L is
@@ -624,21 +679,27 @@ SIGN_SHEETING = _cited(
     reflectivity=785.0,
 )
 
-GRASS = _cited("GRASS", f"{_ECOSTRESS}: green grass, 0.51", reflectivity=0.51)
-GRASS_1550 = _cited("GRASS_1550", f"{_ECOSTRESS}: green grass, 0.24", reflectivity=0.24)
-GRASS_DRY = _cited("GRASS_DRY", f"{_ECOSTRESS}: dry grass, 0.60", reflectivity=0.6)
-GRASS_DRY_1550 = _cited("GRASS_DRY_1550", f"{_ECOSTRESS}: dry grass, 0.57", reflectivity=0.57)
-FOLIAGE = _cited("FOLIAGE", f"{_ECOSTRESS}: deciduous trees, 0.55", reflectivity=0.55)
-FOLIAGE_1550 = _cited("FOLIAGE_1550", f"{_ECOSTRESS}: deciduous trees, 0.25", reflectivity=0.25)
-CONIFER = _cited("CONIFER", f"{_ECOSTRESS}: conifers, 0.52", reflectivity=0.52)
-CONIFER_1550 = _cited("CONIFER_1550", f"{_ECOSTRESS}: conifers, 0.19", reflectivity=0.19)
+GRASS = _cited("GRASS", f"{_ECOSTRESS}: green grass, 0.51", reflectivity=0.51, texture=(0.16, 0.14))
+GRASS_1550 = _cited("GRASS_1550", f"{_ECOSTRESS}: green grass, 0.24", reflectivity=0.24, texture=(0.16, 0.14))
+GRASS_DRY = _cited("GRASS_DRY", f"{_ECOSTRESS}: dry grass, 0.60", reflectivity=0.6, texture=(0.16, 0.14))
+GRASS_DRY_1550 = _cited("GRASS_DRY_1550", f"{_ECOSTRESS}: dry grass, 0.57", reflectivity=0.57, texture=(0.16, 0.14))
+FOLIAGE = _cited("FOLIAGE", f"{_ECOSTRESS}: deciduous trees, 0.55", reflectivity=0.55, texture=(0.19, 0.29))
+FOLIAGE_1550 = _cited("FOLIAGE_1550", f"{_ECOSTRESS}: deciduous trees, 0.25", reflectivity=0.25, texture=(0.19, 0.29))
+CONIFER = _cited("CONIFER", f"{_ECOSTRESS}: conifers, 0.52", reflectivity=0.52, texture=(0.19, 0.29))
+CONIFER_1550 = _cited("CONIFER_1550", f"{_ECOSTRESS}: conifers, 0.19", reflectivity=0.19, texture=(0.19, 0.29))
 BARK = _cited("BARK", f"{_EARTHLIB}: quartiles 0.32 and 0.46 of 33 barks, median 0.37", reflectivity=0.37)
 BARK_1550 = _cited("BARK_1550", f"{_EARTHLIB}: quartiles 0.44 and 0.50 of 33 barks, median 0.46", reflectivity=0.46)
 SOIL = _cited(
-    "SOIL", f"{_EARTHLIB}: ICRAF-ISRIC, quartiles 0.29 and 0.44 of 4168 soils, median 0.37", reflectivity=0.37
+    "SOIL",
+    f"{_EARTHLIB}: ICRAF-ISRIC, quartiles 0.29 and 0.44 of 4168 soils, median 0.37",
+    reflectivity=0.37,
+    texture=(0.16, 0.14),
 )
 SOIL_1550 = _cited(
-    "SOIL_1550", f"{_EARTHLIB}: ICRAF-ISRIC, quartiles 0.39 and 0.55 of 4168 soils, median 0.47", reflectivity=0.47
+    "SOIL_1550",
+    f"{_EARTHLIB}: ICRAF-ISRIC, quartiles 0.39 and 0.55 of 4168 soils, median 0.47",
+    reflectivity=0.47,
+    texture=(0.16, 0.14),
 )
 SNOW = _cited("SNOW", f"{_ECOSTRESS}: 0.91 for fine, 0.84 for medium, 0.77 for coarse grains", reflectivity=0.84)
 SNOW_1550 = _cited(
@@ -646,13 +707,26 @@ SNOW_1550 = _cited(
 )
 
 BRICK = _cited(
-    "BRICK", f"{_KLUM}: 0.33 to 0.62 for six new red facades, median 0.45; 0.22 weathered", reflectivity=0.45
+    "BRICK",
+    f"{_KLUM}: 0.33 to 0.62 for six new red facades, median 0.45; 0.22 weathered",
+    reflectivity=0.45,
+    texture=(0.06, 0.17),
 )
 BRICK_1550 = _cited(
-    "BRICK_1550", f"{_KLUM}: 0.50 to 0.89 for seven new red facades, median 0.69; 0.50 weathered", reflectivity=0.69
+    "BRICK_1550",
+    f"{_KLUM}: 0.50 to 0.89 for seven new red facades, median 0.69; 0.50 weathered",
+    reflectivity=0.69,
+    texture=(0.06, 0.17),
 )
-PLASTER = _cited("PLASTER", f"{_KLUM}: 0.50 to 0.76 for five bright facades, median 0.68", reflectivity=0.68)
-PLASTER_1550 = _cited("PLASTER_1550", f"{_KLUM}: 0.57 to 0.83 for five bright facades, median 0.68", reflectivity=0.68)
+PLASTER = _cited(
+    "PLASTER", f"{_KLUM}: 0.50 to 0.76 for five bright facades, median 0.68", reflectivity=0.68, texture=(0.06, 0.17)
+)
+PLASTER_1550 = _cited(
+    "PLASTER_1550",
+    f"{_KLUM}: 0.57 to 0.83 for five bright facades, median 0.68",
+    reflectivity=0.68,
+    texture=(0.06, 0.17),
+)
 ROOF_TILE = _cited("ROOF_TILE", f"{_KLUM}: 0.24 to 0.43 for eight red matte tiles, median 0.38", reflectivity=0.38)
 ROOF_TILE_1550 = _cited(
     "ROOF_TILE_1550", f"{_KLUM}: 0.50 to 0.71 for eight red matte tiles, median 0.66", reflectivity=0.66
@@ -664,16 +738,23 @@ PAINTED_METAL_1550 = _cited(
     "PAINTED_METAL_1550", f"{_KLUM}: 0.12 to 0.41 for nine such samples, median 0.15", reflectivity=0.15
 )
 CAR_PAINT_DARK = _cited(
-    "CAR_PAINT_DARK", f"{_COATING}, 0.05 for a black car; the highlight of its lacquer is left out", reflectivity=0.05
+    "CAR_PAINT_DARK",
+    f"{_COATING}, 0.05 for a black car; the highlight of its lacquer is left out",
+    reflectivity=0.05,
+    texture=(0.33, 0.35),
 )
 CAR_PAINT_DARK_1550 = _cited(
-    "CAR_PAINT_DARK_1550", f"{_KLUM}: 0.02 for black paint sprayed on metal, H001", reflectivity=0.02
+    "CAR_PAINT_DARK_1550",
+    f"{_KLUM}: 0.02 for black paint sprayed on metal, H001",
+    reflectivity=0.02,
+    texture=(0.33, 0.35),
 )
 CAR_PAINT_LIGHT = _cited(
     "CAR_PAINT_LIGHT",
     f"{_COATING}, 0.57 to 0.60 for silver and white cars; the highlight of their lacquer is left out. {_ASAM}: 0.5 for "
     "grey, red and yellow, 0.8 for white",
     reflectivity=0.6,
+    texture=(0.33, 0.35),
 )
 RUBBER = _cited("RUBBER", f"{_ASAM}: black rubber, 0.1", reflectivity=0.1)
 SKIN = _cited("SKIN", f"{_ASAM}: 0.5", reflectivity=0.5)

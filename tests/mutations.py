@@ -662,8 +662,8 @@ MUTANTS = [
     ),
     Mutant(
         "particles: sizes from the least on",
-        "self.sight.least_diameter(range) + exponential(DRAWS * k + 1)",
-        "exponential(DRAWS * k + 1)",
+        "self.sight.least_diameter(range) + excess / self.slope",
+        "excess / self.slope",
         ("tests/test_atmosphere.py", "-k", "poisson"),
     ),
     Mutant(
@@ -674,15 +674,39 @@ MUTANTS = [
     ),
     Mutant(
         "particles: as they may fluctuate",
-        "least_power: least_power / brightest,",
-        "least_power,",
+        "self.threshold.at(range) / self.brightest",
+        "self.threshold.at(range)",
         ("tests/test_atmosphere.py", "-k", "fluctuation"),
     ),
     Mutant(
         "particles: not behind a surface",
-        "if particle.range >= surface[lane] {",
-        "if false {",
+        "spot.range < end;",
+        "true;",
         ("tests/test_atmosphere.py", "-k", "behind_a_surface"),
+    ),
+    Mutant(
+        "fog: patches above the threshold",
+        "threshold.at(echo.range) + mean * echo.excess",
+        "mean * echo.excess",
+        ("tests/test_atmosphere.py", "-k", "patches"),
+    ),
+    Mutant(
+        "near: gain up to the far limit",
+        "echoes.power.min(echoes.intensity.mul(F::splat(self.gain)))",
+        "echoes.power",
+        ("tests/test_measurement.py", "-k", "near"),
+    ),
+    Mutant(
+        "response: factors of channels",
+        "exp(self.ring_sigma * (*factor - 0.5 * self.ring_sigma))",
+        "exp(self.ring_sigma * *factor)",
+        ("tests/test_measurement.py", "-k", "response"),
+    ),
+    Mutant(
+        "texture: cells of each object",
+        "[cell[0], cell[1], cell[2], object as u32]",
+        "[cell[0], cell[1], cell[2], 0]",
+        ("tests/test_materials.py", "-k", "texture"),
     ),
     Mutant(
         "weather: draws of its own",

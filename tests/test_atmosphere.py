@@ -324,6 +324,92 @@ def test_fog_needs_a_range_from_which_it_is_seen() -> None:
     assert sensor(min_range=0.0).scan(scene(ls.Atmosphere(extinction=0.1))).status[0] == ls.Status.miss
 
 
+# Fog and the threshold near the sensor
+
+
+NEAR = 0.004
+"""A threshold that FOG exceeds in one of some pulses."""
+
+
+def patches(begin: float, limit: ls.Detection, near_range: float) -> tuple[Callable[..., float], Callable[..., float]]:
+    """The mean intensity of FOG against range, and how many echoes exceed the threshold per length of the beam."""
+    sigma = LIGHT / 2 * 5e-9 / math.sqrt(8 * math.log(2))
+
+    def mean(at: float) -> float:
+        def light(r: float) -> float:
+            return math.exp(-0.5 * ((at - r) / sigma) ** 2 - 2 * FOG.extinction * r) / r**2
+
+        low, high = max(begin, at - 8.5 * sigma), at + 8.5 * sigma
+        parts = [integrate.quad(light, a, b, epsrel=1e-10)[0] for a, b in itertools.pairwise((low, max(low, at), high))]
+        return math.pi * FOG.backscatter * sum(parts) * at**2
+
+    def density(at: float) -> float:
+        far = limit.reflectivity / limit.range**2 * at**2
+        least = max(far, NEAR * min(1.0, (near_range / at) ** 2))
+        return math.exp(-((math.gamma(1 + 1 / 0.7) * least / mean(at)) ** 0.7)) / math.sqrt(2 * math.pi) / sigma
+
+    return mean, density
+
+
+def test_patches_of_fog_exceed_the_threshold_as_a_poisson_process() -> None:
+    count, limit = 20_000, ls.Detection(0.1, 60.0)
+    lidar = sensor(count, detection=limit, near_threshold=NEAR, near_range=10.0, returns="first")
+    mean, density = patches(0.9, limit, 10.0)
+    edges = 0.9 + np.linspace(0, 1, 201) ** 2 * 79.1
+    # Trapezoids, whose error is below the tolerance: with half as many, the sum changes by less than that.
+    values = np.array([density(r) for r in edges])
+    expected, coarse = np.trapezoid(values, edges), np.trapezoid(values[::2], edges[::2])
+    assert abs(expected - coarse) < 0.003 * expected
+    found = FOG.patches_seen(lidar)
+    assert found == pytest.approx(expected, rel=0.003)
+    assert 0.1 < found < 2.0
+    scan = lidar.scan(scene(FOG), seed=4)
+    seen = scan.status == ls.Status.hit
+    assert (scan.source[seen] == ls.Source.atmosphere).all()
+    assert (scan.label[seen] == 7).all()
+    share = 1 - math.exp(-found)
+    assert abs(seen.mean() - share) < SIGMAS * math.sqrt(share * (1 - share) / count)
+    # The nearest of each pulse: their ranges, and by how much they exceed the threshold.
+    ranges = scan.range[seen, 0]
+    sums = np.concatenate([[0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(edges))])
+    chance = (1 - np.exp(-np.interp(ranges, edges, sums))) / share
+    assert stats.kstest(chance, "uniform").pvalue > 1e-6
+    some = slice(0, 1000)
+    means = np.array([mean(r) for r in ranges[some]])
+    least = np.maximum(0.1 / 60.0**2 * ranges[some] ** 2, NEAR * np.minimum(1, (10.0 / ranges[some]) ** 2))
+    excess = [(math.gamma(1 + 1 / 0.7) * x) ** 0.7 for x in (scan.intensity[seen, 0][some] / means, least / means)]
+    assert stats.kstest(excess[0] - excess[1], "expon").pvalue > 1e-6
+
+
+def test_patches_are_the_same_with_a_beam_and_behind_no_surface() -> None:
+    count, limit = 5000, ls.Detection(0.1, 60.0)
+    lidar = sensor(count, detection=limit, near_threshold=NEAR, returns="first")
+    beam = sensor(count, detection=limit, near_threshold=NEAR, returns="first", beam=ls.Beam(0.0, rays=7))
+    sky, wall = lidar.scan(scene(FOG)), lidar.scan(scene(FOG, 3.0))
+    near = sky.range[:, 0] < 3.0
+    assert 100 < near.sum() < (sky.status == ls.Status.hit).sum() < count
+    assert ((wall.source[:, 0] == ls.Source.atmosphere) == near).all()
+    assert np.array_equal(wall.range[near], sky.range[near])
+    assert (wall.range[~near] == 3.0).all()
+    # Of pulses of more than one echo within 2σ, the beam has the strongest.
+    other = beam.scan(scene(FOG))
+    assert (other.status == sky.status).all()
+    assert (other.range[:, 0] == sky.range[:, 0]).mean() > 0.5
+
+
+def test_a_dense_fog_without_a_limit_is_measured_too() -> None:
+    scan = sensor(500, near_threshold=NEAR).scan(scene(FOG))
+    assert 0 < (scan.status == ls.Status.hit).sum() < 500
+
+
+def test_summaries_say_if_the_air_takes_most_points() -> None:
+    lidar = sensor(10)
+    note = lidar.scan(scene(FOG)).summary().note
+    assert note == "10 of 10 points are echoes of the air: is near_threshold=0.01 missing in the measurement?"
+    assert not sensor(10, near_threshold=0.01).scan(scene(FOG, 3.0)).summary().note
+    assert not lidar.scan(scene(FOG, 1.0)).summary().note
+
+
 # Rain and snow
 
 
@@ -468,22 +554,27 @@ def equal(a: ls.Scan, b: ls.Scan, part: npt.NDArray[Any] | slice = slice(None)) 
     )
 
 
+@pytest.mark.parametrize("near", [0.0, 0.0005], ids=["one echo", "patches"])
 @pytest.mark.parametrize("beam", [None, ls.Beam(3e-3, rays=7)], ids=["ray", "beam"])
 def test_bits_are_the_same_for_threads_instruction_sets_and_subsets(
-    beam: ls.Beam | None, monkeypatch: pytest.MonkeyPatch, instruction_sets: list[str]
+    beam: ls.Beam | None, near: float, monkeypatch: pytest.MonkeyPatch, instruction_sets: list[str]
 ) -> None:
     lidar = ls.Lidar(
         ls.patterns.Spinning(np.linspace(-0.4, 0.4, 9), columns=250),
         measurement=ls.Measurement(
             beam=beam, detection=LIMIT, range_sigma=0.02, power_sigma=0.2, range_sigma_limit=0.1, azimuth_sigma=1e-3,
-            returns=3 if beam else "strongest", dropout=0.1,
+            returns=3 if beam else "strongest", dropout=0.1, near_threshold=near, false_returns=0.05,
+            response=ls.Response(range=[(1, 0.5), (9, 1)], exponent=0.8, sigma=0.1, ring_sigma=0.1, resolution=1e-4),
         ),
+        max_range=100.0,
         min_range=0.9,
     )  # fmt: skip
     made = scene(everything(), 20.0)
-    made.add(ls.Plane((0, 0, 1), -2.0))
+    made.add(ls.Plane((0, 0, 1), -2.0), material=ls.Material(reflectivity=0.5, variation=0.2))
     expected = lidar.scan(made, seed=4)
-    assert len(np.unique(expected.source)) == 3
+    assert {ls.Source.surface, ls.Source.atmosphere, ls.Source.false_return if beam or near else 255} <= {
+        *expected.source.flat
+    }
     assert instruction_sets
     for isa in instruction_sets:
         for threads in (1, 3):
@@ -712,7 +803,8 @@ def test_check_states_the_air(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
     path = tmp_path / "run.yaml"
     for text, said in (
-        ("{fog: {visibility_m: 50}}", "an echo of intensity"),
+        ("{fog: {visibility_m: 50}}", "on average an echo of intensity"),
+        ("{fog: {visibility_m: 50}}", "points are echoes of the air: is near_threshold=0.01 missing"),
         ("{rain: {rate_mm_per_h: 10}}", "echoes of drops or flakes per pulse"),
         ("{extinction_per_m: 0.1}", "without echoes"),
     ):

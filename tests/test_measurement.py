@@ -570,6 +570,120 @@ def test_a_near_surface_out_of_the_overlap_shades_but_does_not_shine() -> None:
     assert np.allclose(scan.intensity[:, 0], both.intensity[:, 1], rtol=2.0**-22, atol=0)
 
 
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
+def test_near_the_sensor_an_echo_needs_a_least_intensity(beam: ls.Beam | None) -> None:
+    # 0.1 at 100 m is as much power as 0.004 at 20 m: up to there the least intensity is 0.004, from there on it grows.
+    ranges = np.geomspace(0.1, 90.0, 400)
+    for reflectivity, last in ((0.0039, 0.0), (0.0041, 20.0 * math.sqrt(0.0041 / 0.004)), (0.05, 100 * math.sqrt(0.5))):
+        scan = measured(
+            before_wall(ranges), wall(reflectivity), beam=beam, near_threshold=0.004, detection=ls.Detection(0.1, 100.0)
+        )
+        assert (scan.status == ls.Status.hit).tolist() == (ranges < last).tolist()
+        assert (scan.status[ranges > last] == ls.Status.below_threshold).all()
+    # Without a detection limit, up to the range where that of 0.1 at the greatest range begins.
+    seen = measured(before_wall(ranges), wall(0.0039), beam=beam, near_threshold=0.004, max_range=100.0)
+    assert (seen.status == ls.Status.hit).tolist() == (ranges >= 20.0).tolist()
+
+
+def test_near_the_sensor_the_gain_rises_with_range() -> None:
+    # A pane of 0.1 at 5 m and a wall of 0.2 at 15 m, both where the gain compensates 1/R²: the wall is the stronger.
+    scene = ls.Scene()
+    scene.add(ls.Plane((1, 0, 0), 5.0), material=ls.Material(reflectivity=0.1, transmission=1.0))
+    scene.add(ls.Plane((1, 0, 0), 15.0), material=ls.Material(reflectivity=0.2))
+    limit = ls.Detection(0.1, 100.0)
+    for near, strongest in ((0.0, 5.0), (0.004, 15.0)):
+        scan = measured(beams([1.0, 0.0, 0.0]), scene, depth=2, detection=limit, near_threshold=near)
+        assert scan.range.tolist() == [[strongest]]
+    # And the noise of weak echoes depends on it: at 2 m as at 20 m.
+    noise = {"range_sigma_limit": 0.1, "detection": limit, "near_threshold": 0.004}
+    errors = [measured(before_wall(np.full(4000, at)), wall(0.016), **noise).range_error for at in (2.0, 20.0)]
+    for error in errors:
+        assert error.std() == pytest.approx(0.1 / 2, rel=SIGMAS / math.sqrt(2 * 4000))
+
+
+# The response
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
+def test_a_response_is_its_formula(beam: ls.Beam | None) -> None:
+    ranges = np.linspace(0.5, 30.0, 60)
+    response = ls.Response(range=[(1.0, 0.25), (5.0, 1.0), (20.0, 2.0)], exponent=0.7, resolution=1 / 255, limit=0.9)
+    scan = measured(before_wall(ranges), wall(0.6), beam=beam, response=response)
+    light = 0.6 * np.interp(ranges, [1.0, 5.0, 20.0], [0.25, 1.0, 2.0])
+    expected = np.minimum(np.rint(light**0.7 * 255) / 255, 0.9)
+    assert len(np.unique(expected)) > 20
+    assert np.allclose(scan.intensity[:, 0], expected, rtol=2.0**-23, atol=0)
+    assert measured(before_wall(ranges), wall(0.0), beam=beam, response=response).intensity.max() == 0.0
+
+
+def test_detection_and_noise_see_the_light_itself() -> None:
+    noisy = {
+        "detection": ls.Detection(0.1, 60.0),
+        "range_sigma_limit": 0.1,
+        "range_sigma": 0.01,
+        "near_threshold": 0.01,
+    }
+    plain, dim = (
+        measured(before_wall(np.linspace(1.0, 90.0, 500)), wall(0.1), response=response, **noisy)
+        for response in (None, ls.Response(range=[(1.0, 1e-6)]))
+    )
+    assert 0 < np.isfinite(plain.range).sum() < 500
+    assert np.array_equal(plain.range, dim.range, equal_nan=True)
+    assert np.allclose(dim.intensity, 1e-6 * plain.intensity, rtol=2.0**-22, atol=0, equal_nan=True)
+
+
+def test_a_response_has_noise_and_factors_of_channels() -> None:
+    response = ls.Response(sigma=0.03, ring_sigma=0.1)
+    pattern, scene = rings_before_wall(400, 50), wall(0.5)
+    first, other = (
+        ls.Lidar(pattern, measurement=ls.Measurement(response=response))
+        .scan(scene, frame=frame)
+        .intensity.reshape(400, 50)
+        .astype(float)
+        for frame in (0, 1)
+    )
+    for image in (first, other):
+        within = image / image.mean(axis=1, keepdims=True) - 1.0
+        assert within.std() == pytest.approx(0.03 * math.sqrt(49 / 50), rel=SIGMAS / math.sqrt(2 * 400 * 50))
+    factors = first.mean(axis=1) / 0.5
+    assert np.log(factors).std() == pytest.approx(0.1, rel=SIGMAS / math.sqrt(2 * 400))
+    assert factors.mean() == pytest.approx(1.0, abs=SIGMAS * 0.1 / math.sqrt(400))
+    # Those of channels are the unit's, the noise is the frame's: a mean of 50 has a seventh of it.
+    assert np.allclose(other.mean(axis=1) / 0.5, factors, rtol=8 * 0.03 / math.sqrt(25), atol=0)
+    assert not np.array_equal(first, other)
+
+
+def test_what_is_no_echo_has_a_response_too() -> None:
+    dark = {"detection": ls.Detection(0.1, 100.0), "false_returns": 1.0, "max_range": 50.0}
+    plain, halved = (
+        measured(away(50), wall(), response=response, **dark).intensity
+        for response in (None, ls.Response(range=[(0.0, 0.5)]))
+    )
+    assert plain.min() > 0.0
+    assert np.allclose(halved, plain / 2, rtol=2.0**-23, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: ls.Response(range=[]), "range: expected shape"),
+        (
+            lambda: ls.Response(range=[(5.0, 1.0), (1.0, 1.0)]),
+            "range: expected rising ranges, got 1.0 after 5.0 in row 1",
+        ),
+        (lambda: ls.Response(range=[(5.0, -1.0)]), "range: expected numbers >= 0, got range[0][1] = -1.0"),
+        (lambda: ls.Response(exponent=0.0), "exponent: expected a finite number > 0, got 0.0"),
+        (lambda: ls.Response(sigma=-0.1), "sigma: expected a finite number >= 0, got -0.1"),
+        (lambda: ls.Response(limit=0.0), "limit: expected a real number > 0, got 0.0"),
+        (lambda: ls.Measurement(response=0.5), "response: expected a Response or None, got 0.5"),
+        (lambda: ls.Measurement(near_threshold=2.0), "near_threshold: expected a finite number from 0 to 1, got 2.0"),
+    ],
+)
+def test_a_bad_response_is_refused(make: Callable[[], object], said: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=f"^{re.escape(said)}"):
+        make()
+
+
 def test_power_fluctuates_log_normally_about_its_mean() -> None:
     sigma, count = 0.3, 50_000
     pattern = before_wall(np.full(count, 20.0))
@@ -1315,6 +1429,8 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "false returns": {"false_returns": 1e-9, "max_range": 1e3},
     "crossover": {"crossover": (0.0, 1.0)},
     "fluctuation": {"power_sigma": 1e-9},
+    "near threshold": {"near_threshold": 1e-9},
+    "response": {"response": ls.Response(sigma=0.1, ring_sigma=0.1)},
     "beam": {"beam": ls.Beam(1e-9)},
 }
 """Each effect so small that it changes nothing but by its draws, if it has any."""

@@ -46,6 +46,9 @@ class Labels(np.ndarray[Any, np.dtype[np.uint32]]):
     def __reduce_ex__(self, protocol: object) -> tuple[Any, ...]:
         return self.__reduce__()
 
+    def __repr__(self) -> str:
+        return repr(np.asarray(self))
+
     def __eq__(self, other: object) -> Any:
         if not isinstance(other, str):
             return super().__eq__(other)

@@ -110,7 +110,7 @@ class Value(Immutable):
         if other is self:
             return True
         mine, others = self._contents(), other._contents()
-        return all(np.array_equal(value, others[name]) for name, value in mine.items())
+        return mine.keys() == others.keys() and all(np.array_equal(mine[name], others[name]) for name in mine)
 
     def __hash__(self) -> int:
         return hash((type(self), *(_hashable(value) for value in self._contents().values())))

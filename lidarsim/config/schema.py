@@ -295,6 +295,7 @@ _KINDS: dict[Any, Any] = {
     tuple[float, float]: Pair,
     float | list[float]: Numbers,
     float | list[tuple[float, float]]: SigmaTable,
+    list[tuple[float, float]]: list[Pair],
     validation.Vector: Vector,
     list[validation.Vector]: list[Vector],
     validation.Vector | list[validation.Vector]: Vectors,
@@ -519,6 +520,8 @@ class Object(Part, Placement):
     specular_width: float = 0.1
     transmission: float = 0.0
     mirror: float = 0.0
+    variation: float = 0.0
+    grain_m: float = 0.05
     scale: Scale = 1.0
     motion: Motion | None = None
 
@@ -541,6 +544,7 @@ class Object(Part, Placement):
             with place.refusals({"name": ("material", "")}):
                 base = named(self.material)
         keys = ["reflectivity", "roughness_deg", "specular", "specular_width", "transmission", "mirror"]
+        keys += ["variation", "grain_m"]
         differ = partial(Material, **{_argument(key): getattr(base, _argument(key)) for key in keys})
         return construct(differ, self, keys, place, per=self.reflectivity_per)
 
@@ -718,7 +722,7 @@ class SceneFile(Object):
         """Return what the file holds."""
         others = [
             key
-            for key in ("material", "roughness_deg", "specular", "transmission", "mirror")
+            for key in ("material", "roughness_deg", "specular", "transmission", "mirror", "variation")
             if key in self.model_fields_set
         ]
         if self.reflectivity == "color" and others:

@@ -80,7 +80,8 @@ class Summary(dict[str, int]):
     """Number of pulses for each `Status`, by its name; prints as a table."""
 
     note: str = ""
-    """A warning if all hits are on one thing that is nearer than the sensor's minimum range, or than `BODY`."""
+    """A warning if all hits are on one thing that is nearer than the sensor's minimum range, or than `BODY`, or if most
+    points are echoes of the air."""
 
     def __str__(self) -> str:
         """Return one line for each status, with its share of all pulses."""
@@ -731,7 +732,7 @@ class Scan(Pickled, Plotted):
         Summary
             A mapping from the name of each `Status` to the number of pulses. Its `note` warns if the sensor may be
             inside an object, or inside the body that carries it: all first hits are on one instance, nearer than
-            `min_range` or 0.5 m.
+            `min_range` or 0.5 m. It also says if more than half of the points are echoes of the air.
         """
         counts = np.bincount(self.status, minlength=len(Status))
         summary = Summary({status.name: int(counts[status]) for status in Status})
@@ -746,6 +747,15 @@ class Scan(Pickled, Plotted):
                     f"all hits are on {which}, nearer than {'min_range' if below_gate else f'{BODY} m'}:"
                     f" is the sensor inside its own body? ignore=[{things[0]}] hides it"
                 )
+        aerial = 0
+        if self.source is not None:
+            aerial = int(np.count_nonzero((self.source == Source.atmosphere) & ~np.isnan(self.range)))
+        points = int(self.return_count.sum())
+        if 2 * aerial > points:
+            hint = (
+                "" if self.lidar.measurement.near_threshold else ": is near_threshold=0.01 missing in the measurement?"
+            )
+            summary.note = f"{aerial:,} of {points:,} points are echoes of the air{hint}"
         return summary
 
 

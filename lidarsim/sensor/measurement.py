@@ -1,7 +1,8 @@
 """Measurement effects: noise, intensity, detection, returns.
 
 The steps for a pulse are, in order: angular jitter, sub-rays of the beam, cast, intensity, echoes, fluctuation of the
-power, detection, drop-out, range noise and biases, false returns, quantisation, range gate, choice of returns. Misses
+power, detection, drop-out, range noise and biases, false returns, quantisation, range gate, response to intensities,
+choice of returns. Misses
 stay misses, except for false returns and echoes of the air. The range gate of the `Lidar` applies to the measured
 range, noise included, not to the true range.
 
@@ -12,8 +13,10 @@ frame, effect and draw. The noise of a pulse depends only on these, and not on t
 The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1 elevation), 2 drop-out, 3 range noise (one
 draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in place of the pulse), 5 fluctuation of the
 power (one draw per echo, the nearest first), 6 false returns (draw 0 whether there is one, 1 its range), 7 drops and
-flakes (draws 3k to 3k + 2 the way to the k-th, its size and its place in the beam). Echoes of the air (`Atmosphere`)
-have the draws from 32768 on of effects 3 and 5: fog, then drops and flakes.
+flakes (draws 3k to 3k + 2 the way to the k-th, its size and its place in the beam), 8 patches of fog (likewise), 9
+noise of the intensity (one draw per echo, the nearest first), 10 factors of channels (as 4). Echoes of the air
+(`Atmosphere`) have the draws from 32768 on of effects 3, 5 and 9: fog, then drops and flakes, then patches of fog. The
+draw 32767 of effect 9 is for false returns.
 """
 
 from __future__ import annotations
@@ -31,7 +34,7 @@ from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import angle, array, beam_angle, integer, is_several, real, share
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
-__all__ = ["Beam", "Detection", "Measurement"]
+__all__ = ["Beam", "Detection", "Measurement", "Response"]
 
 PULSE_LENGTH = 5e-9
 """Default duration of a pulse, full width at half maximum, s."""
@@ -155,6 +158,72 @@ class Beam(Immutable):
         object.__setattr__(self, "separation", real("separation", self.separation, at_least=0.0))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Response(Immutable):
+    """What a sensor reports for an intensity.
+
+    Of an echo of intensity I from range R the sensor reports
+
+        I' = min(`limit`, round((I · f(R) · c)^`exponent` · (1 + `sigma`·g)))
+
+    with the factor f of `range`, a factor c of the channel and a standard normal g. Detection and range noise depend on
+    I itself.
+
+    Parameters
+    ----------
+    range : sequence of (range, factor), shape (n, 2), optional
+        Factor against range, m: what the vendor's compensation for range leaves, and the droop near the sensor. Linear
+        between rows, constant before the first and after the last; the ranges must increase. Default: 1.
+    exponent : float
+        Exponent, > 0: below 1, the sensor compresses intensities.
+    sigma : float
+        Relative standard deviation, from echo to echo.
+    ring_sigma : float
+        Standard deviation of the logarithm of c, the factor of a channel (ring), of mean 1. It depends on the seed, the
+        sensor's name and the ring, and is the same in all frames.
+    resolution : float
+        Quantisation step, halves rounded to even; 0 for none. 1/255 for bytes, with 1 for 255.
+    limit : float
+        Largest intensity that is reported, > 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a number is out of its range, or the ranges do not increase.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> ls.Response(range=[(1, 0.3), (5, 1)], sigma=0.02, resolution=1 / 255, limit=1.0).range
+    ((1.0, 0.3), (5.0, 1.0))
+    """
+
+    configuration: ClassVar[Mapping[str, object]] = {
+        "range_m": list[tuple[float, float]],
+        "exponent": float,
+        "sigma": float,
+        "ring_sigma": float,
+        "resolution": float,
+        "limit": float,
+    }
+
+    range: Pairs | None = None
+    exponent: float = 1.0
+    sigma: float = 0.0
+    ring_sigma: float = 0.0
+    resolution: float = 0.0
+    limit: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if self.range is not None:
+            object.__setattr__(self, "range", _table("range", self.range, "factor"))
+        for name in ("sigma", "ring_sigma", "resolution"):
+            object.__setattr__(self, name, real(name, getattr(self, name), at_least=0.0))
+        object.__setattr__(self, "exponent", real("exponent", self.exponent, above=0.0))
+        object.__setattr__(self, "limit", real("limit", self.limit, above=0.0, infinite=True))
+
+
 @named
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Measurement(Immutable):
@@ -197,9 +266,9 @@ class Measurement(Immutable):
         a `detection` limit or a `near_threshold` hides echoes that become too weak. Default: the overlap is 1
         everywhere.
     near_threshold : float
-        Least intensity that is detected near the sensor, 0 to 1: an echo is kept only if I/R² is at least the greater
-        of `near_threshold`/R² and the limit ρ/r² of the `detection` (without one, of reflectivity 0.1 at the
-        `max_range` of the `Lidar`). See the notes.
+        i, least intensity that is detected near the sensor, 0 to 1; 0 for none. See the notes.
+    near_range : float
+        n, range up to which it holds, m, > 0.
     extinction : float
         Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR). That of the
         scene's `Atmosphere` adds to it.
@@ -218,6 +287,8 @@ class Measurement(Immutable):
     depth : int
         The most surfaces that light meets one after another, 1 to 255. With 1, each ray ends at the first surface. With
         more, light goes on from surfaces whose `Material` has a `transmission` or a `mirror`. See the notes.
+    response : Response, optional
+        What the sensor reports for an intensity. Default: the intensity itself.
 
     Raises
     ------
@@ -232,10 +303,12 @@ class Measurement(Immutable):
     equation for targets larger than the beam (A. V. Jelalian, Laser Radar Systems, Artech House, 1992).
 
     Near the sensor, real receivers are far less sensitive than their limit far off: they are desensitised after each
-    pulse, and their gain rises with time. The simplest such gain rises with R², up to the range r·√(i/ρ) where
-    i/R², with the `near_threshold` i, falls to the limit ρ/r²; from there on it is constant. Which echo of a pulse is
-    the strongest, and how much of `range_sigma_limit` it has, depends on the power times this gain. Without it, fog,
-    rain and snow outshine all surfaces (`Atmosphere`).
+    pulse, and their gain rises with time. With a `near_threshold` i, an echo is kept only if I/R² is at least the
+    greater of the limit ρ/r² of the `detection` and i/R²·min(1, (n/R)²), which falls with R² up to the `near_range` n
+    and with R⁴ from there on. (Without a `detection`, the latter holds where it is above the limit of the reflectivity
+    0.1 at the `max_range` of the `Lidar`.) Which echo of a pulse is the strongest, and how much of `range_sigma_limit`
+    it has, depends on its power relative to this threshold. Without it, fog, rain and snow outshine all surfaces
+    (`Atmosphere`).
 
     With a `depth` of more than 1, a surface with shares T transmitted and M mirrored sends on T of the light straight
     ahead and M in the mirrored direction. Each surface further on returns light as any does, from the range that is the
@@ -271,11 +344,13 @@ class Measurement(Immutable):
         "power_sigma": float,
         "crossover_m": tuple[float, float],
         "near_threshold": float,
+        "near_range_m": float,
         "extinction_per_m": float,
         "false_returns": float,
         "beam": Beam,
         "returns": int | str,
         "depth": int,
+        "response": Response,
     }
 
     range_sigma: float | Pairs = 0.0
@@ -291,11 +366,13 @@ class Measurement(Immutable):
     power_sigma: float = 0.0
     crossover: tuple[float, float] | None = None
     near_threshold: float = 0.0
+    near_range: float = 20.0
     extinction: float = 0.0
     false_returns: float = 0.0
     beam: Beam | None = None
     returns: ReturnMode | int = "strongest"
     depth: int = 1
+    response: Response | None = None
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -304,6 +381,7 @@ class Measurement(Immutable):
             if not (name == "range_sigma" and is_table):
                 number = angle if name in {"azimuth_sigma", "elevation_sigma"} else real
                 object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0, at_most=at_most))
+        object.__setattr__(self, "near_range", real("near_range", self.near_range, above=0.0))
         object.__setattr__(self, "range_bias", real("range_bias", self.range_bias))
         if is_table:
             object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))
@@ -316,6 +394,8 @@ class Measurement(Immutable):
             object.__setattr__(self, "crossover", _crossover(self.crossover))
         if self.beam is not None and not isinstance(self.beam, Beam):
             raise ArgumentTypeError("beam", "a Beam or None", repr(self.beam))
+        if self.response is not None and not isinstance(self.response, Response):
+            raise ArgumentTypeError("response", "a Response or None", repr(self.response))
         object.__setattr__(self, "depth", integer("depth", self.depth, at_least=1, at_most=255))
         object.__setattr__(self, "returns", _returns(self.returns))
 
@@ -345,19 +425,25 @@ _NUMBERS = {
 
 
 def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]:
-    table = array("range_sigma", rows, ("n", 2))
+    table = _table("range_sigma", rows, "sigma")
     if slope != 0.0:
         raise ArgumentValueError("range_sigma_slope", "0 with a table of range_sigma", repr(slope))
+    return table
+
+
+def _table(name: str, rows: object, value: str) -> tuple[tuple[float, float], ...]:
+    """Return the checked rows (range, `value`) of an argument."""
+    table = array(name, rows, ("n", 2))
     if not len(table):
-        raise ArgumentValueError("range_sigma", "at least one row (range, sigma)", "none")
+        raise ArgumentValueError(name, f"at least one row (range, {value})", "none")
     if (table < 0.0).any():
         i, j = np.argwhere(table < 0.0)[0]
-        raise ArgumentValueError("range_sigma", "numbers >= 0", f"range_sigma[{i}][{j}] = {table[i, j]}")
+        raise ArgumentValueError(name, "numbers >= 0", f"{name}[{i}][{j}] = {table[i, j]}")
     falling = np.diff(table[:, 0]) <= 0.0
     if falling.any():
         i = int(np.argmax(falling)) + 1
-        raise ArgumentValueError("range_sigma", "rising ranges", f"{table[i, 0]} after {table[i - 1, 0]} in row {i}")
-    return tuple((float(r), float(sigma)) for r, sigma in table)
+        raise ArgumentValueError(name, "rising ranges", f"{table[i, 0]} after {table[i - 1, 0]} in row {i}")
+    return tuple((float(r), float(number)) for r, number in table)
 
 
 def _crossover(value: object) -> tuple[float, float]:

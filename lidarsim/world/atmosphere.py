@@ -89,16 +89,22 @@ class Atmosphere(Immutable):
     2021). Its one peak is the echo of the fog, of the power W and the intensity W·R². A surface nearer than 2σ behind
     the peak hides it; with a beam, the sub-rays that hit such a surface do. The integral diverges at the sensor, so the
     receiver must see the air only from some range on: where the `crossover` begins or, without one that begins beyond
-    0, the `min_range` of the `Lidar`. A scan in fog without either is refused. Real receivers rarely see the whole beam
-    so close: without a `crossover`, the echo of dense fog outshines all but the nearest surfaces.
+    0, the `min_range` of the `Lidar`. A scan in fog without either is refused. Real receivers are far less sensitive so
+    close: without a `near_threshold`, the echo of fog outshines all but the nearest surfaces. Every preset has one.
+
+    A receiver with a `near_threshold` sees fog only where it is brighter than on average. Its power, x times the mean,
+    is assumed to have Weibull's distribution, P(X > x) = exp(−(Γ(1 + 1/k)·x)^k) with the shape k = 0.7, that of clutter
+    (M. Sekine, Y. Mao, Weibull Radar Clutter, 1990), independent in each length L = √(2π)·σ. Then the echoes that
+    exceed the least intensity i(R) are a Poisson process along the beam of the density P(X > i/(W·R²))/L. The shape is
+    an assumption: no measurement was found.
 
     **Rain and snow.** Drops and flakes are single echoes, a Poisson process along the beam; it widens from `aperture`
     by the divergence of the `Beam`, and is taken to be uniformly bright. One of the diameter D has the intensity
     `reflectance`·(πD²/4)/A(r)·ξ(r)·exp(−2αr), where A(r) is the section of the beam, but no more than a white diffuser.
-    Only those are drawn that the `detection` limit lets through, and they are drawn exactly. Without a limit, these are
-    the ones as bright as a target of reflectivity 0.1 at the `max_range` of the `Lidar`; a scan in rain by a sensor
-    without either is refused. The positions in one frame say nothing about those in the next. At most the 21 845
-    nearest of a pulse are drawn.
+    Only those are drawn that the `detection` limit and the `near_threshold` let through, and they are drawn exactly.
+    Without a limit, these are the ones as bright as a target of reflectivity 0.1 at the `max_range` of the `Lidar`; a
+    scan in rain by a sensor without either is refused. The positions in one frame say nothing about those in the next.
+    At most the 21 845 nearest of a pulse are drawn.
 
     With a `Beam`, an echo of the air and another nearer to it than `separation`, or than 2σ, are one: the stronger.
 
@@ -255,7 +261,9 @@ class Atmosphere(Immutable):
         )
 
     def fog_echo(self, lidar: Sensor) -> tuple[float, float] | None:
-        """Return the echo of fog that a sensor gets in front of no surface.
+        """Return the mean echo of fog in front of no surface.
+
+        A sensor without a `near_threshold` reports it; one with it only what exceeds the threshold (`patches_seen`).
 
         Parameters
         ----------
@@ -283,6 +291,34 @@ class Atmosphere(Immutable):
         echo, _ = _native.air_echoes(lidar, self)
         return None if echo is None else (echo[0], echo[1] * echo[0] ** 2)
 
+    def patches_seen(self, lidar: Sensor) -> float:
+        """Return how many echoes of fog a sensor with a `near_threshold` detects per pulse, in front of no surface.
+
+        Parameters
+        ----------
+        lidar : Lidar
+            The sensor.
+
+        Returns
+        -------
+        float
+            The mean number, before drop-out, fluctuation of the power and range gate; 0 without a `near_threshold`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `lidar` is not a Lidar, or cannot be used in this air; see the notes above.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> lidar = ls.Lidar.preset("hesai-pandar64", noise="datasheet")
+        >>> round(ls.Atmosphere.fog(50.0).patches_seen(lidar), 3)
+        0.15
+        """
+        check_sensor(self, lidar)
+        return _native.air_echoes(lidar, self)[1][0]
+
     def particles_seen(self, lidar: Sensor) -> float:
         """Return how many drops or flakes a sensor detects per pulse, on average, in front of no surface.
 
@@ -306,11 +342,11 @@ class Atmosphere(Immutable):
         --------
         >>> import lidarsim as ls
         >>> lidar = ls.Lidar.preset("hesai-pandar64", noise="datasheet")
-        >>> round(ls.Atmosphere.rain(10.0).particles_seen(lidar), 3)
-        0.896
+        >>> round(ls.Atmosphere.snow(1.0).particles_seen(lidar), 3)
+        0.184
         """
         check_sensor(self, lidar)
-        return _native.air_echoes(lidar, self)[1]
+        return _native.air_echoes(lidar, self)[1][1]
 
     def __repr__(self) -> str:
         """Return the values that are not the default."""
@@ -343,7 +379,10 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor) -> None:
     measurement = lidar.measurement
     begins = measurement.crossover[0] if measurement.crossover else 0.0
     if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:
-        hint = "or give the measurement a crossover that begins beyond 0: at the sensor, the echo of fog is infinite"
+        hint = (
+            "or give the measurement a crossover that begins beyond 0, such as (0.3, 1.0): at the sensor, the echo of "
+            "fog is infinite; and near_threshold=0.01, without which the echo of fog outshines all surfaces"
+        )
         raise ArgumentValueError("min_range", "a number > 0 in fog", 0.0, hint)
     if atmosphere.intercept > 0.0 and measurement.detection is None and lidar.max_range == math.inf:
         hint = "or a finite max_range; without either, each of the countless drops in the beam would be an echo"

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use lidarsim_core::measure::{Appearance, Backscatter, Labels, Reflectivity};
+use lidarsim_core::measure::{Appearance, Backscatter, Grain, Labels, Reflectivity};
 use lidarsim_core::{Object, memory};
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
@@ -171,6 +171,7 @@ fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAn
         number(intern!(py, "_specular"))?,
         number(intern!(py, "_specular_width"))?,
     );
+    let grain = Grain::new(number(intern!(py, "_variation"))?, number(intern!(py, "_grain"))?);
     let [transmission, mirror] = [number(intern!(py, "_transmission"))?, number(intern!(py, "_mirror"))?];
-    Ok(Appearance { labels, instance, reflectivity, backscatter, transmission, mirror })
+    Ok(Appearance { labels, instance, reflectivity, backscatter, grain, transmission, mirror })
 }

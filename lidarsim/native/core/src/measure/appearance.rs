@@ -2,6 +2,7 @@
 
 use super::backscatter::Backscatter;
 use super::caster::Caster;
+use super::grain::Grain;
 use super::texture::TextureMap;
 use crate::scene::{Hit, TimedRay};
 
@@ -14,6 +15,8 @@ pub struct Appearance {
     pub reflectivity: Reflectivity,
     /// None: Lambert's.
     pub backscatter: Option<Backscatter>,
+    /// None: without texture.
+    pub grain: Option<Grain>,
     /// The shares of light that go on, straight and mirrored.
     pub transmission: f64,
     pub mirror: f64,

@@ -6,6 +6,7 @@ use crate::bvh::Stack;
 use crate::cast::{self, Cast, Departure, HitArrays, Met};
 use crate::geometry::point::sub;
 use crate::geometry::pose::Path;
+use crate::geometry::vector::Point;
 use crate::scene::{Geometry, Hit, Rays, TRange, TimedRay, World};
 use crate::shapes::triangle::barycentric;
 
@@ -19,6 +20,9 @@ pub trait Caster: Sync {
 
     /// The vertices of the triangle of a mesh that was hit, and the barycentric coordinates of the hit.
     fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])>;
+
+    /// The point of a hit in the object's own coordinates.
+    fn local(&self, hit: &Hit, ray: &TimedRay) -> Point;
 
     /// The next hit of a ray (see [`next_hit`](crate::cast::next_hit)).
     fn next_hit(
@@ -60,15 +64,24 @@ impl Caster for World<'_> {
         self.scene.objects()[object as usize].motion()
     }
 
+    fn local(&self, hit: &Hit, ray: &TimedRay) -> Point {
+        let object = self.scene.at(hit.object as u32, ray.time);
+        let [o, d] = object.enclose(ray.origin, ray.direction).map(|point| point.map(middle));
+        [0, 1, 2].map(|axis| o[axis] + hit.t * d[axis])
+    }
+
     fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])> {
         let object = self.scene.at(hit.object as u32, ray.time);
         let Geometry::Mesh(mesh) = &object.geometry else { return None };
         let vertices = mesh.faces()[hit.primitive as usize];
         let [o, d] = object.enclose(ray.origin, ray.direction);
-        let middle = |x: Interval| x.low + 0.5 * (x.high - x.low);
         // Relative to the hit, a triangle far from the origin of coordinates keeps its digits.
         let along = d.map(|x| hit.t * middle(x));
         let corners = vertices.map(|v| sub(sub(mesh.vertices()[v as usize], o.map(middle)), along));
         Some((vertices, barycentric(corners)))
     }
+}
+
+fn middle(x: Interval) -> f64 {
+    x.low + 0.5 * (x.high - x.low)
 }

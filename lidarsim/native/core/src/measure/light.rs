@@ -35,6 +35,7 @@ impl<C: Caster> Scan<'_, C> {
         {
             if let Some(appearance) = self.hit_by_all(objects)
                 && let Reflectivity::Object(value) = appearance.reflectivity
+                && appearance.grain.is_none()
             {
                 *values = [value; 8];
                 all_lambert &= appearance.backscatter.is_none();
@@ -45,6 +46,10 @@ impl<C: Caster> Scan<'_, C> {
                     let i = 8 * part + k;
                     let hit = || (hits.at(i), rays.at(i));
                     values[k] = appearance.reflectivity.at(hits.primitive[i], hit, self.caster);
+                    if let Some(grain) = appearance.grain {
+                        let (hit, ray) = hit();
+                        values[k] *= grain.at(*object, self.caster.local(&hit, &ray));
+                    }
                     all_lambert &= appearance.backscatter.is_none();
                 }
             }

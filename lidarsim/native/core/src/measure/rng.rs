@@ -28,6 +28,14 @@ pub fn philox(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     counter
 }
 
+/// Uniform in the open interval (0, 1), from random bits: the middle of one of 2⁵² equal cells. So are 1 − u
+/// and 1/2 − u, exactly.
+#[inline(always)]
+pub fn uniform([low, high, ..]: [u32; 4]) -> f64 {
+    let cell = (u64::from(high) << 32 | u64::from(low)) >> 12;
+    (f64::from_bits(1.0_f64.to_bits() | cell) - 1.0) + f64::EPSILON / 2.0
+}
+
 /// The random numbers of one frame of one sensor.
 #[derive(Clone, Copy, Debug)]
 pub struct Stream {
@@ -47,14 +55,11 @@ impl Stream {
         Stream { frame: 0, ..self }
     }
 
-    /// Uniform in the open interval (0, 1): the middle of one of 2⁵² equal cells. So are 1 − u and 1/2 − u,
-    /// exactly.
+    /// Uniform in the open interval (0, 1).
     #[inline(always)]
     pub fn uniform(&self, pulse: u64, effect: EffectId, draw: u16) -> f64 {
         let purpose = u32::from(effect.0) << 16 | u32::from(draw);
-        let [low, high, ..] = philox([pulse as u32, (pulse >> 32) as u32, self.frame, purpose], self.key);
-        let cell = (u64::from(high) << 32 | u64::from(low)) >> 12;
-        (f64::from_bits(1.0_f64.to_bits() | cell) - 1.0) + f64::EPSILON / 2.0
+        uniform(philox([pulse as u32, (pulse >> 32) as u32, self.frame, purpose], self.key))
     }
 
     /// Gaussian with mean 0 and variance 1.

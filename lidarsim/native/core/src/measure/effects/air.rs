@@ -56,19 +56,19 @@ impl Air {
 pub(super) struct Threshold {
     /// Power. 0 if unknown.
     pub(super) power: f64,
-    /// Intensity.
-    near: f64,
+    near: Option<Near>,
 }
 
 impl Threshold {
     pub(super) fn from_parameters<P: Parameters>(parameters: &P) -> Result<Self, P::Error> {
         let power = least_power(parameters)?.unwrap_or(0.0);
-        Ok(Threshold { power, near: Near::intensity(parameters)? })
+        Ok(Threshold { power, near: Near::from_parameters(parameters)? })
     }
 
     /// The least intensity at a range.
     pub(super) fn at(&self, range: f64) -> f64 {
-        self.near.max(self.power * range * range)
+        let far = self.power * range * range;
+        self.near.as_ref().map_or(far, |near| far.max(near.least_intensity(range)))
     }
 }
 

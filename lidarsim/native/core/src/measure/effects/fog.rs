@@ -16,11 +16,11 @@
 //! beyond its maximum, so where it is ended it is less than all the way from there to the peak. This is
 //! neglected.
 //!
-//! A receiver with a threshold near by sees fog only where it is brighter than on average. Fog is uneven; the
-//! simplest distribution of a positive power, the exponential one, is assumed, independent in each length
+//! A receiver with a threshold near by sees fog only where it is brighter than on average. The power of its
+//! light, x times the mean, is assumed to have Weibull's distribution, that of clutter (M. Sekine, Y. Mao:
+//! Weibull Radar Clutter, 1990): P(X > x) = exp(−(Γ(1 + 1/k)·x)^k), of mean 1, independent in each length
 //! L = √(2π)·σ of the air, that of the pulse. So the echoes that exceed the least intensity i(R) are a Poisson
-//! process along the beam of the density exp(−i(R)/(W(R)·R²))/L, with intensities that exceed i(R) by an
-//! exponential variable of the mean W(R)·R².
+//! process along the beam of the density P(X > i(R)/(W(R)·R²))/L. The shape k is 0.7.
 
 use std::f64::consts::{LN_2, PI};
 
@@ -100,18 +100,32 @@ impl Effect for Fog {
     }
 }
 
+/// k.
+const SHAPE: f64 = 0.7;
+/// Γ(1 + 1/k).
+const GAMMA: f64 = 1.265_823_506_057_283_4;
+
+/// −ln P(X > x).
+fn rarity(x: f64) -> f64 {
+    exp(SHAPE * ln((GAMMA * x).min(f64::MAX)))
+}
+
+/// The x of this rarity.
+fn of_rarity(rarity: f64) -> f64 {
+    exp(ln(rarity) / SHAPE) / GAMMA
+}
+
 impl Patches {
     fn new(response: &Response, strength: f64, threshold: Threshold) -> Self {
         const CELLS: u32 = 1 << 6;
         let mean = |range: f64| strength * response.at(range) * range * range;
-        let density = |range: f64| {
-            exp(-threshold.at(range) / mean(range)) / ((2.0 * PI).sqrt() * response.sigma)
-        };
-        // Beyond twice this range, exp(−64) of all patches are seen.
+        let rarity = |range: f64| rarity(threshold.at(range) / mean(range));
+        let density = |range: f64| exp(-rarity(range)) / ((2.0 * PI).sqrt() * response.sigma);
+        // Beyond this range, less than exp(−32) of all patches are seen. Nearer, they may be rarer at places.
         const FARTHEST: f64 = 1e5;
-        const RARE: f64 = 64.0;
+        const RARE: f64 = 32.0;
         let mut end = response.air.overlaps_from().max(1.0);
-        while end < FARTHEST && threshold.at(end) < RARE * mean(end) {
+        while end < FARTHEST && (rarity(end) < RARE || rarity(0.5 * end) < RARE || end < 64.0) {
             end *= 2.0;
         }
         let process = Process::new([response.air.begin, end], CELLS, density);
@@ -148,7 +162,9 @@ impl Fog {
                 let above = means.partition_point(|[range, _]| *range < echo.range).clamp(1, means.len() - 1);
                 let ([r0, m0], [r1, m1]) = (means[above - 1], means[above]);
                 let mean = m0 + (m1 - m0) * ((echo.range - r0) / (r1 - r0));
-                let intensity = threshold.at(echo.range) + mean * echo.excess;
+                let least = threshold.at(echo.range);
+                // What exceeds the rarity of the least is exponential.
+                let intensity = (mean * of_rarity(rarity(least / mean) + echo.excess)).max(least);
                 let number = particles::MOST + echo.number;
                 Particle { number, range: echo.range, intensity, place: echo.place }
             })

@@ -22,6 +22,7 @@ mod particles;
 mod quantization;
 mod range_noise;
 mod reading;
+mod response;
 
 use std::ops::Range;
 
@@ -97,7 +98,8 @@ macro_rules! effects {
             }
         }
 
-        const IDS: &[Option<EffectId>] = &[$(<$module::$effect as Effect>::ID),+];
+        const IDS: &[Option<EffectId>] =
+            &[$(<$module::$effect as Effect>::ID),+, <response::Channels as Effect>::ID];
     };
 }
 
@@ -117,6 +119,7 @@ effects! {
     false_returns: false_returns::FalseReturns,
     quantization: quantization::Quantization,
     gate: gate::Gate,
+    response: response::Response,
 }
 
 impl Effects {
@@ -206,8 +209,14 @@ impl Effects {
         }
         let range = echoes.reported();
         let least_power = self.detection.as_ref().map_or(0.0, |detection| detection.power);
-        let near = self.near.as_ref().map_or(0.0, |near| near.intensity);
-        echoes.intensity = F::splat(least_power).mul(range.mul(range)).max(F::splat(near));
+        echoes.intensity = F::splat(least_power).mul(range.mul(range));
+        if let Some(near) = &self.near {
+            echoes.intensity = echoes.intensity.max(near.least_intensity(range));
+        }
+        if let Some(response) = &self.response {
+            (echoes.range, echoes.number) = (range, FIRST_NUMBER - 1);
+            response.apply(pulses, &draws.response, &mut echoes);
+        }
         Some(echoes)
     }
 

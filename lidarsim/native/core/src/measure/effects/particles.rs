@@ -10,8 +10,8 @@
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
-use super::air::{Air, Event, Process, Threshold};
 pub(super) use super::air::MOST;
+use super::air::{Air, Event, Process, Threshold};
 use super::fluctuation::Fluctuation;
 use super::{Draws, Effect, Pulses};
 use crate::arith::elementary::exp;

@@ -1,0 +1,155 @@
+//! The response: the number that a sensor reports for an intensity.
+//!
+//! I' = min(limit, round((I·f(R)·c)^e·(1 + σg))), with a factor f against range, a factor c of the channel, an
+//! exponent e, and a normal g. It comes last, so that noise and detection have seen I.
+
+use super::range_noise::interpolated;
+use super::{Echoes, Effect, Pulses};
+use crate::arith::elementary::{exp, ln};
+use crate::arith::simd::{Floats, lanes};
+use crate::measure::parameters::{Parameters, Value};
+use crate::measure::rng::EffectId;
+
+#[derive(Clone, Debug)]
+pub(super) struct Response {
+    /// (range, factor) with rising ranges: linear between, constant outside. Empty: 1.
+    range: Vec<[f64; 2]>,
+    exponent: f64,
+    /// σ.
+    sigma: f64,
+    /// Standard deviation of the logarithm of the factor of a channel.
+    ring_sigma: f64,
+    /// 0: none.
+    resolution: f64,
+    limit: f64,
+}
+
+/// Per pulse: the factor of its channel, and a normal for its first echo.
+#[derive(Default)]
+pub(super) struct Drawn {
+    factors: Vec<f64>,
+    normals: Vec<f64>,
+}
+
+/// The effect by whose id the factors of channels are drawn, with the ring in place of the pulse, and frame 0.
+pub(super) struct Channels;
+
+impl Effect for Channels {
+    const ID: Option<EffectId> = Some(EffectId(10));
+    type Draws = ();
+
+    fn from_parameters<P: Parameters>(_: &P) -> Result<Option<Self>, P::Error> {
+        Ok(None)
+    }
+}
+
+impl Effect for Response {
+    /// Draw i is for the i-th echo of a pulse, from the nearest, counted before any is lost.
+    const ID: Option<EffectId> = Some(EffectId(9));
+    type Draws = Drawn;
+
+    fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
+        let Some(exponent) = parameters.optional_number("measurement.response.exponent")? else {
+            return Ok(None);
+        };
+        let range = match parameters.value("measurement.response.range")? {
+            Value::Nothing => Vec::new(),
+            Value::Rows(rows) => rows,
+            other => return Err(parameters.unexpected("measurement.response.range", other)),
+        };
+        Ok(Some(Response {
+            range,
+            exponent,
+            sigma: parameters.number("measurement.response.sigma")?,
+            ring_sigma: parameters.number("measurement.response.ring_sigma")?,
+            resolution: parameters.number("measurement.response.resolution")?,
+            limit: parameters.number("measurement.response.limit")?,
+        }))
+    }
+
+    #[inline(always)]
+    fn draw(&self, pulses: &Pulses, Drawn { factors, normals }: &mut Drawn) {
+        if self.ring_sigma > 0.0 {
+            pulses.normals_of_channels::<Channels>(0, factors);
+            for factor in factors {
+                *factor = exp(self.ring_sigma * (*factor - 0.5 * self.ring_sigma));
+            }
+        }
+        if self.sigma > 0.0 {
+            pulses.normals::<Self>(0, normals);
+        }
+    }
+
+    #[inline(always)]
+    fn apply<F: Floats<f64, N>, const N: usize>(
+        &self,
+        pulses: &Pulses,
+        drawn: &Drawn,
+        echoes: &mut Echoes<F, N>,
+    ) {
+        let mut intensity = echoes.intensity;
+        if !self.range.is_empty() {
+            let mut factors = echoes.range.store();
+            for factor in &mut factors {
+                *factor = interpolated(&self.range, *factor);
+            }
+            intensity = intensity.mul(F::load(&factors));
+        }
+        if self.ring_sigma > 0.0 {
+            intensity = intensity.mul(lanes::load(&drawn.factors, echoes.part));
+        }
+        if self.exponent != 1.0 {
+            let mut powers = intensity.store();
+            for power in &mut powers {
+                // Also for 0 and NaN.
+                *power = if *power > 0.0 { exp(self.exponent * ln(*power)) } else { *power };
+            }
+            intensity = F::load(&powers);
+        }
+        if self.sigma > 0.0 {
+            let normal = match echoes.number {
+                0 => lanes::load(&drawn.normals, echoes.part),
+                number => pulses.lane_normals::<Self, F, N>(number, echoes),
+            };
+            let factor = F::splat(1.0).add(F::splat(self.sigma).mul(normal));
+            intensity = intensity.mul(factor.max(F::splat(0.0)));
+        }
+        if self.resolution > 0.0 {
+            let mut counts = intensity.store();
+            for count in &mut counts {
+                *count = (*count / self.resolution).round_ties_even() * self.resolution;
+            }
+            intensity = F::load(&counts);
+        }
+        echoes.intensity = intensity.min(F::splat(self.limit));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::rng::Stream;
+
+    #[test]
+    fn an_intensity_becomes_a_count() {
+        let response = Response {
+            range: vec![[1.0, 0.5], [3.0, 1.0]],
+            exponent: 0.5,
+            sigma: 0.0,
+            ring_sigma: 0.0,
+            resolution: 0.25,
+            limit: 1.5,
+        };
+        let pulses = Pulses { stream: Stream::new(1, 2, 3), indices: &[0], rings: &[0], directions: &[] };
+        let report = |range: f64, intensity: f64| {
+            let mut echoes = Echoes::<f64, 1>::new(0, 0, range, intensity, intensity / (range * range), 0);
+            response.apply(&pulses, &Drawn::default(), &mut echoes);
+            echoes.intensity
+        };
+        // √(0.5·0.5), √(0.75·1), √0.02, √9.
+        assert_eq!(report(0.5, 0.5), 0.5);
+        assert_eq!(report(2.0, 1.0), 0.75);
+        assert_eq!([report(9.0, 0.02), report(9.0, 0.0)], [0.25, 0.0]);
+        assert_eq!(report(9.0, 9.0), 1.5);
+    }
+}

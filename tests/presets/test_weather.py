@@ -1,0 +1,49 @@
+"""In fog, rain and snow, presets see a few points in the air, and surfaces behind it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+
+ROOT = Path(__file__).parents[2]
+STILL = ("faro-", "leica-", "riegl-", "hokuyo-", "rplidar-", "sick-")
+"""Terrestrial and airborne scanners, and those of one plane."""
+AIR = {
+    "rain, 5 mm/h": (ls.Atmosphere.rain(5.0), (0.0, 0.01)),
+    "rain, 25 mm/h": (ls.Atmosphere.rain(25.0), (0.0, 0.03)),
+    "fog, 300 m": (ls.Atmosphere.fog(300.0), (0.0, 0.02)),
+    "fog, 60 m": (ls.Atmosphere.fog(60.0), (0.02, 0.4)),
+    "snow, 1 mm/h": (ls.Atmosphere.snow(1.0), (0.02, 0.15)),
+}
+"""Bounds of the share of points in the air."""
+
+
+@pytest.fixture(scope="module")
+def street() -> ls.Scene:
+    return ls.config.load(ROOT / "configs" / "demo.yaml").scene
+
+
+@pytest.mark.parametrize("noise", ["datasheet", "measured"])
+@pytest.mark.parametrize("name", [name for name in ls.Lidar.presets() if not name.startswith(STILL)])
+def test_the_air_has_its_share_of_points(name: str, noise: str, street: ls.Scene) -> None:
+    try:
+        lidar = ls.Lidar.preset(name, noise=noise)
+    except ValueError:
+        pytest.skip("no measured noise")
+    pose = np.eye(4)
+    pose[:3, 3] = (0.0, -1.8, 1.9)
+    dense = name == "velodyne-vls128" and noise == "measured"  # a higher threshold would hide road that its capture has
+    off = {}
+    for kind, (atmosphere, (least, most)) in AIR.items():
+        street.atmosphere = atmosphere
+        scan = lidar.scan(street, pose, seed=1)
+        point = ~np.isnan(scan.range)
+        assert scan.source is not None
+        share = (scan.source[point] == ls.Source.atmosphere).mean()
+        if not least <= share <= (0.21 if dense and kind.startswith("snow") else most):
+            off[kind] = float(share)
+    assert off == {}
