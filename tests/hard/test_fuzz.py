@@ -67,6 +67,11 @@ RESULTS = {
     "io.packets.Sent",
     "Waveforms",
     "patterns.Description",
+    "worlds.Asset",
+    "worlds.Part",
+    "worlds.Street",
+    "worlds.Walker",
+    "worlds.Ways",
 }
 """Classes that functions return: their methods are called, their constructors not."""
 
@@ -214,6 +219,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "values": lambda _: np.array([(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]),
     "texture_coordinates": lambda _: None,
     "wrap": lambda _: ("clamp", "mirror"),
+    **dict.fromkeys(("variation", "grain"), lambda _: 0.1),
     # Patterns
     "elevations": lambda _: np.array([-0.1, 0.1]),
     **dict.fromkeys(("azimuths", "azimuth_offsets"), lambda _: np.array([0.0, 0.1])),
@@ -255,6 +261,10 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     ),
     **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction", "power_sigma", "false_returns"), lambda _: 1e-3),
     "crossover": lambda _: (0.5, 2.0),
+    "near_threshold": lambda _: 0.01,
+    "near_range": lambda _: 20.0,
+    "response": lambda _: ls.Response(limit=1.0),
+    **dict.fromkeys(("exponent", "sigma", "ring_sigma", "limit"), lambda _: 0.5),
     "visibility": lambda _: 50.0,
     **dict.fromkeys(("backscatter", "aperture", "divergence"), lambda _: 1e-3),
     **dict.fromkeys(("intercept", "slope", "reflectance"), lambda _: 1.0),
@@ -315,6 +325,12 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "resolution": lambda _: 0.5,
     "free_from": lambda _: None,
     "animation": lambda _: None,
+    # Worlds
+    "rng": lambda _: np.random.default_rng(0),
+    **dict.fromkeys(("width", "height", "length", "posture", "load"), lambda _: None),
+    "storeys": lambda _: 2,
+    "clearance": lambda _: 0.0,
+    "rider": lambda _: True,
     # Files
     "path": lambda folder: folder / "cloud.npz",
     "topic": lambda _: None,
@@ -325,6 +341,19 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 """By name of a parameter, what it may be."""
 
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
+    **dict.fromkeys(("Material.from_texture.image", "Texture.image"), lambda _: np.zeros((2, 2))),
+    **dict.fromkeys(("Material.from_texture.interpolation", "Texture.interpolation"), lambda _: "nearest"),
+    "Response.range": lambda _: [(1.0, 0.5), (5.0, 1.0)],
+    "PointCloud.to_pandas.class_names": lambda _: True,
+    **dict.fromkeys(("mujoco.World.pose.body", "mujoco.World.poses.body"), lambda _: None),
+    **dict.fromkeys(("mujoco.World.pose.offset", "mujoco.World.poses.offset"), lambda _: None),
+    "worlds.building.kind": lambda _: "house",
+    "worlds.building.depth": lambda _: None,
+    "worlds.furniture.kind": lambda _: "bench",
+    "worlds.tree.kind": lambda _: "bush",
+    "worlds.vehicle.kind": lambda _: "suv",
+    "worlds.street.kind": lambda _: "rural",
+    "worlds.street.length": lambda _: 60.0,
     **dict.fromkeys(("Imu.measure.start", "Gnss.measure.start", "Rig.inertial.start"), lambda _: 0.5),
     **dict.fromkeys(("Rig.fixes.start", "ImuSamples.between.start", "GnssFixes.between.start"), lambda _: 0.5),
     **dict.fromkeys(("Imu.measure.end", "Gnss.measure.end", "Rig.inertial.end"), lambda _: 1.5),
@@ -565,6 +594,7 @@ INSTANCES = {
     "Comparison": lambda: ls.compare(cloud(), cloud()),
     "LaserScan": lambda: flat_scan().laser_scan(),
     "OccupancyGrid": lambda: ls.occupancy(ball_and_floor(), 0.5, 0.1),
+    "worlds.Asset": lambda: ls.worlds.vehicle("suv", np.random.default_rng(0)),
     "Waveforms": lambda: lidar().scan(ball_and_floor()).waveforms(),
 }
 """By class, what is better than what its constructor makes of the example."""

@@ -231,7 +231,11 @@ def test_scene_grows_between_casts():
 
 
 BAD_OBJECTS = [
-    ({"shape": "a ball"}, TypeError, "shape: expected a lidarsim shape, got str"),
+    (
+        {"shape": "a ball"},
+        TypeError,
+        "shape: expected a lidarsim shape, got str; TriangleMesh.from_file(path) reads a mesh",
+    ),
     ({"name": 3}, TypeError, "name: expected a string, got 3"),
     ({"label": -1}, ValueError, "label: expected an integer from 0 to 4294967295, got -1"),
     ({"label": 2**32}, ValueError, "label: expected an integer from 0 to 4294967295, got 4294967296"),
