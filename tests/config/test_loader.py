@@ -187,7 +187,7 @@ def test_every_shape_and_pattern_has_a_test_or_a_preset() -> None:
     from lidarsim.config.schema import PATTERNS
     from lidarsim.config.schema import SHAPES as MODELS
 
-    assert MODELS.keys() <= SHAPES.keys()
+    assert MODELS.keys() <= SHAPES.keys() | {*ls.worlds.GENERATORS}  # tests/worlds
     used = {type(ls.Lidar.preset(name).pattern).__name__ for name in ls.Lidar.presets()}
     assert {model.constructor.__name__ for model in PATTERNS.values()} - used <= {"Grid", "Table"}
 
@@ -262,6 +262,9 @@ MEASUREMENT = """
     detection: {reflectivity: 0.1, range_m: 90}
     power_sigma: 0.2
     crossover_m: [0.5, 3]
+    near_threshold: 0.02
+    near_range_m: 15
+    response: {range_m: [[1, 0.5], [5, 1]], exponent: 0.5, sigma: 0.02, ring_sigma: 0.1, resolution: 0.01, limit: 1}
     extinction_per_m: 0.001
     false_returns: 0.01
     beam: {divergence_azimuth_mrad: 3, divergence_elevation_mrad: 1.5, pulse_length_ns: 6, rays: 7, separation_m: 1.5}
@@ -284,6 +287,11 @@ def test_every_effect_of_the_measurement() -> None:
         detection=ls.Detection(reflectivity=0.1, range=90),
         power_sigma=0.2,
         crossover=(0.5, 3.0),
+        near_threshold=0.02,
+        near_range=15.0,
+        response=ls.Response(
+            range=[(1, 0.5), (5, 1)], exponent=0.5, sigma=0.02, ring_sigma=0.1, resolution=0.01, limit=1.0
+        ),
         extinction=0.001,
         false_returns=0.01,
         beam=ls.Beam(3e-3, 1.5e-3, pulse_length=6e-9, rays=7, separation=1.5),

@@ -71,7 +71,10 @@ def test_frame_without_pulses_is_empty() -> None:
         ({"directions": [[1, np.nan, 0]]}, "directions: expected finite numbers, got directions[0][1] = nan"),
         (
             {"directions": [[1, 0]]},
-            "directions: expected shape (n, 3), got (1, 2); of azimuth a and elevation e: [cos e · cos a, cos e · sin a, sin e]",
+            (
+                "directions: expected shape (n, 3), got (1, 2); of azimuth a and elevation e: "
+                "[cos e · cos a, cos e · sin a, sin e]"
+            ),
         ),
         ({"times": [0.0, -1.0]}, "times: expected times >= 0, got times[1] = -1"),
         ({"times": [0.0]}, "times: expected shape (2,), got (1,)"),
