@@ -1,14 +1,11 @@
-"""Load training data from the shards of a data set or scan it on the fly, with PyTorch if it is installed."""
+"""Load training data from the files of a data set or scan it on the fly, with PyTorch if it is installed."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
@@ -34,22 +31,18 @@ def chosen(xyz: np.ndarray, label: np.ndarray, number: int) -> tuple[np.ndarray,
     return xyz[index].astype(np.float32), label[index].astype(np.int64)
 
 
-class FromShards:
-    """Clouds of a data set, each read from its place in a tar file: a map-style dataset of PyTorch."""
+class FromFiles:
+    """Clouds of a data set of any layout, each read on request: a map-style dataset of PyTorch."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.rows = pyarrow.parquet.read_table(folder / "index.parquet").to_pylist()
+    def __init__(self, folder: str) -> None:
+        self.frames = ls.datasets.load(folder)
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self.frames)
 
     def __getitem__(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        row = self.rows[number]
-        with (self.folder / row["shard"]).open("rb") as file:
-            file.seek(row["offset"])
-            arrays = np.load(io.BytesIO(file.read(row["size"])))
-        return chosen(arrays["xyz"], arrays["label"], number)
+        cloud = self.frames[number].cloud
+        return chosen(cloud.xyz, cloud.label, number)
 
 
 class OnTheFly:
@@ -82,7 +75,7 @@ def _batches(dataset: Any, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]
 
 if __name__ == "__main__":  # workers may import this file
     ls.generate(table, "table", sequences=CLOUDS, seed=SEED, layout="shards", pictures=0)
-    for dataset in (FromShards(Path("table")), OnTheFly()):
+    for dataset in (FromFiles("table"), OnTheFly()):
         shares = np.zeros(4)
         for xyz, label in batches(dataset):
             shares += np.bincount(np.asarray(label).ravel(), minlength=4)

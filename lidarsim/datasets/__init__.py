@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from lidarsim._base.files import PathLike
     from lidarsim._base.validation import Transform
+    from lidarsim.datasets.loading import DataSet
     from lidarsim.lidar import Lidar
     from lidarsim.motion.trajectory import Trajectory
     from lidarsim.rig import Rig
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
     MakeRun = Callable[[np.random.Generator, int], tuple[Scene, Lidar | Rig, Trajectory | Transform | None]]
 
-__all__ = ["Generated", "generate", "verify"]
+__all__ = ["Generated", "generate", "load", "verify"]
 
 TOLD = 10
 """Greatest number of failed shards that an error names."""
@@ -122,9 +123,9 @@ def generate(
     seed : int, optional
         Seed of all draws and all noise. Default: that of the recipe; 0 for a function.
     layout : str or dict, optional
-        ``"semantickitti"``, ``"kitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with this as ``type``
-        and the layout's options, which ``configs/README.md`` documents with the files of each layout. Default: that of
-        the recipe; ``"shards"`` for a function.
+        ``"semantickitti"``, ``"kitti"``, ``"openpcdet"``, ``"mmdetection3d"``, ``"nuscenes"``, ``"shards"`` or
+        ``"bags"``, or a mapping with this as ``type`` and the layout's options, which ``configs/README.md`` documents
+        with the files of each layout. Default: that of the recipe; ``"shards"`` for a function.
     shard_frames : int, optional
         Number of frames made at a time. Default: as many as fire 40 million pulses, but at most 1/32 of all.
     class_names : dict of int to str, optional
@@ -256,6 +257,51 @@ def _check_client(client: object) -> None:
     distributed = sys.modules.get("distributed")
     if client is not None and (distributed is None or not isinstance(client, distributed.Client)):
         raise ArgumentTypeError("client", "a dask.distributed.Client", shown(client))
+
+
+def load(folder: PathLike, *, split: str | None = None) -> DataSet:
+    """Read back a data set of any layout, lazily, for training.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        The folder of a complete data set, or a URL as text, such as ``s3://bucket/folder``.
+    split : str, optional
+        Only the frames of this split. Default: all frames.
+
+    Returns
+    -------
+    DataSet
+        A sequence of frames, ordered by sequence, frame and sensor: ``len(frames)`` is their number, and ``frames[i]``
+        reads one, with the cloud as the layout holds it, its boxes, poses and time, and images on demand; with a rig,
+        the frames of each sensor count. It can be pickled, and used in threads and forked processes, and is a map-style
+        data set of PyTorch. Reading a frame from bags reads the bag up to it; bags with a cut cannot be read.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no complete data set, or its notes are damaged.
+    TypeError, ValueError
+        If the data set has no such split, or `folder` is no path.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lidarsim as ls
+    >>> def scenes(rng, sequence):
+    ...     scene = ls.Scene()
+    ...     _ = scene.add(ls.Sphere((rng.uniform(5, 10), 0, 0), 1.0), label=1)
+    ...     return scene, ls.Lidar.preset("velodyne-vlp16"), None
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     done = ls.generate(scenes, folder, sequences=2, layout="kitti", pictures=0)
+    ...     frames = ls.datasets.load(folder)
+    ...     frame = frames[1]
+    >>> len(frames), frame.sequence, frame.boxes.label.tolist(), frame.image(size=(16, 900)).shape
+    (2, 1, [1], (16, 900))
+    """
+    from lidarsim.datasets import loading
+
+    return loading.load(folder, split)
 
 
 def verify(output: PathLike) -> list[str]:

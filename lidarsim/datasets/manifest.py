@@ -26,9 +26,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from lidarsim._base.files import told
+from lidarsim._base.files import parsing, told
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import short
 from lidarsim.datasets.samples import RANGES, Record
@@ -39,13 +39,14 @@ from lidarsim.errors import FileFormatError, LidarsimError
 if TYPE_CHECKING:
     from typing import BinaryIO
 
+    from lidarsim.datasets.layouts import Layout
     from lidarsim.datasets.recipe import Recipe
     from lidarsim.datasets.store import Store
 
 __all__ = [
-    "CARD", "MANIFEST", "PARTS", "PICTURES", "Head", "Part", "Plan", "complete", "differences", "done", "finish",
-    "is_complete", "lost", "missing", "part_name", "parts", "pictures", "records", "start", "verify", "versions",
-    "write_part",
+    "CARD", "MANIFEST", "PARTS", "PICTURES", "Head", "Part", "Place", "Plan", "complete", "differences", "done",
+    "finish", "is_complete", "lost", "missing", "part_name", "parts", "pictures", "places", "recipe_of", "record",
+    "records", "start", "verify", "versions", "write_part",
 ]  # fmt: skip
 
 MANIFEST, PARTS, RECIPE, CARD, PICTURES = "manifest.jsonl", "manifest", "recipe.yaml", "README.md", "pictures"
@@ -137,6 +138,9 @@ class Plan:
     def versions(self) -> dict[str, str]:
         """Versions of the packages that affect the bits."""
         return self.head.versions
+
+
+_RECORD = TypeAdapter(Record)
 
 
 def versions() -> dict[str, str]:
@@ -410,6 +414,76 @@ def parts(plan: Plan) -> Iterator[Part]:
 def records(plan: Plan) -> Iterator[Record]:
     """Yield the records of all samples in order."""
     return (record for part in parts(plan) for record in part.records)
+
+
+def recipe_of(store: Store) -> bytes:
+    """Return the recipe of a complete data set.
+
+    Raises
+    ------
+    FileFormatError
+        If the data set is incomplete or there is none, or the manifest or the recipe is damaged.
+    """
+    head = complete(store)
+    if head is None:
+        raise FileFormatError(f"{store}: expected a complete data set of lidarsim.generate, got no {MANIFEST}")
+    data = _read(store, RECIPE)
+    if data is None or hashlib.sha256(data).hexdigest() != head.recipe:
+        got = "none" if data is None else "another"
+        raise FileFormatError(f"{store}/{RECIPE}: expected the recipe of the data set, got {got}")
+    return data
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the record of a sample is: the bytes `start` to `stop` of the part of a shard; and its split."""
+
+    shard: int
+    start: int
+    stop: int
+    split: str = ""
+
+
+def places(store: Store) -> Iterator[Place]:
+    """Yield the places of the records of a complete data set in order; each part is read once, and none is kept.
+
+    Raises
+    ------
+    FileFormatError
+        If a part is lost or damaged.
+    """
+    decoder, key = json.JSONDecoder(), b'"records": ['
+    for entry in _entries(store):
+        if (shard := _shard_of(entry.file)) is None:
+            continue
+        data = _read(store, entry.file) or b""
+        if hashlib.sha256(data).hexdigest() != entry.sha256:
+            raise FileFormatError(f"{store}/{entry.file}: expected the notes of the shard, got another file or none")
+        with parsing(f"{store}/{entry.file}", "part of a data set"):
+            text = data.decode("ascii")
+            start = data.index(key) + len(key)
+            while text[start] != "]":
+                record, stop = decoder.raw_decode(text, start)
+                yield Place(shard, start, stop, record["split"])
+                start = stop + len(", ") if text.startswith(", ", stop) else stop
+
+
+def record(store: Store, place: Place, layout: Layout) -> Record:
+    """Return the record at a place, with the notes of a layout.
+
+    Raises
+    ------
+    FileFormatError
+        If it is damaged.
+    """
+    name = part_name(place.shard)
+    with store.open(name) as file:
+        file.seek(place.start)
+        data = file.read(place.stop - place.start)
+    with _parsing(f"{store}/{name}"):
+        found: Record = _RECORD.validate_json(data, strict=True)
+        layout.noted.model_validate(found.extra)
+    return found
 
 
 def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:

@@ -66,6 +66,9 @@ class Store(Protocol):
     def open(self, name: str) -> BinaryIO:
         """Open a regular file for reading; `FileNotFoundError` if it does not exist."""
 
+    def reading(self, name: str) -> AbstractContextManager[Path]:
+        """Yield the path of a local file with the content of a regular file; `FileNotFoundError` as in `open`."""
+
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder; empty if it does not exist."""
 
@@ -200,6 +203,12 @@ class Folder:
             os.close(descriptor)
             raise FileFormatError(f"{path}: expected a regular file, got a folder, pipe or device")
         return os.fdopen(descriptor, "rb")
+
+    @contextmanager
+    def reading(self, name: str) -> Iterator[Path]:
+        """Yield the path of a file, with its links resolved."""
+        self.open(name).close()
+        yield self._inside(self.root / name)
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""
@@ -405,6 +414,15 @@ class Remote:
         with self._problems():
             file: Any = filesystem.open(path, "rb")
         return io.BufferedReader(file)
+
+    @contextmanager
+    def reading(self, name: str) -> Iterator[Path]:
+        """Yield the path of a local copy."""
+        with TemporaryDirectory(prefix="lidarsim-") as folder, self.open(name) as file:
+            local = Path(folder, Path(name).name)
+            with local.open("wb") as copy:
+                shutil.copyfileobj(file, copy)
+            yield local
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""

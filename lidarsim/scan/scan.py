@@ -676,8 +676,7 @@ class Scan(Pickled, Plotted):
             row, column, shape = rows_and_columns(frame, self.pulses)
         else:
             row, column, shape = projection(frame, self.pulses, size)
-        unset = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else np.nan
-        image = np.full((*shape, *values.shape[1:]), _UNUSED.get(field, unset), values.dtype)
+        image = np.full((*shape, *values.shape[1:]), unset(field, values.dtype), values.dtype)
         if size is None:  # one pixel per pulse
             image[row, column] = values
         else:  # the last write wins: pulses without a return come first, the nearest return comes last
@@ -1059,3 +1058,9 @@ def _chosen(pulses: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
     if given.shape != (count,):
         raise ArgumentValueError("pulses", f"a mask of shape ({count},)", f"shape {given.shape}")
     return np.flatnonzero(given).astype(np.uint64)
+
+
+def unset(field: str, dtype: np.dtype[Any]) -> float:
+    """Return the value of a field in pixels without a point; see `Scan.image`."""
+    value: float = _UNUSED.get(field, np.iinfo(dtype).max if dtype.kind in "iu" else np.nan)
+    return value

@@ -11,7 +11,9 @@ from pydantic import BeforeValidator, Discriminator, TypeAdapter, ValidationErro
 from lidarsim.datasets.layouts._layout import Files, Layout, Summary, class_name
 from lidarsim.datasets.layouts.bags import Bags
 from lidarsim.datasets.layouts.kitti import Kitti
+from lidarsim.datasets.layouts.mmdetection3d import MMDetection3D
 from lidarsim.datasets.layouts.nuscenes import NuScenes
+from lidarsim.datasets.layouts.openpcdet import OpenPCDet
 from lidarsim.datasets.layouts.semantickitti import SemanticKitti
 from lidarsim.datasets.layouts.shards import Shards
 from lidarsim.errors import ArgumentValueError
@@ -21,7 +23,9 @@ __all__ = ["LAYOUTS", "AnyLayout", "Files", "Layout", "Summary", "class_name", "
 LAYOUTS: dict[str, type[Layout]] = {
     "bags": Bags,
     "kitti": Kitti,
+    "mmdetection3d": MMDetection3D,
     "nuscenes": NuScenes,
+    "openpcdet": OpenPCDet,
     "semantickitti": SemanticKitti,
     "shards": Shards,
 }

@@ -27,6 +27,7 @@ from lidarsim.rig import Rig
 if TYPE_CHECKING:
     from lidarsim.run import Run
     from lidarsim.scan.boxes import Boxes
+    from lidarsim.scan.fields import Fields
     from lidarsim.world.scene import Scene
 
 Extra = dict[str, Any]
@@ -251,6 +252,10 @@ class Layout(Model):
     @abstractmethod
     def writer(self, files: Files, shard: int) -> AbstractContextManager[Write]:
         """Return a context manager whose value writes the samples of a shard in order."""
+
+    @abstractmethod
+    def read(self, store: Store, record: Record) -> Fields:
+        """Return the fields of a sample's cloud that the files hold."""
 
     @abstractmethod
     def finish(self, files: Files, summary: Summary) -> None:

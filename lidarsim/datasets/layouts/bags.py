@@ -8,29 +8,42 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
-from lidarsim.datasets.samples import Sample
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Noted, Summary, Write
+from lidarsim.datasets.samples import Number, Record, Sample
+from lidarsim.datasets.store import check_path
+from lidarsim.errors import FileFormatError
 from lidarsim.io import _storage, rosbag
 from lidarsim.run.bags import bag
 from lidarsim.sensor.gnss import GnssFixes
 
 if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
+    from lidarsim.datasets.store import Store
     from lidarsim.run import Run
+    from lidarsim.scan.fields import Fields
     from lidarsim.sensor.imu import ImuSamples
+
+
+class Located(Noted):
+    """Bag of a sample, and the number of its message among those of its sensor."""
+
+    bag: Annotated[str, AfterValidator(check_path)]
+    message: Number
 
 
 class Bags(Layout):
     """ROS 2 bags with the messages of the sensors' drivers."""
 
+    noted: ClassVar[type[Noted]] = Located
     of_scans: ClassVar[bool] = True
     has_samples: ClassVar[bool] = True
 
@@ -64,18 +77,23 @@ class Bags(Layout):
         del shard
         bags: dict[int, tuple[rosbag.Writer, dict[str, Any], Mapping[str, ImuSamples | GnssFixes]]] = {}
         begun: set[int] = set()
+        written: Counter[str] = Counter()
+        name = ""
         with ExitStack() as stack:
 
             def write(sample: Sample) -> Extra:
+                nonlocal name
                 record, run = sample.record, sample.run
                 if record.sequence not in bags:
                     stack.close()  # the bag of the previous sequence
                     about: dict[str, Any] = {"samples": 0, "points": 0, "seed": run.seed}
-                    name = f"{record.frame:06}.mcap"
-                    path = stack.enter_context(files.local(f"{_folder(record.sequence)}/{name}", about))
-                    bag = stack.enter_context(self._open(path, name, run, about))
+                    short = f"{record.frame:06}.mcap"
+                    name = f"{_folder(record.sequence)}/{short}"
+                    path = stack.enter_context(files.local(name, about))
+                    bag = stack.enter_context(self._open(path, short, run, about))
                     bags[record.sequence] = bag, about, run.samples()
                     begun.clear()
+                    written.clear()
                 bag, about, samples = bags[record.sequence]
                 if record.frame not in begun:
                     begun.add(record.frame)
@@ -83,9 +101,22 @@ class Bags(Layout):
                 bag.write({record.sensor: sample.scan} if record.sensor else sample.scan)
                 about["samples"] += 1
                 about["points"] += record.points
-                return {}
+                written[record.sensor] += 1
+                return {"bag": name, "message": written[record.sensor] - 1}
 
             yield write
+
+    def read(self, store: Store, record: Record) -> Fields:
+        """Return the fields of a message; the bag is read up to it."""
+        if self.cut not in {None, "pattern"} or self.cut_deg is not None:
+            raise FileFormatError("expected bags whose messages are frames, got bags with a cut")
+        name, number = record.extra["bag"], record.extra["message"]
+        with store.reading(name) as path:
+            own = (one for one in rosbag.read(path) if record.sensor in {"", one.frame_id})
+            message = next(itertools.islice(own, number, None), None)
+        if message is None:
+            raise FileFormatError(f"{name}: expected more than {number} clouds, got fewer")
+        return {field: getattr(message.cloud, field) for field in message.cloud.fields}
 
     @contextmanager
     def _open(self, path: Path, name: str, run: Run, about: dict[str, Any]) -> Iterator[rosbag.Writer]:

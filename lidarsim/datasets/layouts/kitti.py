@@ -30,35 +30,37 @@ Format: https://www.cvlibs.net/datasets/kitti/eval_object.php, the object develo
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from io import BytesIO
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from lidarsim._base.validation import shown
 from lidarsim.config.schema import Model
 from lidarsim.datasets.layouts._camera import seen
+from lidarsim.datasets.layouts._detection import (
+    IGNORED,
+    SETS,
+    Detection,
+    Upright,
+    number_name,
+    points_of,
+    read_points,
+    root,
+    upright,
+    write_sets,
+)
 from lidarsim.datasets.layouts._images import black_png
-from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Layout, Noted, Summary, Write, class_name
-from lidarsim.datasets.samples import Annotation, Number, Record, Sample
-from lidarsim.errors import ArgumentValueError
-from lidarsim.io import kitti
-from lidarsim.rig import Rig
+from lidarsim.datasets.layouts._layout import Extra, Files, Summary, Write, class_name
+from lidarsim.datasets.samples import Annotation, Record, Sample
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
-    from lidarsim.run import Run
+    from lidarsim.datasets.store import Store
+    from lidarsim.scan.fields import Fields
 
-SETS, TRAINING, TESTING = "ImageSets", "training", "testing"
-SPLITS = ("train", "val", "test")
-"""Splits that both packages read, even if they are empty."""
-
-IGNORED = "DontCare"
+TRAINING, TESTING = "training", "testing"
 NOTHING = f"{IGNORED} -1 -1 -10 0 0 0 0 -1 -1 -1 -1000 -1000 -1000 -10\n"
 """A label that says nothing about no pixel."""
 
@@ -83,67 +85,21 @@ class Camera(Model):
         return np.array([[focal, 0.0, column, 0.0], [0.0, focal, row, 0.0], [0.0, 0.0, 1.0, 0.0]])
 
 
-class Numbered(Noted):
-    """Number of a sample among those of all sequences."""
-
-    number: Number
-
-
-@dataclass(frozen=True)
-class _Upright:
-    """A box that is upright in the frame of the sensor, with its heading, rad."""
-
-    center: Floats
-    size: Floats
-    axes: Floats
-    yaw: float
-
-
-def _upright(box: Annotation) -> _Upright:
-    """Return the upright box of the same centre and heading around a box."""
-    turn, yaw = box.matrix[:3, :3], math.atan2(box.rotation[3], box.rotation[0])
-    axes = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    return _Upright(np.array(box.center), np.abs(axes.T @ turn) @ box.size, axes, yaw)
-
-
-class Kitti(Layout):
+class Kitti(Detection):
     """Points and boxes for detectors that learn from KITTI."""
 
-    noted: ClassVar[type[Noted]] = Numbered
-    held: ClassVar[tuple[str, ...] | None] = ("intensity",)
+    top: ClassVar[tuple[str, ...]] = (SETS, TRAINING, TESTING)
     reading: ClassVar[str] = """
 Labels are of what a virtual camera sees that looks along the sensor's x axis. There are no images: those in `image_2`
 are black, and only tell their size.
 """
 
     type: Literal["kitti"]
-    boxes: Kept = BoxFilter()
     camera: Camera = Camera()
-
-    @property
-    def kept(self) -> BoxFilter:
-        """Filter of the boxes."""
-        return self.boxes
-
-    def check_classes(self, class_names: Mapping[int, str]) -> None:
-        """Raise `ValueError` if a class name cannot stand in a label."""
-        super().check_classes(class_names)
-        labels = self.boxes.labels(class_names)
-        for label, name in class_names.items():
-            if labels is not None and label not in labels:
-                continue
-            if not name.isprintable() or re.fullmatch(r"\S+", name) is None or name == IGNORED:
-                expected = f"printable text without spaces, and not {IGNORED}, in kitti"
-                raise ArgumentValueError(f"class_names[{label}]", expected, shown(name))
 
     def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
         """Yield the boxes that the camera sees."""
-        return (pair for pair in super().annotations(frame) if self._view(_upright(pair[1])) is not None)
-
-    def names(self, run: Run, sequences: int) -> set[str]:
-        """Return a folder per sensor of a rig, or the names for a single sensor."""
-        del sequences
-        return set(run.sensor) if isinstance(run.sensor, Rig) else {SETS, TRAINING, TESTING}
+        return (pair for pair in super().annotations(frame) if self._view(upright(pair[1])) is not None)
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
@@ -154,30 +110,27 @@ are black, and only tell their size.
         def write(sample: Sample) -> Extra:
             record = sample.record
             about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
-            buffer = BytesIO()
-            kitti.save({name: getattr(sample.cloud, name) for name in sample.cloud.fields}, buffer)
             labels = "".join(filter(None, (self._label(box, sample.class_names) for box in record.boxes)))
             parts: dict[str, bytes | memoryview] = {
-                "velodyne/{}.bin": buffer.getbuffer(),
+                "velodyne/{}.bin": points_of(sample).getbuffer(),
                 "label_2/{}.txt": (labels or NOTHING).encode(),
                 "calib/{}.txt": self._calibration(record).encode(),
                 "image_2/{}.png": image,
             }
-            folder = f"{_root(record.sensor)}{TESTING if record.split == 'test' else TRAINING}"
             for name, data in parts.items():
-                files.write(f"{folder}/{name.format(_name(sample.number))}", data, **about)
+                files.write(f"{_folder(record)}/{name.format(number_name(sample.number))}", data, **about)
             return {"number": sample.number}
 
         yield write
 
     def _label(self, box: Annotation, names: Mapping[int, str]) -> str:
         """Return the line of a box; empty if the camera does not see it."""
-        upright = _upright(box)
-        view = self._view(upright)
+        around = upright(box)
+        view = self._view(around)
         if view is None:
             return ""
         rectangle, truncation = view
-        size, yaw = upright.size, upright.yaw
+        size, yaw = around.size, around.yaw
         x, y, z = (TO_CAMERA[:3, :3] @ (box.center - np.array([0.0, 0.0, size[2] / 2]))).tolist()
         length, width, height = size.tolist()
         rotation = _wrapped(-yaw - math.pi / 2)
@@ -187,7 +140,7 @@ are black, and only tell their size.
         name = class_name(box.label, names)
         return f"{name} {truncation!r} {occlusion} {' '.join(map(repr, numbers))}\n"
 
-    def _view(self, box: _Upright) -> tuple[tuple[float, ...], float] | None:
+    def _view(self, box: Upright) -> tuple[tuple[float, ...], float] | None:
         """Return the rectangle around what the camera sees of a box, and the share that it does not; see `seen`."""
         corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * box.size @ box.axes.T + box.center
         return seen(corners @ TO_CAMERA[:3, :3].T, self.camera.projection, self.camera.width, self.camera.height)
@@ -200,25 +153,17 @@ are black, and only tell their size.
             f"{name}: {' '.join(f'{value:.12e}' for value in rows.flat)}\n" for name, rows in matrices.items()
         )
 
+    def read(self, store: Store, record: Record) -> Fields:
+        """Return coordinates and intensity."""
+        return read_points(store, f"{_folder(record)}/velodyne/{number_name(record.extra['number'])}.bin")
+
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the frames of each split."""
-        parts: dict[str, dict[str, list[int]]] = {}
-        for record in summary.records():
-            sets = parts.setdefault(record.sensor, {name: [] for name in (*SPLITS, *summary.splits)})
-            sets[record.split or SPLITS[0]].append(record.extra["number"])
-        for sensor, sets in sorted(parts.items()):
-            both = {} if "trainval" in sets else {"trainval": sorted(sets["train"] + sets["val"])}
-            for name, numbers in (sets | both).items():
-                lines = "".join(f"{_name(number)}\n" for number in numbers)
-                files.write(f"{_root(sensor)}{SETS}/{name}.txt", lines.encode())
+        write_sets(files, summary)
 
 
-def _name(number: int) -> str:
-    return f"{number:06}"
-
-
-def _root(sensor: str) -> str:
-    return f"{sensor}/" if sensor else ""
+def _folder(record: Record) -> str:
+    return f"{root(record.sensor)}{TESTING if record.split == 'test' else TRAINING}"
 
 
 def _wrapped(angle: float) -> float:

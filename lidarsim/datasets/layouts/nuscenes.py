@@ -50,7 +50,9 @@ from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import QUALITATIVE
 
 if TYPE_CHECKING:
+    from lidarsim.datasets.store import Store
     from lidarsim.run import Run
+    from lidarsim.scan.fields import Fields
 
 VERSION, COLORS, LABELS = "v1.0-lidarsim", "colormap.json", "lidarseg"
 POINTS, SWEEPS, MAPS = "samples", "sweeps", "maps"
@@ -168,6 +170,15 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
             return {}
 
         yield write
+
+    def read(self, store: Store, record: Record) -> Fields:
+        """Return coordinates, intensity and ring, and the labels of key frames."""
+        with store.reading(self.points(record)) as path, path.open("rb") as file:
+            fields = nuscenes.load(file, columns=list(nuscenes.NAMES))
+        if self.shares_stamp(record.frame):
+            with store.open(_labels(record)) as file:
+                fields["label"] = np.frombuffer(file.read(), np.uint8).astype(np.uint32)
+        return fields
 
     def points(self, record: Record) -> str:
         """Return the name of the file with the points of a sample or sweep."""

@@ -32,7 +32,9 @@ from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import QUALITATIVE
 
 if TYPE_CHECKING:
+    from lidarsim.datasets.store import Store
     from lidarsim.run import Run
+    from lidarsim.scan.fields import Fields
 
 CLASSES = "semantic-kitti.yaml"
 
@@ -77,6 +79,15 @@ class SemanticKitti(Layout):
             return {"number": number}
 
         yield write
+
+    def read(self, store: Store, record: Record) -> Fields:
+        """Return coordinates, intensity, label and instance."""
+        folder, number = _folder(record), record.extra["number"]
+        with store.reading(f"{folder}/velodyne/{number:06}.bin") as path, path.open("rb") as file:
+            fields = kitti.load(file, columns=list(kitti.NAMES))
+        with store.reading(f"{folder}/labels/{number:06}.label") as path:
+            label, instance = semantickitti.read_labels(path)
+        return fields | {"label": label, "instance": instance}
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Write poses, calibration and times of each sequence, and the classes."""

@@ -32,7 +32,9 @@ from lidarsim.errors import FileFormatError
 from lidarsim.io import npz
 
 if TYPE_CHECKING:
+    from lidarsim.datasets.store import Store
     from lidarsim.run import Run
+    from lidarsim.scan.fields import Fields
 
 FIELDS = ("intensity", "time", "ring", "label", "object_id")
 ROWS = 1 << 16
@@ -110,6 +112,12 @@ class Shards(Layout):
         in_world = sample.run.cloud["frame"] == "world"
         arrays = {"xyz": cloud.xyz if in_world else cloud.xyz.astype(np.float32)}
         return arrays | {name: getattr(cloud, name) for name in self.fields if name != "xyz"}
+
+    def read(self, store: Store, record: Record) -> Fields:
+        """Return the arrays of the archive."""
+        with store.open(record.extra["shard"]) as file:
+            file.seek(record.extra["offset"])
+            return npz.load(BytesIO(file.read(record.extra["size"])))
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the tables."""

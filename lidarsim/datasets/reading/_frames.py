@@ -135,7 +135,7 @@ def recipe_of(folder: Path) -> dict[str, Any]:
     return recipe if isinstance(recipe, dict) else {}
 
 
-def names_in(names: object, path: Path) -> dict[int, str]:
+def names_in(names: object, path: os.PathLike[str] | str) -> dict[int, str]:
     """Return class names by label from a YAML mapping in the file `path`."""
     named: dict[int, str] = validated(dict[int, str], names, path)
     return named
