@@ -612,7 +612,10 @@ def compare(
     output: Annotated[Path | None, _file("--output -o", "HTML", "Write a report with plots.")] = None,
     json: Annotated[Path | None, _file("--json", "JSON", "Write all numbers.")] = None,
     sensor: Annotated[
-        str | None, _option("--sensor", "NAME", "Preset that tells the columns of clouds which have none.")
+        str | None,
+        _option(
+            "--sensor", "NAME|FILE", "Sensor, a preset or a file, that tells the columns of clouds which have none."
+        ),
     ] = None,
 ) -> None:
     """Say how simulated point clouds differ from real ones.
@@ -645,7 +648,9 @@ def compare(
         paragraph(f"not measured, since {why}: {', '.join(names)}")
     for note in comparison.notes:
         paragraph(f"note: {note}")
-    paragraph(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ")
+    few = sum(measure.verdict == "cannot tell" for measure in measured)
+    untold = f"; of {few} these data cannot tell" if few else ""
+    paragraph(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ{untold}")
     for path in filter(None, (output, json)):
         comparison.save(path)
         print_line(path)

@@ -3,15 +3,18 @@
 Each measure is a statistic of the points of each side, with an interval by bootstrap over the frames, or, of few
 frames, over blocks of columns. A measure differs if in some of its cells (bins of range, rings, …) the difference is
 relevant, by a limit stated with the measure, and larger than chance makes the largest of all that are compared
-(Bonferroni's inequality over all cells of all measures, Student's distribution over blocks). All else is alike as far
-as these data tell: each cell gives the least difference that would have counted.
+(Bonferroni's inequality over all cells of all measures, Student's distribution over blocks), or if that holds of the
+mean over all its cells. Sides are alike only where a difference just relevant would have been found; each cell gives
+the least that would have counted.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +24,19 @@ from lidarsim._base.validation import shown
 from lidarsim.comparison import _report as _report  # registers the page
 from lidarsim.comparison._frame import Frame
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
-from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, reasons, values
+from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, Verdict, reasons, values
 from lidarsim.comparison._sources import Given, Source, intensity_unit, source
-from lidarsim.comparison._statistics import Estimate, Units, critical, estimate, interval
+from lidarsim.comparison._statistics import (
+    Divergence,
+    Estimate,
+    Share,
+    Units,
+    critical,
+    divergence,
+    error_of_difference,
+    estimate,
+    interval,
+)
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.lidar import Lidar
 from lidarsim.scan.pointcloud import PointCloud
@@ -42,6 +55,8 @@ __all__ = [
     "values",
 ]
 
+SensorLike = str | os.PathLike[str] | Lidar | None
+
 FEWEST = 50
 """Fewest samples of a cell that is compared."""
 FEWEST_UNITS = 4
@@ -50,7 +65,7 @@ UNLIKE = 1.1
 """Ratio of the numbers of rings above which sensors are unlike: fewer rings may just see nothing."""
 
 
-def compare(real: Given, simulated: Given, *, sensor: str | Lidar | None = None) -> Comparison:
+def compare(real: Given, simulated: Given, *, sensor: SensorLike = None) -> Comparison:
     """Compare simulated point clouds with real ones, measure by measure.
 
     Parameters
@@ -60,10 +75,10 @@ def compare(real: Given, simulated: Given, *, sensor: str | Lidar | None = None)
         clouds of one sensor, a folder of these (with subfolders, in the order of the numbers in their names), or an
         iterable of them. Frames are read one at a time. Without a field `range`, the range is the distance from the
         origin. Intensities that are whole numbers above 1 are taken as percent.
-    sensor : str or Lidar, optional
-        The sensor, or its name in `Lidar.presets()`. It puts points without rings into rings, by the order of the
-        points if it is that of KITTI, else by their elevations, and points without columns into columns, by their
-        azimuths. `Comparison.notes` say so of rings.
+    sensor : str, path-like or Lidar, optional
+        The sensor, its name in `Lidar.presets()`, or a file that `Lidar.from_file` reads. It puts points without rings
+        into rings, by the order of the points if it is that of KITTI, else by their elevations, and points without
+        columns into columns, by their azimuths. `Comparison.notes` say so of rings.
 
     Returns
     -------
@@ -102,7 +117,7 @@ def compare(real: Given, simulated: Given, *, sensor: str | Lidar | None = None)
     return compare_sources(source("real", real), source("simulated", simulated), sensor)
 
 
-def compare_sources(real: Source, simulated: Source, sensor: str | Lidar | None) -> Comparison:
+def compare_sources(real: Source, simulated: Source, sensor: SensorLike) -> Comparison:
     """Compare two sources; see `compare`."""
     lidar = _sensor(sensor)
     scans = _Scans()
@@ -203,14 +218,16 @@ def _add_pair(sides: tuple[_Side, _Side], real: Frame, simulated: Frame, last: F
     return True
 
 
-def _sensor(sensor: str | Lidar | None) -> Lidar | None:
+def _sensor(sensor: SensorLike) -> Lidar | None:
     if sensor is None or isinstance(sensor, Lidar):
         return sensor
-    if not isinstance(sensor, str):
-        raise ArgumentTypeError("sensor", "a Lidar or the name of a preset", shown(sensor))
-    if sensor not in Lidar.presets():
-        raise ArgumentValueError("sensor", f"a Lidar or one of {', '.join(Lidar.presets())}", shown(sensor))
-    return Lidar.preset(sensor)
+    if not isinstance(sensor, str | os.PathLike):
+        raise ArgumentTypeError("sensor", "a Lidar, the name of a preset or a file", shown(sensor))
+    if sensor in Lidar.presets():
+        return Lidar.preset(str(sensor))
+    if not Path(sensor).suffix:
+        raise ArgumentValueError("sensor", f"a Lidar, a file or one of {', '.join(Lidar.presets())}", shown(sensor))
+    return Lidar.from_file(Path(sensor))
 
 
 def _judged(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: bool) -> Comparison:
@@ -223,16 +240,13 @@ def _judged(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: boo
         if not why and statistic.cells.labels is None:
             why = unlike
         if not why:
-            cells = max(side.units[name].cells for side in (real, simulated))
-            found[name] = tuple(  # type: ignore[assignment]
-                estimate(statistic.summary, side.units[name], cells, seed=2 * i + k)
-                for k, side in enumerate((real, simulated))
-            )
+            found[name] = _estimated(statistic, real.units[name], simulated.units[name], seed=2 * i)
         else:
             refused[name] = why
-    tests = sum(int(_compared(*pair).sum()) for pair in found.values())
+    contrasts = {name: _contrast(STATISTICS[name], *pair) for name, pair in found.items()}
+    tests = sum(int(contrast.compared.sum()) for contrast in contrasts.values())
     measures = [
-        _measured(statistic, *found[name], tests) if name in found else _refused(statistic, refused[name])
+        _measured(statistic, contrasts[name], tests) if name in found else _refused(statistic, refused[name])
         for name, statistic in STATISTICS.items()
     ]
     notes = [
@@ -292,25 +306,93 @@ def _mean(values: Any) -> float:
     return float(known.mean()) if known.size else np.nan
 
 
-def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: int) -> Measure:
-    """Return the verdict on a measure."""
+def _estimated(statistic: Statistic, real: Units, simulated: Units, seed: int) -> tuple[Estimate, Estimate]:
+    """Return the estimates of both sides; units are resampled in pairs if there are as many on both sides."""
+    if isinstance(statistic.summary, Divergence):
+        return divergence(real, simulated, seed)
+    cells = max(real.cells, simulated.cells)
+    unpaired = len(real) != len(simulated)
+    return (
+        estimate(statistic.summary, real, cells, seed),
+        estimate(statistic.summary, simulated, cells, seed + unpaired),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Contrast:
+    """The estimates of both sides, and which of their cells are compared.
+
+    Attributes
+    ----------
+    real, simulated : Estimate
+        The estimates; with a last cell for the mean over all others if it is pooled.
+    compared : ndarray of bool, shape (cells,)
+        Which cells have enough samples.
+    relevant, error : ndarray of float64, shape (cells,)
+        Limit of what is relevant, and standard error of the difference.
+    pooled : bool
+        Whether the last cell is the mean over all others.
+    """
+
+    real: Estimate
+    simulated: Estimate
+    compared: Any
+    relevant: Any
+    error: Any
+    pooled: bool
+
+
+def _contrast(statistic: Statistic, real: Estimate, simulated: Estimate) -> _Contrast:
+    """Return both sides of a measure side by side, centred and pooled as the measure says."""
     compared = _compared(real, simulated)
     if statistic.centred:
         real, simulated = _centred(real, compared), _centred(simulated, compared)
-    difference = simulated.value - real.value
-    error = np.hypot(real.error, simulated.error)
-    chance = critical(tests, np.minimum(real.units, simulated.units)) * error
     relevant = np.maximum(statistic.least, statistic.relative * np.abs(real.value))
+    # Shares and what is centred have the same mean on both sides.
+    several = compared.sum() > 1 and not statistic.centred and not isinstance(statistic.summary, Share)
+    if several:
+        # Cells count by their samples, in units of what is relevant in them.
+        n = 1.0 / (1.0 / real.count[compared] + 1.0 / simulated.count[compared])
+        weight = n / relevant[compared]
+        weight /= weight.sum()
+        relevant = np.append(relevant, weight @ relevant[compared])
+        real, simulated = (_with_mean(one, compared, weight, n / n.sum()) for one in (real, simulated))
+        compared = np.append(compared, True)
+    return _Contrast(real, simulated, compared, relevant, error_of_difference(real, simulated), several)
+
+
+def _with_mean(one: Estimate, cells: Any, weight: Any, share: Any) -> Estimate:
+    """Return an estimate with one more cell, the weighted mean of some; a share of the samples weights its units."""
+    drawn = one.resampled[:, cells]
+    drawn = np.where(np.isfinite(drawn), drawn, one.value[cells]) @ weight
+    floor = float(np.sqrt(((weight * one.floor[cells]) ** 2).sum()))
+    inflation = np.sqrt(share @ one.units[cells] / (share @ one.units[cells] - 1.0))
+    more = {
+        "value": weight @ one.value[cells],
+        "count": one.count[cells].sum(),
+        "units": share @ one.units[cells],
+        "error": max(float(drawn.std(ddof=1)) * inflation, floor),
+        "floor": floor,
+    }
+    appended = {name: np.append(getattr(one, name), value) for name, value in more.items()}
+    return Estimate(**appended, resampled=np.column_stack([one.resampled, drawn]))
+
+
+def _measured(statistic: Statistic, contrast: _Contrast, tests: int) -> Measure:
+    """Return the verdict on a measure."""
+    real, simulated, compared, relevant = contrast.real, contrast.simulated, contrast.compared, contrast.relevant
+    difference = simulated.value - real.value
+    chance = critical(tests, np.minimum(real.units, simulated.units)) * contrast.error
     least = np.where(compared, np.maximum(chance, relevant), np.nan)
     size = difference if statistic.upwards else np.abs(difference)
     differs = size > least
     drawn = simulated.resampled - real.resampled
     told = np.flatnonzero((real.count > 0) | (simulated.count > 0))
-    if statistic.name.startswith("points by"):  # every cell has a share, which may be 0
+    if isinstance(statistic.summary, Share):  # every cell has a share, which may be 0
         told = np.flatnonzero(np.nan_to_num(real.value) + np.nan_to_num(simulated.value) > 0)
     cells = {
         int(i): Cell(
-            label=statistic.cells.label(int(i)),
+            label="all" if contrast.pooled and i == len(compared) - 1 else statistic.cells.label(int(i)),
             real=float(real.value[i]),
             simulated=float(simulated.value[i]),
             real_interval=real.interval(int(i)),
@@ -333,9 +415,14 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
     worst = int(np.argmax(excess))
     number = int(differs.sum())
     of = f" in {number} of {int(compared.sum())} cells" if compared.sum() > 1 else ""
-    typical = float(np.median(least[compared]))
+    verdict: Verdict = "differs" if number else "alike" if _tells(contrast, chance) else "cannot tell"
+    # What would have counted over all, or typically in a cell.
+    over = np.flatnonzero(compared)[-1:] if contrast.pooled else np.flatnonzero(compared)
+    typical, matters = (float(np.median(limit[over])) for limit in (least, relevant))
     if number:
         why = f"the difference is relevant and beyond chance{of}"
+    elif verdict == "cannot tell":
+        why = f"chance could hide differences up to {typical:.2g} {statistic.unit}; {matters:.2g} would be relevant"
     elif typical:
         why = f"differences above {typical:.2g} {statistic.unit} would have counted{', typically' if of else ''}"
     else:
@@ -344,7 +431,7 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
     return Measure(
         name=statistic.name,
         unit=statistic.unit,
-        verdict="differs" if number else "alike",
+        verdict=verdict,
         why=why,
         where=headline.label,
         by=statistic.cells.what,
@@ -352,6 +439,15 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
         cells=tuple(cells.values()),
         **{part.name: getattr(headline, part.name) for part in fields(Contrast)},
     )
+
+
+def _tells(contrast: _Contrast, chance: Any) -> bool:
+    """Return whether a relevant difference would have been beyond chance: over all, or for half of the samples."""
+    clear = chance <= contrast.relevant
+    if contrast.pooled:
+        return bool(clear[-1])
+    n = np.where(contrast.compared, np.minimum(contrast.real.count, contrast.simulated.count), 0.0)
+    return bool(n[clear].sum() >= 0.5 * n.sum())
 
 
 def _refused(statistic: Statistic, why: str) -> Measure:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.comparison._frame import ROUGH, Frame, Image, Mask
 from lidarsim.comparison._statistics import (
+    Divergence,
     Histogram,
     Indices,
     Mean,
@@ -45,8 +46,12 @@ INTENSITIES = np.array([-math.inf, 0.1, 0.25, 0.6, math.inf])
 """Edges of the bins of intensity."""
 JUMPS = np.array([0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, math.inf])
 """Edges of the bins of the range jump at an edge, m."""
+RUNS = np.array([1.0, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0, 100.0, math.inf])
+"""Edges of the bins of the length of runs of missing pixels."""
 STEPS = np.array([0.5, 1.0, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 20.0, 25.0, 50.0]) * 1e-3
 """Steps of the range that are looked for, m."""
+HEIGHT = 0.4
+"""Step of heights, m."""
 FALL_OFF = 10.0
 """α of the density-aware Chamfer distance, 1/m: a point 0.1 m from its nearest neighbour counts e times less."""
 PAIRED = 20_000
@@ -208,6 +213,7 @@ BY_RING = Cells("ring", None)
 BY_RANGE = _bins("range", RANGES, " m")
 BY_COSINE = _bins("cos incidence", COSINES, "")
 BY_JUMP = _bins("range jump", JUMPS, " m")
+BY_RUN = Cells("pixels", ("1", "2", "3", "4 and 5", "6 to 9", "10 to 19", "20 to 49", "50 to 99", "100 or more"))
 BY_RANGE_AND_INTENSITY = Cells(
     "range and intensity",
     tuple(
@@ -407,6 +413,34 @@ def holes(frame: Frame) -> Samples:
     return Samples(_place(a[agree], RANGES), image.block[:, 2:-2][agree], lost[agree].astype(np.float64))
 
 
+@measure("runs of missing pixels", "share", Share(), BY_RUN, "column", least=0.02)
+def runs_of_missing(frame: Frame) -> Samples:
+    """Share of the runs of pulses along a ring that do not return, between two that do, by their length."""
+    image = _image(frame)
+    row, column = np.nonzero(image.point >= 0)
+    length = np.where(np.diff(row) == 0, np.diff(column) - 1, 0).astype(np.float64)
+    return Samples(_place(length, RUNS), image.block[row[:-1], column[:-1]], length)
+
+
+@measure("isolated points", "share", Rate(), BY_RANGE, "column", least=2e-3)
+def isolated_points(frame: Frame) -> Samples:
+    """Share of the first returns without a neighbour at a like range, as drops, fog and false returns are.
+
+    Neighbours are the pixels up to two columns and one ring away; a like range differs by 0.5 m or 5 % at most.
+    """
+    reach = _image(frame).reach
+    padded = np.pad(reach, ((1, 1), (2, 2)), constant_values=np.nan)
+    high, wide = reach.shape
+    alone = np.isfinite(reach)
+    near = np.maximum(0.5, 0.05 * reach)
+    for down, across in itertools.product(range(3), range(5)):
+        if (down, across) != (1, 2):
+            with np.errstate(invalid="ignore"):
+                alone &= ~(np.abs(padded[down : down + high, across : across + wide] - reach) <= near)
+    seen = np.isfinite(reach)
+    return Samples(_place(reach[seen], RANGES), _image(frame).block[seen], alone[seen].astype(np.float64))
+
+
 BRIGHTNESS = Histogram(_logarithmic(1e-4, 10.0), trimmed(0.1, 0.9))
 
 
@@ -422,6 +456,51 @@ def intensity_by_incidence(frame: Frame) -> Samples:
     image = _image(frame)
     on = image.planes.on
     return Samples(_place(image.planes.cosine[on], COSINES), image.block[on], _intensity(frame)[image.point[on]])
+
+
+@measure(
+    "scatter of intensity",
+    "1",
+    Histogram(_logarithmic(1e-3, 10.0), quantile(0.5)),
+    BY_RANGE,
+    "column",
+    "intensity",
+    least=0.01,
+    relative=0.15,
+)
+def scatter_of_intensity(frame: Frame) -> Samples:
+    """Relative scatter of the intensity along a ring on planes: 1.4826 times the median of |second difference|/√6.
+
+    The second difference is that of three neighbours, over their mean; of independent noise it has a variance of 6 σ².
+    """
+    image = _image(frame)
+    on = image.planes.on
+    whole = on[:, 2:] & on[:, 1:-1] & on[:, :-2]
+    bright = np.where(on, _intensity(frame)[image.point], np.nan)
+    a, b, c = bright[:, :-2][whole], bright[:, 1:-1][whole], bright[:, 2:][whole]
+    mean = (a + b + c) / 3.0
+    scatter = np.divide(np.abs(a - 2.0 * b + c), mean, out=np.full(len(mean), np.nan), where=mean > 0.0)
+    cell = np.where(mean > 0.0, _place(image.reach[:, 1:-1][whole], RANGES), -1)
+    return Samples(cell, image.block[:, 1:-1][whole], 1.4826 * scatter / math.sqrt(6.0))
+
+
+@measure(
+    "distribution of intensity", "bit", Divergence(_logarithmic(1e-3, 10.0)), ONE, "intensity", least=0.02, upwards=True
+)
+def distribution_of_intensity(frame: Frame) -> Samples:
+    """Jensen-Shannon divergence of the intensities from the real ones, beside that by chance."""
+    return Samples(np.zeros(len(frame), np.intp), frame.block, _intensity(frame))
+
+
+@measure("distribution of height", "bit", Divergence(HEIGHT * np.arange(-50.5, 51.5)), ONE, least=0.02, upwards=True)
+def distribution_of_height(frame: Frame) -> Samples:
+    """Jensen-Shannon divergence of the heights over the sensor, in steps of 0.4 m, beside that by chance."""
+    # Each point counts for the two nearest steps, by its distance from them: so a road may lie on the edge of two.
+    place = frame.xyz[:, 2] / HEIGHT
+    below = np.floor(place)
+    one = np.zeros(2 * len(frame), np.intp)
+    value = HEIGHT * np.concatenate([below, below + 1.0])
+    return Samples(one, np.tile(frame.block, 2), value, np.concatenate([1.0 + below - place, place - below]))
 
 
 @measure("ring elevation", "rad", Slope(), BY_RING, "ring", "elevation", least=5e-4)

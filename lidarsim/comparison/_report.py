@@ -31,6 +31,7 @@ th, td { text-align: left; padding: .25rem .6rem .25rem 0; border-bottom: 1px so
 section { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem; margin: 1rem 0; }
 a { color: inherit; } svg { width: 100%; height: auto; } svg text { fill: var(--faint); font-size: 11px; }
 .differs { color: var(--differs); font-weight: 600; } .alike { color: var(--alike); font-weight: 600; }
+.cannot-tell { color: var(--faint); font-weight: 600; }
 .key { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin: 0 .3em 0 .8em; }
 .key:first-child { margin-left: 0; } .key.few { border: 1.5px solid var(--faint); width: .5em; height: .5em; }
 .key.shaded { background: var(--differs); opacity: .2; border-radius: 0; } .interval { white-space: nowrap; }
@@ -69,22 +70,29 @@ def summary(comparison: Comparison) -> str:
             f'<a href="#measure-{i}">{escape(measure.name)}</a>',
             *_values(measure),
             *map(escape, (measure.unit, "" if measure.where == "all" else measure.where)),
-            f'<span class="{measure.verdict}">{measure.verdict}</span>',
+            f'<span class="{_kind(measure)}">{measure.verdict}</span>',
             escape(measure.why),
         )
         for i, measure in enumerate(measured)
     ]
     heads = ("measure", "real", "simulated", "unit", "where they differ most", "verdict", "why")
     differing = len(comparison.differing)
+    few = sum(measure.verdict == "cannot tell" for measure in measured)
+    untold = f"; of {few} these data cannot tell" if few else ""
     told = (
         f"<p>Real: {escape(str(comparison.real))}.<br>Simulated: {escape(str(comparison.simulated))}.</p>"
-        f"<p>{differing} of {len(measured)} measures differ. In brackets: 95 % intervals.</p>"
+        f"<p>{differing} of {len(measured)} measures differ{untold}. In brackets: 95 % intervals.</p>"
     )
     notes = "".join(f"<p>Note: {escape(note)}.</p>" for note in comparison.notes)
     table = f'<div class="wide">{_table(heads, rows)}</div>' if rows else ""
     missing = [(escape(", ".join(names)), escape(why)) for why, names in reasons(comparison).items()]
     absent = _table(("not measured", "why"), missing) if missing else ""
     return f"{told}{notes}{table}{absent}"
+
+
+def _kind(measure: Measure) -> str:
+    """Return the class of a verdict in the style of the page."""
+    return measure.verdict.replace(" ", "-")
 
 
 def _values(what: Contrast) -> tuple[str, str]:
@@ -121,7 +129,7 @@ def _section(place: int, measure: Measure) -> str:
     heads = (escape(measure.by), *(name + unit for name in values_of), "n real", "n simulated", "")
     return (
         f'<section id="measure-{place}"><h2>{escape(measure.name)}'
-        f' <span class="{measure.verdict}">{measure.verdict}</span></h2><p>{escape(measure.meaning)}</p>'
+        f' <span class="{_kind(measure)}">{measure.verdict}</span></h2><p>{escape(measure.meaning)}</p>'
         f"{plot(measure)}<details><summary>Numbers</summary>"
         f'<div class="wide">{_table(heads, rows)}</div></details></section>'
     )

@@ -14,7 +14,7 @@ from lidarsim._base.shown import counted, text_table
 from lidarsim._base.validation import shown
 from lidarsim._base.views import view
 
-Verdict = Literal["alike", "differs", "not measured"]
+Verdict = Literal["alike", "differs", "cannot tell", "not measured"]
 Interval = tuple[float, float]
 
 UNKNOWN: Interval = (math.nan, math.nan)
@@ -78,8 +78,10 @@ class Measure(Contrast):
     ----------
     name, unit : str
         Name, and unit of the values: "m", "rad", "share" or "1".
-    verdict : {"alike", "differs", "not measured"}
-        "differs": in some cell the difference is relevant, and beyond chance in as many tests as the comparison makes.
+    verdict : {"alike", "differs", "cannot tell", "not measured"}
+        "differs": in some cell, or over all, the difference is relevant, and beyond chance in as many tests as the
+        comparison makes. "alike": no such difference was found, and one that is relevant over all would have been.
+        "cannot tell": none was found, but chance could hide one.
     why : str
         What the verdict rests on.
     where : str

@@ -206,6 +206,13 @@ class Histogram:
         return np.zeros(len(sums))
 
 
+class Divergence(Histogram):
+    """The distribution of the samples, which is held against that of the other side; see `divergence`."""
+
+    def __init__(self, edges: Floats) -> None:
+        super().__init__(edges, quantile(0.5))
+
+
 def trimmed(low: float, high: float) -> Callable[[Floats, Floats], Floats]:
     """Return the mean of the samples between two quantiles, as a statistic of a histogram."""
 
@@ -329,8 +336,8 @@ class Units:
         """Number of cells that any unit has."""
         return max((len(unit) for unit in self._units), default=0)
 
-    def __bool__(self) -> bool:
-        return bool(self._units)
+    def __len__(self) -> int:
+        return len(self._units)
 
 
 def _parts(units: list[Floats], length: int) -> Iterator[list[Floats]]:
@@ -357,8 +364,8 @@ class Estimate:
         Value, number of samples, and number of units with samples.
     resampled : ndarray of float64, shape (RESAMPLES, cells)
         Values of the resampled units.
-    error : ndarray of float64, shape (cells,)
-        Standard error.
+    error, floor : ndarray of float64, shape (cells,)
+        Standard error, and the least that the number of samples allows.
     """
 
     value: Floats
@@ -366,6 +373,7 @@ class Estimate:
     units: Floats
     resampled: Floats
     error: Floats
+    floor: Floats
 
     def interval(self, cell: int) -> tuple[float, float]:
         """Return the interval of a cell at the level `LEVEL`."""
@@ -390,19 +398,68 @@ def estimate(summary: Summary, units: Units, cells: int, seed: int) -> Estimate:
     n, total = len(sums), sums.sum(axis=0)
     weights = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES).astype(np.float64)
     resampled = summary.value((weights @ sums.reshape(n, -1)).reshape(RESAMPLES, *sums.shape[1:]))
-    # Of few units the bootstrap's variance is too small by (m − 1)/m.
-    inflation = np.sqrt(with_data[told] / np.maximum(with_data[told] - 1.0, 1.0))
-    spread = np.array([_deviation(column) for column in resampled.T]) * inflation
     result = Estimate(
         value=np.full(cells, np.nan),
         count=np.zeros(cells),
         units=with_data,
         resampled=np.full((RESAMPLES, cells), np.nan),
         error=np.full(cells, np.nan),
+        floor=np.full(cells, np.nan),
     )
     result.value[told], result.count[told] = summary.value(total), summary.count(total)
-    result.resampled[:, told], result.error[told] = resampled, np.maximum(spread, summary.error(total))
+    result.resampled[:, told], result.floor[told] = resampled, summary.error(total)
+    result.error[told] = np.maximum(_spread(resampled, with_data[told]), result.floor[told])
     return result
+
+
+def error_of_difference(one: Estimate, other: Estimate) -> Floats:
+    """Return the standard error of the difference of two estimates.
+
+    If both have as many units and were resampled with the same seed, so are pairs of units, and what units have in
+    common, as the same walls in a block of columns, does not count. Pairs of unrelated units are resampled as rightly.
+    """
+    spread = _spread(other.resampled - one.resampled, np.minimum(one.units, other.units))
+    return np.maximum(spread, np.hypot(one.floor, other.floor))
+
+
+def divergence(one: Units, other: Units, seed: int) -> tuple[Estimate, Estimate]:
+    """Return by how much the distribution of one side diverges from its own, drawn again, and that of the other side.
+
+    Divergences are those of Jensen and Shannon, in bits, of the histograms of all units (J. Lin, Divergence measures
+    based on the Shannon entropy, IEEE Trans. Inf. Theory 37, 1991). Chance alone makes them greater than 0, by as much
+    as the first estimate says.
+    """
+    rng = np.random.default_rng(seed)
+    sums = [units.sums(1)[:, 0] for units in (one, other)]
+    first, again, theirs = (
+        rng.multinomial(len(part), np.full(len(part), 1.0 / len(part)), size=RESAMPLES).astype(np.float64) @ part
+        for part in (sums[0], *sums)
+    )
+    chance, found = jensen_shannon(first, again), jensen_shannon(first, theirs)
+    values = float(np.mean(chance)), float(jensen_shannon(sums[0].sum(axis=0), sums[1].sum(axis=0)))
+    estimates = []
+    for part, value, resampled in zip(sums, values, (chance, found), strict=True):
+        n = part.sum(axis=1)
+        units = np.array([np.count_nonzero(n)], np.float64)
+        error = _spread(resampled[:, None], units)
+        zero = np.zeros(1)
+        estimates.append(Estimate(np.array([value]), n.sum(keepdims=True), units, resampled[:, None], error, zero))
+    return estimates[0], estimates[1]
+
+
+def jensen_shannon(one: Floats, other: Floats) -> Floats:
+    """Return the Jensen-Shannon divergence of histograms, shape (..., bins), in bits: 0 to 1."""
+    from scipy.special import entr
+
+    p, q = (_ratio(part, part.sum(axis=-1, keepdims=True)) for part in (one, other))
+    bits: Floats = (entr(0.5 * (p + q)) - 0.5 * (entr(p) + entr(q))).sum(axis=-1) / math.log(2.0)
+    return bits
+
+
+def _spread(resampled: Floats, units: Floats) -> Floats:
+    """Return the standard deviation of each cell; of few units the bootstrap's variance is too small by (m − 1)/m."""
+    inflation = np.sqrt(units / np.maximum(units - 1.0, 1.0))
+    return np.array([_deviation(column) for column in resampled.T]) * inflation
 
 
 def _deviation(values: Floats) -> float:
