@@ -28,7 +28,9 @@ FIELDS = (
     "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, instance, label, "
     "incidence, range_error"
 )
-FORMATS = ".bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, .npz, .pcap, .pcd, .pcd.bin, .ply, .pts, .ptx or .xyz"
+FORMATS = (
+    ".bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, .npz, .pcap, .pcd, .pcd.bin, .ply, .pts, .ptx, .txt or .xyz"
+)
 CONFIG = """\
 seed: 3
 sensor: {preset: velodyne-vlp16, noise: datasheet}

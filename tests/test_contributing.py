@@ -155,7 +155,7 @@ FORMAT = Toy(
     {
         "lidarsim/io/tsv.py": as_new(
             '"""Tab-separated text."""\n\nfrom functools import partial\n\nfrom lidarsim.io import text\n'
-            "from lidarsim.scan.pointcloud import register_format\n\n"
+            "from lidarsim.scan.formats import register_format\n\n"
             'register_format(".tsv", save=partial(text.save, head="", between="\\t"), load=text.load)\n'
         ),
         "lidarsim/io/__init__.py": after("    text,", "    tsv,"),

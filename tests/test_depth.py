@@ -487,7 +487,7 @@ def test_the_same_bits_for_all_threads_instruction_sets_and_parts(
             for name, array in expected.items():
                 assert np.array_equal(array, again[name], equal_nan=array.dtype.kind == "f"), (isa, threads, name)
     chosen = np.random.default_rng(0).permutation(len(scan))[:300]
-    part = arrays(ls.scan.scan(sensor, scene, moving, time=0.5, seed=3, indices=chosen))
+    part = arrays(ls.scan.scan.scan(sensor, scene, moving, time=0.5, seed=3, indices=chosen))
     for name, array in expected.items():
         assert np.array_equal(array[chosen], part[name], equal_nan=array.dtype.kind == "f"), name
 

@@ -508,7 +508,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ls.errors.FileFormatError,
         (
             "scan.pcb: unknown extension '.pcb', expected .bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, "
-            ".npz, .pcd, .pcd.bin, .ply, .pts, .ptx or .xyz"
+            ".npz, .pcd, .pcd.bin, .ply, .pts, .ptx, .txt or .xyz"
         ),
     ),
     "fields as text": (

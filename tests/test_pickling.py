@@ -54,7 +54,11 @@ def a_scene() -> ls.Scene:
 
 def a_lidar() -> ls.Lidar:
     noise = ls.Measurement(
-        range_sigma=0.02, elevation_sigma=1e-3, beam=ls.Beam(3e-3, pulse_length=5e-9), returns="dual"
+        range_sigma=0.02,
+        elevation_sigma=1e-3,
+        beam=ls.Beam(3e-3, pulse_length=5e-9),
+        returns="dual",
+        response=ls.Response(limit=1.0),
     )
     pattern = ls.patterns.Spinning(np.linspace(-0.5, 0.3, 16), columns=180)
     return ls.Lidar(pattern, measurement=noise, name="top")
@@ -299,8 +303,8 @@ CONTENTS = {
     ),
     "Measurement": (
         "azimuth_sigma beam channel_bias_sigma crossover depth detection dropout elevation_sigma extinction "
-        "false_returns power_sigma range_bias range_resolution range_sigma range_sigma_limit range_sigma_slope "
-        "returns"
+        "false_returns near_range near_threshold power_sigma range_bias range_resolution range_sigma "
+        "range_sigma_limit range_sigma_slope response returns"
     ),
     "Mid360": "rate",
     "OccupancyGrid": "cells origin resolution z",
@@ -312,6 +316,7 @@ CONTENTS = {
     "PolygonMirror": "azimuth_offsets elevations field_of_view firing_times line_rate pulse_rate rate sweep",
     "Prism": "entry_tilt exit_tilt phase rotation_rate",
     "Pulses": "column directions origins ring time",
+    "Response": "exponent limit range resolution ring_sigma sigma",
     "Rig": "_imus _receivers _sensors",
     "Risley": "beams prisms pulse_rate rate refractive_index",
     "Scan": (
@@ -329,7 +334,7 @@ CONTENTS = {
         "start_azimuth"
     ),
     "Table": "columns directions origins rate rings times",
-    "Texture": "values wrap",
+    "Texture": "interpolation values wrap",
     "Trajectory": "recipe times",
     "Triangle": "a b c transform",
     "TriangleMesh": "crs faces grid transform vertices",
@@ -380,6 +385,8 @@ def of_format(number: int, thing: pickling.Pickled, lacks: set[str], **more: Any
 
 GAINED: dict[str, tuple[Any, set[str]]] = {
     "Cells": (dataclasses.replace(THINGS["Cells"], quantity=""), {"quantity"}),
+    "Measurement": (ls.Measurement(range_sigma=0.02), {"near_threshold", "near_range", "response"}),
+    "Texture": (THINGS["Texture"], {"interpolation"}),
     "Rig": (THINGS["Rig"], {"_imus", "_receivers"}),
     "ImuErrors": (ls.ImuErrors(noise_density=1e-4), {"bias_instability"}),
     "Scene": (THINGS["Scene"], {"atmosphere", "animations"}),

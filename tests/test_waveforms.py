@@ -58,7 +58,9 @@ def shoot(
         min_range=min_range,
     )
     return (
-        ls.scan.scan(lidar, scene, pose, seed=seed, indices=indices) if indices else lidar.scan(scene, pose, seed=seed)
+        ls.scan.scan.scan(lidar, scene, pose, seed=seed, indices=indices)
+        if indices
+        else lidar.scan(scene, pose, seed=seed)
     )
 
 

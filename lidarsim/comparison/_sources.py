@@ -118,7 +118,7 @@ def _files(place: Place) -> list[Path]:
         for file in path.rglob("*")
         if not any(part.startswith(".") for part in file.relative_to(path).parts)  # of what is being written
         and (is_point_cloud(file) or rosbag.is_bag(file))
-        and file.suffix != ".label"  # SemanticKITTI's, beside the points
+        and file.suffix not in {".label", ".txt"}  # SemanticKITTI's labels, and notes, beside the points
         and file.is_file()
     ]
     if not found:

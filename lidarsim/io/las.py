@@ -192,10 +192,10 @@ def read(path: PathLike) -> Iterator[PointCloud]:
     path : path-like
         The file.
 
-    Yields
-    ------
-    PointCloud
-        Some thousand points, in the order of the file, with a field for every dimension that the file has.
+    Returns
+    -------
+    iterator of PointCloud
+        Some thousand points each, in the order of the file, with a field for every dimension that the file has.
 
     Raises
     ------

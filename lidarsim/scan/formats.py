@@ -98,7 +98,7 @@ def check_output(path: PathLike, others: Collection[str] = ()) -> None:
     OSError
         If the folder does not exist or is not writable.
     """
-    check_suffix(path, [*FORMATS, *others])
+    check_suffix(path, {*FORMATS, *others})
     if Path(path).name.lower().endswith(".copc.laz"):
         raise FileFormatError(f"{path}: COPC, which is LAZ sorted into an octree, cannot be written; name it .laz")
     check_folder(path)

@@ -337,8 +337,8 @@ pub fn scan<'py>(
     arrays(py, columns)
 }
 
-/// The echoes of an atmosphere in front of no surface: range and power of the mean one of fog, if there is one,
-/// and how many patches of fog, and how many drops or flakes, of a pulse are seen on average.
+/// The echoes of an atmosphere in front of no surface: range and power of the mean one of fog, if there is
+/// one, and how many patches of fog, and how many drops or flakes, of a pulse are seen on average.
 #[pyfunction]
 pub fn air_echoes<'py>(
     lidar: &Bound<'py, PyAny>,

@@ -24,7 +24,8 @@ pub struct PyTextureMap {
 
 #[pymethods]
 impl PyTexture {
-    /// Values (height, width), and what the texture is beyond its edges and between the centres of its texels.
+    /// Values (height, width), and what the texture is beyond its edges and between the centres of its
+    /// texels.
     #[new]
     fn new(
         py: Python<'_>,

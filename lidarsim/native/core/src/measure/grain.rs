@@ -1,8 +1,8 @@
 //! The texture of a surface: small cells that return more or less light than their neighbours.
 //!
-//! Reflectivity is multiplied by exp(v·g − v²/2), of mean 1, with a standard normal g for each cell of a cubic
-//! grid in the object's own coordinates. The random numbers depend on the cell and the object alone, so that
-//! all scans of all sensors see the same surface.
+//! Reflectivity is multiplied by exp(v·g − v²/2), of mean 1, with a standard normal g for each cell of a
+//! cubic grid in the object's own coordinates. The random numbers depend on the cell and the object alone,
+//! so that all scans of all sensors see the same surface.
 
 use super::rng::{normal_quantile, philox, uniform};
 use crate::arith::elementary::{exp, ln};
@@ -65,7 +65,8 @@ mod tests {
         }
         let mean = factors.iter().sum::<f64>() / 1e4;
         let variance = factors.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / 1e4;
-        // Five standard deviations of the mean; the kurtosis of such a variable, 4.6, is that of the variance.
+        // Five standard deviations of the mean; the kurtosis of such a variable, 4.6, is that of the
+        // variance.
         assert!((mean - 1.0).abs() < 5.0 * 0.3 / 100.0, "{mean}");
         assert!((variance / 0.09 - 1.0).abs() < 5.0 * 3.6_f64.sqrt() / 100.0, "{variance}");
     }

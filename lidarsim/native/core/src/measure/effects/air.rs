@@ -2,7 +2,7 @@
 //! comes back, how much of it is detected, and that single echoes are a Poisson process along the beam.
 
 use super::crossover::Crossover;
-use super::detection::DetectionLimit;
+use super::detection::least_power;
 use super::extinction::Extinction;
 use super::near::Near;
 use super::{Effect, Pulses, id};
@@ -70,16 +70,6 @@ impl Threshold {
         let far = self.power * range * range;
         self.near.as_ref().map_or(far, |near| far.max(near.least_intensity(range)))
     }
-}
-
-/// The least power that is detected: that of the detection limit; without one, that of a diffuser of the
-/// reflectivity 0.1 at the greatest range of the sensor, if there is one.
-pub(super) fn least_power<P: Parameters>(parameters: &P) -> Result<Option<f64>, P::Error> {
-    if let Some(detection) = DetectionLimit::from_parameters(parameters)? {
-        return Ok(Some(detection.power));
-    }
-    let max_range = parameters.number("max_range")?;
-    Ok((max_range < f64::INFINITY).then_some(0.1 / (max_range * max_range)))
 }
 
 /// An echo of a process: its number in the pulse, its range, and two more draws.

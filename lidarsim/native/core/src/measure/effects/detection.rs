@@ -31,3 +31,13 @@ impl Effect for DetectionLimit {
         echoes.lose(!seen, Status::BelowThreshold);
     }
 }
+
+/// The least power that is detected: that of the detection limit; without one, that of a diffuser of the
+/// reflectivity 0.1 at the greatest range of the sensor, if there is one.
+pub(super) fn least_power<P: Parameters>(parameters: &P) -> Result<Option<f64>, P::Error> {
+    if let Some(detection) = DetectionLimit::from_parameters(parameters)? {
+        return Ok(Some(detection.power));
+    }
+    let max_range = parameters.number("max_range")?;
+    Ok((max_range < f64::INFINITY).then_some(0.1 / (max_range * max_range)))
+}

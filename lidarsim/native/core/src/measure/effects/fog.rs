@@ -19,8 +19,8 @@
 //! A receiver with a threshold near by sees fog only where it is brighter than on average. The power of its
 //! light, x times the mean, is assumed to have Weibull's distribution, that of clutter (M. Sekine, Y. Mao:
 //! Weibull Radar Clutter, 1990): P(X > x) = exp(−(Γ(1 + 1/k)·x)^k), of mean 1, independent in each length
-//! L = √(2π)·σ of the air, that of the pulse. So the echoes that exceed the least intensity i(R) are a Poisson
-//! process along the beam of the density P(X > i(R)/(W(R)·R²))/L. The shape k is 0.7.
+//! L = √(2π)·σ of the air, that of the pulse. So the echoes that exceed the least intensity i(R) are a
+//! Poisson process along the beam of the density P(X > i(R)/(W(R)·R²))/L. The shape k is 0.7.
 
 use std::f64::consts::{LN_2, PI};
 

@@ -5,7 +5,7 @@
 //! least intensity i: a power of i/R², up to a range n. From there on this falls with 1/R⁴ until it meets
 //! the limit ρ/r² of detection, which holds farther off.
 
-use super::air::least_power;
+use super::detection::least_power;
 use super::{Echoes, Effect, Pulses};
 use crate::arith::simd::Floats;
 use crate::measure::parameters::Parameters;

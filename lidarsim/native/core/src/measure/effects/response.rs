@@ -1,7 +1,7 @@
 //! The response: the number that a sensor reports for an intensity.
 //!
-//! I' = min(limit, round((I·f(R)·c)^e·(1 + σg))), with a factor f against range, a factor c of the channel, an
-//! exponent e, and a normal g. It comes last, so that noise and detection have seen I.
+//! I' = min(limit, round((I·f(R)·c)^e·(1 + σg))), with a factor f against range, a factor c of the channel,
+//! an exponent e, and a normal g. It comes last, so that noise and detection have seen I.
 
 use super::range_noise::interpolated;
 use super::{Echoes, Effect, Pulses};
@@ -31,7 +31,8 @@ pub(super) struct Drawn {
     normals: Vec<f64>,
 }
 
-/// The effect by whose id the factors of channels are drawn, with the ring in place of the pulse, and frame 0.
+/// The effect by whose id the factors of channels are drawn, with the ring in place of the pulse, and frame
+/// 0.
 pub(super) struct Channels;
 
 impl Effect for Channels {
