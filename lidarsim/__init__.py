@@ -22,7 +22,7 @@ except ImportError as error:
 
 __version__ = "0.1.0"
 
-if getattr(_core, "__version__", __version__) != __version__:
+if _core.__version__ != __version__:
     raise ImportError(
         f"lidarsim {__version__} in {__path__[0]} has the compiled core of {_core.__version__}: "
         "run `pip install --editable .` in the clone, or reinstall lidarsim"
@@ -147,6 +147,6 @@ if not TYPE_CHECKING:  # type checkers know all names
     def __getattr__(name: str) -> NoReturn:
         """Raise an error that says where a name is that the package lacks."""
         place = next((module.__name__ for module in (patterns, materials, datasets, io) if hasattr(module, name)), "")
-        hint = f"it is {place}.{name}" if place else instead("lidarsim", name, __all__)
+        hint = instead("lidarsim", name, [] if place else __all__) or (place and f"it is {place}.{name}")
         problem = f"module 'lidarsim' has no attribute {name!r}"
         raise AttributeError(f"{problem}; {hint}" if hint and not name.startswith("_") else problem)

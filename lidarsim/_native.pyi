@@ -49,6 +49,8 @@ __all__ = [
 
 __version__: str
 
+__version__: str
+
 _Point = Sequence[float]
 
 _Item = TypeVar("_Item", bound="SceneObject")

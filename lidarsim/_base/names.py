@@ -15,7 +15,7 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 _SAVE = "write export to_file to_csv write_point_cloud save_point_cloud"
 _ATTRIBUTES = {
     "lidarsim": {
-        "PointCloud.load, Scene.from_file, config.load or Trajectory.load": "load read open from_file",
+        "PointCloud.load, Scene.from_file, config.load, datasets.load or Trajectory.load": "load read open from_file",
         "PointCloud.load": "load_point_cloud read_point_cloud load_cloud load_pcd",
         "PointCloud.save": f"save {_SAVE}",
         "TriangleMesh.from_file": "load_mesh read_mesh read_triangle_mesh",

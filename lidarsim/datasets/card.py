@@ -15,8 +15,8 @@ import numpy as np
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import short
 from lidarsim.datasets import manifest
+from lidarsim.datasets.frames import boxes_at
 from lidarsim.datasets.layouts import class_name
-from lidarsim.datasets.reading._frames import boxes_at
 from lidarsim.datasets.samples import RANGES
 from lidarsim.datasets.sampling import samples
 from lidarsim.datasets.statistics import POINTS, VISIBILITY, BoxStatistics, box_statistics

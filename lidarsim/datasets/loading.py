@@ -19,8 +19,8 @@ from lidarsim._base.files import parsing, told
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import Floats, array, integer, shown
 from lidarsim.datasets import manifest
+from lidarsim.datasets.frames import boxes_at, names_in
 from lidarsim.datasets.layouts import Layout, class_name, layout_of
-from lidarsim.datasets.reading._frames import boxes_at, names_in
 from lidarsim.datasets.store import Store, open_store
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.scan.boxes import Boxes

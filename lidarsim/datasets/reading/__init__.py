@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Protocol
 
 from lidarsim._base.files import Place
-from lidarsim.datasets.reading import bags, files, kitti, nuscenes, semantickitti, shards
-from lidarsim.datasets.reading._frames import Frame, Frames
+from lidarsim.datasets.frames import Frame, Frames
+from lidarsim.datasets.reading import bags, files, generated, kitti, nuscenes, semantickitti, shards
 
 __all__ = ["Frame", "Frames", "open_frames"]
 
@@ -23,7 +23,7 @@ class Reader(Protocol):
         """Return its frames."""
 
 
-READERS: tuple[Reader, ...] = (nuscenes, shards, kitti, semantickitti)
+READERS: tuple[Reader, ...] = (nuscenes, shards, kitti, semantickitti, bags, generated)
 """Readers of folders, in the order in which they are asked."""
 
 
@@ -39,7 +39,7 @@ def open_frames(path: Path) -> Frames:
     """
     place = Place(path)
     with place.errors_as_given():
-        readers: tuple[Reader, ...] = (*(READERS if path.is_dir() else ()), bags)
+        readers = READERS if path.is_dir() else (bags,)
         reader = next((reader for reader in readers if reader.recognise(place.path)), files)
         opened = reader.open_frames(place.path)
     return replace(opened, read=lambda first: place.each(opened.read(first)))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarsim.datasets.reading._frames import Frame, Frames, labelled, point_files
+from lidarsim.datasets.frames import Frame, Frames, labelled, point_files
 from lidarsim.errors import LidarsimError
 from lidarsim.viewers._classes import LAS_CLASSES, SEMANTIC_KITTI
 

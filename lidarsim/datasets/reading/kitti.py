@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats
-from lidarsim.datasets.reading._frames import Frame, Frames, boxes_at, folders, numbers, only, point_files, text_of
+from lidarsim.datasets.frames import Frame, Frames, boxes_at, folders, numbers, only, point_files, text_of
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from lidarsim._base.files import beside, check_regular, parsing
 from lidarsim._base.validation import Floats
-from lidarsim.datasets.reading._frames import Frame, Frames, Row, boxes_at, folders, named, text_of, validated
+from lidarsim.datasets.frames import Frame, Frames, Row, boxes_at, folders, named, text_of, validated
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud

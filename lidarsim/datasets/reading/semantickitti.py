@@ -13,7 +13,7 @@ import numpy as np
 from lidarsim._base.files import parsing
 from lidarsim._base.validation import Floats
 from lidarsim.config.document import plain, read
-from lidarsim.datasets.reading._frames import (
+from lidarsim.datasets.frames import (
     Frame,
     Frames,
     folders,

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from lidarsim._base.files import check_regular, parsing
-from lidarsim.datasets.reading._frames import (
+from lidarsim.datasets.frames import (
     Frame,
     Frames,
     Row,

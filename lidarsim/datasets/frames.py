@@ -1,4 +1,4 @@
-"""What readers of data sets give: frames, and the folders and files in which they are found."""
+"""Frames as readers of data sets return them, and the folders and files that they are read from."""
 
 from __future__ import annotations
 
