@@ -19,7 +19,8 @@ from rich.cells import cell_len
 
 import lidarsim as ls
 from lidarsim._base.shown import plain
-from lidarsim.cli import _questions, main
+from lidarsim.cli import main
+from lidarsim.cli.printing import _questions
 from tests.io.packets.captures import datagrams
 
 ROOT = Path(__file__).parents[1]

@@ -110,7 +110,7 @@ def test_the_titles_of_frames_count_from_the_first_frame(tmp_path: Path, monkeyp
     folder = made(tmp_path, "bags")
     assert (frames(folder)[0].time or 0.0) > 1e9  # the time of a clock
     titles: list[object] = []
-    monkeypatch.setattr(cli.ls, "show", lambda *_, **looks: titles.append(looks["title"]))
+    monkeypatch.setattr(cli.commands.ls, "show", lambda *_, **looks: titles.append(looks["title"]))
     page = str(tmp_path / "a.html")
     for first, expected in {0: ("frame 0, 0.00 s", "frame 1, 0.10 s"), 1: ("frame 1, 0.10 s",)}.items():
         with pytest.raises(SystemExit) as end:

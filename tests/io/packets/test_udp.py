@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim.cli import _print_sent, main
+from lidarsim.cli import main
+from lidarsim.cli.printing import print_sent
 from lidarsim.io import packets
 from lidarsim.io.packets import Packet, Sender, _format, _udp
 from tests.io.packets import toy
@@ -363,7 +364,7 @@ def test_the_command_line_sends_and_tells(config: Path, capsys: pytest.CaptureFi
 
 
 def test_the_command_line_tells_that_the_machine_is_slower(capsys: pytest.CaptureFixture[str]) -> None:
-    _print_sent("::1", packets.Sent(10, 1000, 2, lag=0.3, seconds=2.0, span=1.5, ports={7502}), 0.1)
+    print_sent("::1", packets.Sent(10, 1000, 2, lag=0.3, seconds=2.0, span=1.5, ports={7502}), 0.1)
     assert capsys.readouterr().out.splitlines() == [
         "10 packets (0.001 MB) to ::1, 1 port 7502 in 2.00 s: 5 packets/s, 2 dropped, largest lag 300 ms",
         "the sensor is faster than this machine scans: 1.50 s of it took 2.00 s; packets were late, none was left out",

@@ -1,40 +1,71 @@
-"""The command line: ``lidarsim new | scan | generate | stream | view | compare | sensors | check | bench``."""
+"""The commands."""
 
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import math
-import re
-import signal
 import sys
-import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from enum import StrEnum
 from itertools import islice
 from pathlib import Path
-from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import Progress
-from typer.main import get_command
 
 import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import check_folder, check_suffix, told
+from lidarsim._base.files import check_folder, check_suffix
 from lidarsim._base.shown import counted, plain
-from lidarsim._base.terminal import facts, paragraph, print_line, say, standard_streams, table, without_native_logs
-from lidarsim._base.validation import integer, shown
+from lidarsim._base.terminal import paragraph, print_line, table, without_native_logs
+from lidarsim._base.validation import integer
+from lidarsim.cli.options import (
+    Background,
+    Camera,
+    ColorBy,
+    ColorMap,
+    Configuration,
+    Frame,
+    Frames,
+    Overrides,
+    Screenshot,
+    Seed,
+    Size,
+    Surfaces,
+    View,
+    Viewer,
+    make_file_option,
+    make_option,
+    parse_integer,
+    parse_limits,
+    parse_output,
+    parse_part,
+    parse_path,
+    parse_size,
+    with_options,
+)
+from lidarsim.cli.printing import (
+    NAME,
+    Item,
+    describe_terrain,
+    format_list,
+    format_measured,
+    format_span,
+    format_times,
+    print_depth,
+    print_import,
+    print_others,
+    print_sensor,
+    print_sent,
+    track,
+)
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.config import starter
-from lidarsim.errors import ArgumentError, LidarsimError
+from lidarsim.errors import LidarsimError
 from lidarsim.io import packets, raster
 from lidarsim.lidar import preset_path
 from lidarsim.patterns import describe
@@ -44,25 +75,20 @@ from lidarsim.run.packets import pcap
 from lidarsim.scan.formats import is_point_cloud
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._show import check_save, checked_size, frame_title, together_title
+from lidarsim.viewers._show import check_save, frame_title, together_title
 from lidarsim.viewers.rerun import NAME as RERUN
 from lidarsim.world.scene import is_scene_file
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
-    from lidarsim.io.scenes import Imported
+
 
 app = typer.Typer(
     help="Exact and fast lidar simulation.", add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
 )
 
-
-Item = TypeVar("Item")
-
 ROWS = 10
 """Maximum rows of the table that a scan of many frames prints."""
-NAME = 60
-"""Maximum characters of a name in a table."""
 MOST_FRAMES = 100
 """Maximum frames of a data set that `view` shows unless it is told otherwise."""
 _DRAWN = {
@@ -72,115 +98,6 @@ _DRAWN = {
     "mp4": ("imageio_ffmpeg", "video"),
 }
 """Package that each kind of picture needs, and the extra that installs it."""
-
-
-class Viewer(StrEnum):
-    """A library that shows point clouds."""
-
-    PYVISTA = "pyvista"
-    OPEN3D = "open3d"
-
-
-class Camera(StrEnum):
-    """Camera position of a picture."""
-
-    BEHIND = "behind"
-    BIRDS_EYE = "birds-eye"
-    FIRST_PERSON = "first-person"
-    ORBIT = "orbit"
-    TOP = "top"
-
-
-class ColorMap(StrEnum):
-    """Colours of numbers."""
-
-    MAGMA = "magma"
-    VIRIDIS = "viridis"
-    CIVIDIS = "cividis"
-    GREY = "grey"
-
-
-class Background(StrEnum):
-    """Colour of the background of a picture."""
-
-    DARK = "dark"
-    WHITE = "white"
-
-
-def _path(text: str) -> Path:
-    if not text:  # `Path` would make it the current folder
-        raise typer.BadParameter("expected a path, got an empty one")
-    return Path(text)
-
-
-def _output(text: str) -> str:
-    return text if _path(text) else ""
-
-
-def _integer(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise typer.BadParameter(f"expected an integer, got {shown(text)}") from None
-
-
-def _real(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise typer.BadParameter(f"expected a number, got {shown(text)}") from None
-
-
-def _option(names: str, metavar: str, text: str, **more: Any) -> Any:
-    return typer.Option(*names.split(), metavar=metavar, help=text, show_default=False, **more)
-
-
-def _file(names: str, metavar: str, text: str) -> Any:
-    return _option(names, metavar, text, parser=_path)
-
-
-OPTIONS = {
-    "color_by": "--color-by",
-    "limits": "--limits",
-    "pictures": "--pictures",
-    "sensor": "--sensor",
-    "size": "--size",
-    **{name: option.flag.partition("/")[0] for name, option in outputs.options().items()},
-}
-"""Options by the Python arguments that they set: errors of the command line name the option."""
-
-Configuration = Annotated[
-    Path, typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: demo, ahead.", parser=_path)
-]
-Overrides = Annotated[
-    list[str] | None, _option("--set", "KEY=VALUE", "Override a value in CONFIG, e.g. scene.0.radius_m=2.")
-]
-Seed = Annotated[int | None, _option("--seed", "N", "Noise seed; overrides CONFIG.", parser=_integer)]
-Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame; overrides CONFIG.", parser=_integer)]
-Frames = Annotated[int | None, _option("--frames", "N", "Number of frames; overrides CONFIG.", parser=_integer)]
-Screenshot = Annotated[Path | None, _file("--screenshot", "PNG|JPG", "Write a picture; needs no display.")]
-ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Colour the points by this field, or by height.")]
-Surfaces = Annotated[
-    bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene with the points.")
-]
-View = Annotated[Camera, _option("--camera", "|".join(Camera), "Camera position.")]
-Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Size of windows and pictures in pixels; default 1600x1000.")]
-
-
-def _with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of all kinds of output, which it takes as ``**options``."""
-    own = inspect.signature(command, eval_str=True)
-    texts = {int: _integer, float: _real}
-    named = [parameter for parameter in own.parameters.values() if parameter.kind is not inspect.Parameter.VAR_KEYWORD]
-    for name, option in outputs.options().items():
-        if option.kind is bool:
-            info = typer.Option(option.flag, help=option.help)
-        else:
-            info = _option(option.flag, option.metavar, option.help, parser=texts.get(option.kind))
-        annotation = Annotated[option.kind | None, info]  # type: ignore[name-defined] # known when it runs
-        named.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation))
-    command.__signature__ = own.replace(parameters=named)  # type: ignore[attr-defined]
-    return command
 
 
 def _version(asked: bool) -> None:
@@ -199,7 +116,9 @@ def _options(
 
 
 @app.command()
-def new(folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New or empty folder.", parser=_path)]) -> None:
+def new(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New or empty folder.", parser=parse_path)],
+) -> None:
     """Make a project in FOLDER to start from: scene, sensor, runs, a recipe, a script and notes."""
     files = starter.new_project(folder)
     print_line(f"{folder}: {', '.join(path.as_posix() for path in files)}")
@@ -208,17 +127,17 @@ def new(folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New or em
 
 
 @app.command()
-@_with_options
+@with_options
 def scan(
     config: Configuration,
     *,
     output: Annotated[
         str,
-        _option(
+        make_option(
             "--output -o",
             "OUT",
             "Point cloud file, all frames in a ROS 2 bag (.mcap, .db3, or a folder, ending in /), or packets (.pcap).",
-            parser=_output,
+            parser=parse_output,
         ),
     ],
     overrides: Overrides = None,
@@ -243,7 +162,7 @@ def scan(
     place = checked_output(output)
     given = {name: outputs.options()[name].parse(value) for name, value in options.items() if value is not None}
     _check_screenshot(screenshot)
-    looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
+    looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": parse_size(size)}
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     run.check_places(place, screenshot)
@@ -290,26 +209,31 @@ def scan(
 def generate(
     recipe: Annotated[
         Path | None,
-        typer.Argument(metavar="RECIPE", help="YAML recipe, or a packaged one: detection, segmentation.", parser=_path),
+        typer.Argument(
+            metavar="RECIPE", help="YAML recipe, or a packaged one: detection, segmentation.", parser=parse_path
+        ),
     ] = None,
     *,
-    output: Annotated[str, _option("--output -o", "FOLDER|URL", "Output folder, or a URL such as s3://bucket/folder.")],
+    output: Annotated[
+        str, make_option("--output -o", "FOLDER|URL", "Output folder, or a URL such as s3://bucket/folder.")
+    ],
     workers: Annotated[
-        int | None, _option("--workers", "N", "Run N single-threaded processes.", parser=_integer)
+        int | None, make_option("--workers", "N", "Run N single-threaded processes.", parser=parse_integer)
     ] = None,
     scheduler: Annotated[
-        str | None, _option("--scheduler", "ADDRESS", "Run on a Dask cluster, e.g. tcp://host:8786.")
+        str | None, make_option("--scheduler", "ADDRESS", "Run on a Dask cluster, e.g. tcp://host:8786.")
     ] = None,
-    shard: Annotated[str | None, _option("--shard", "I/N", "Make only part I of N, counting from 0.")] = None,
+    shard: Annotated[str | None, make_option("--shard", "I/N", "Make only part I of N, counting from 0.")] = None,
     verify: Annotated[
         bool,
         typer.Option("--verify", help="Compare all existing files with the manifest; with RECIPE, repair them."),
     ] = False,
     pictures: Annotated[
-        int, _option("--pictures", "N", "Number of frames to show in the data card; default 3.", parser=_integer)
+        int,
+        make_option("--pictures", "N", "Number of frames to show in the data card; default 3.", parser=parse_integer),
     ] = 3,
     overrides: Annotated[
-        list[str] | None, _option("--set", "KEY=VALUE", "Override a value in RECIPE, e.g. frames=100.")
+        list[str] | None, make_option("--set", "KEY=VALUE", "Override a value in RECIPE, e.g. frames=100.")
     ] = None,
 ) -> None:
     """Make the data set described by RECIPE, resume it, or make its lost files again.
@@ -341,14 +265,14 @@ def generate(
             recipe,
             output,
             client=client,
-            part=_part(shard),
+            part=parse_part(shard),
             overrides=overrides or (),
             pictures=pictures,
             verify=verify,
         )
     paragraph(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
     if made.made_again:
-        paragraph(f"made again: {_listed([plain(name, most=NAME) for name in made.made_again])}")
+        paragraph(f"made again: {format_list([plain(name, most=NAME) for name in made.made_again])}")
     elif verify and not made.frames:
         paragraph(f"{output}: all files match the manifest")
     for line in made.left_out:
@@ -357,24 +281,15 @@ def generate(
         paragraph(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
 
 
-def _part(text: str | None) -> tuple[int, int]:
-    if text is None:
-        return 0, 1
-    found = re.fullmatch(r"([0-9]{1,18})/([0-9]{1,18})", text)
-    if found is None or not int(found[1]) < int(found[2]):
-        raise LidarsimError(f"--shard: expected I/N with I from 0 to N - 1, got {shown(text)}")
-    return int(found[1]), int(found[2])
-
-
 @app.command()
 def stream(
     config: Annotated[
-        Path, typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: ahead.", parser=_path)
+        Path, typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: ahead.", parser=parse_path)
     ],
     *,
     to: Annotated[
         str,
-        _option(
+        make_option(
             "--to",
             "HOST[:PORT]",
             "Where to send: a name, an IPv4 address or [IPV6]; default 127.0.0.1 and the vendor's port.",
@@ -382,10 +297,11 @@ def stream(
     ] = "127.0.0.1",
     fast: Annotated[bool, typer.Option("--fast", help="Send as fast as possible, not at the sensor's rate.")] = False,
     variant: Annotated[
-        str | None, _option("--variant", "NAME", "Layout of the packets; default: the first of the vendor's.")
+        str | None, make_option("--variant", "NAME", "Layout of the packets; default: the first of the vendor's.")
     ] = None,
     metadata: Annotated[
-        Path | None, _file("--metadata", "FILE", "Write what decoders need besides the packets, such as Ouster's JSON.")
+        Path | None,
+        make_file_option("--metadata", "FILE", "Write what decoders need besides the packets, such as Ouster's JSON."),
     ] = None,
     repeat: Annotated[bool, typer.Option("--repeat", help="Begin again after the last frame, until Ctrl-C.")] = False,
     overrides: Overrides = None,
@@ -414,26 +330,11 @@ def stream(
             if repeat:
                 sender.send(run.scans, repeat=math.inf, period=end - start)
             else:
-                sender.send(_progress(run.scans(), len(run.numbers)))
+                sender.send(track(run.scans(), len(run.numbers)))
         except KeyboardInterrupt:
-            _print_sent(to, sender.sent, None if fast else 1.0 / run.rate)
+            print_sent(to, sender.sent, None if fast else 1.0 / run.rate)
             raise
-        _print_sent(to, sender.sent, None if fast else 1.0 / run.rate)
-
-
-def _print_sent(to: str, sent: packets.Sent, period: float | None) -> None:
-    """Print what was sent, and whether scanning was slower than a sensor with frames of that period, s."""
-    ports = ", ".join(map(str, sorted(sent.ports)))
-    late = "" if period is None else f", largest lag {1e3 * sent.lag:.3g} ms"
-    paragraph(
-        f"{counted(sent.packets, 'packet')} ({sent.size / 1e6:,.3g} MB) to {to}, {counted(len(sent.ports), 'port')}"
-        f" {ports} in {sent.seconds:.2f} s: {sent.rate:,.0f} packets/s, {sent.dropped:,} dropped{late}"
-    )
-    if period is not None and sent.lag > period and sent.span:
-        paragraph(
-            f"the sensor is faster than this machine scans: {sent.span:.2f} s of it took {sent.seconds:.2f} s;"
-            " packets were late, none was left out"
-        )
+        print_sent(to, sender.sent, None if fast else 1.0 / run.rate)
 
 
 @app.command()
@@ -444,13 +345,13 @@ def view(
             metavar="PATH",
             help="Point cloud, bag, data set (SemanticKITTI, nuScenes, KITTI detection, shards), folder of these, "
             "configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, …; or a packaged configuration: demo.",
-            parser=_path,
+            parser=parse_path,
         ),
     ],
     *,
     viewer: Annotated[
         Viewer | None,
-        _option("--with", "|".join(Viewer), "Library of the window; default: pyvista."),
+        make_option("--with", "|".join(Viewer), "Library of the window; default: pyvista."),
     ] = None,
     live: Annotated[
         bool, typer.Option("--live", help="Show the frames of a configuration in Rerun while they are scanned.")
@@ -458,23 +359,27 @@ def view(
     expose: Annotated[
         bool, typer.Option("--expose", help="Let other machines reach the viewer that --live opens.")
     ] = False,
-    rrd: Annotated[Path | None, _file("--rrd", "RRD", "Write the same to a file for Rerun.")] = None,
+    rrd: Annotated[Path | None, make_file_option("--rrd", "RRD", "Write the same to a file for Rerun.")] = None,
     screenshot: Screenshot = None,
-    html: Annotated[Path | None, _file("--html", "HTML", "Write a self-contained web page.")] = None,
+    html: Annotated[Path | None, make_file_option("--html", "HTML", "Write a self-contained web page.")] = None,
     gif: Annotated[
-        Path | None, _file("--gif", "GIF", "Write an animation of all frames, or an orbit around a single one.")
+        Path | None,
+        make_file_option("--gif", "GIF", "Write an animation of all frames, or an orbit around a single one."),
     ] = None,
-    mp4: Annotated[Path | None, _file("--mp4", "MP4", "Same as --gif, but as a video.")] = None,
+    mp4: Annotated[Path | None, make_file_option("--mp4", "MP4", "Same as --gif, but as a video.")] = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
     camera: View = Camera.BEHIND,
     size: Size = "1600x1000",
     limits: Annotated[
-        str | None, _option("--limits", "LOW,HIGH", "Values at the ends of the colours; default: those of the points.")
+        str | None,
+        make_option("--limits", "LOW,HIGH", "Values at the ends of the colours; default: those of the points."),
     ] = None,
-    color_map: Annotated[ColorMap | None, _option("--color-map", "|".join(ColorMap), "Colours of numbers.")] = None,
-    background: Annotated[Background, _option("--background", "|".join(Background), "Colour.")] = Background.DARK,
-    title: Annotated[str | None, _option("--title", "TEXT", "Title; default: number and time of the frame.")] = None,
+    color_map: Annotated[ColorMap | None, make_option("--color-map", "|".join(ColorMap), "Colours of numbers.")] = None,
+    background: Annotated[Background, make_option("--background", "|".join(Background), "Colour.")] = Background.DARK,
+    title: Annotated[
+        str | None, make_option("--title", "TEXT", "Title; default: number and time of the frame.")
+    ] = None,
     accumulate: Annotated[bool, typer.Option("--accumulate", help="Show all frames in one picture, as a map.")] = False,
     overrides: Overrides = None,
     seed: Seed = None,
@@ -513,8 +418,8 @@ def view(
     viewer = viewer or Viewer.PYVISTA
     saves = _checked_saves({"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}, viewer)
     looks: dict[str, Any] = {
-        "color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value,
-        "limits": _limits(limits), "color_map": color_map and color_map.value, "background": background.value,
+        "color_by": color_by, "camera": camera.value, "size": parse_size(size), "viewer": viewer.value,
+        "limits": parse_limits(limits), "color_map": color_map and color_map.value, "background": background.value,
         "title": title,
     }  # fmt: skip
     wanted = 1 if saves == [screenshot] and not accumulate else None
@@ -605,15 +510,16 @@ def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> Non
 @app.command()
 def compare(
     real: Annotated[
-        Path, typer.Argument(metavar="REAL", help="Real points: a file, a bag, or a folder of these.", parser=_path)
+        Path,
+        typer.Argument(metavar="REAL", help="Real points: a file, a bag, or a folder of these.", parser=parse_path),
     ],
-    simulated: Annotated[Path, typer.Argument(metavar="SIM", help="Simulated points, likewise.", parser=_path)],
+    simulated: Annotated[Path, typer.Argument(metavar="SIM", help="Simulated points, likewise.", parser=parse_path)],
     *,
-    output: Annotated[Path | None, _file("--output -o", "HTML", "Write a report with plots.")] = None,
-    json: Annotated[Path | None, _file("--json", "JSON", "Write all numbers.")] = None,
+    output: Annotated[Path | None, make_file_option("--output -o", "HTML", "Write a report with plots.")] = None,
+    json: Annotated[Path | None, make_file_option("--json", "JSON", "Write all numbers.")] = None,
     sensor: Annotated[
         str | None,
-        _option(
+        make_option(
             "--sensor", "NAME|FILE", "Sensor, a preset or a file, that tells the columns of clouds which have none."
         ),
     ] = None,
@@ -674,15 +580,16 @@ def check(
         typer.Argument(
             metavar="CONFIG",
             help="YAML configuration or recipe, or a packaged one: demo, detection, segmentation.",
-            parser=_path,
+            parser=parse_path,
         ),
     ],
     *,
     sequences: Annotated[
-        int | None, _option("--sequences", "N", f"Sequences of a recipe to draw; default {CHECKED}.", parser=_integer)
+        int | None,
+        make_option("--sequences", "N", f"Sequences of a recipe to draw; default {CHECKED}.", parser=parse_integer),
     ] = None,
     screenshot: Annotated[
-        Path | None, _file("--screenshot", "PNG|JPG", "Draw the first frame of each sequence of a recipe.")
+        Path | None, make_file_option("--screenshot", "PNG|JPG", "Draw the first frame of each sequence of a recipe.")
     ] = None,
     overrides: Overrides = None,
 ) -> None:
@@ -715,7 +622,7 @@ def check(
         triangles: tuple[int | None, ...] = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
         triangles = triangles[: bool(meshes) + degenerate]
         label = "by face" if isinstance(item.label, np.ndarray) else item.label
-        moves = (_times(spans[item.id]) if item.id in spans else None,) if spans else ()
+        moves = (format_times(spans[item.id]) if item.id in spans else None,) if spans else ()
         rows.append(
             (
                 item.id,
@@ -730,23 +637,23 @@ def check(
     table(columns, rows, left=("shape", "name"), whole=("shape", "reflectivity"))
     for item in run.scene:
         if isinstance(item.shape, ls.TriangleMesh) and item.shape.grid:
-            paragraph(_terrain(item.id, item.shape))
+            paragraph(describe_terrain(item.id, item.shape))
     for file in run.imports:
-        _print_import(file)
+        print_import(file)
     for lidar in run.lidars.values():
-        _print_sensor(lidar, run.scene.atmosphere)
+        print_sensor(lidar, run.scene.atmosphere)
     for note in filter(None, notes):
         paragraph(note)
     for name, lidar in run.lidars.items():
-        _print_depth(name, lidar, run.scene)
-    _print_others(run)
+        print_depth(name, lidar, run.scene)
+    print_others(run)
     moving = [part.pose for part in run.parts if isinstance(part.pose, ls.Trajectory)]
     pose = [(moving[0].span[0], moving[-1].span[1])] if moving else []
     kinds = {"pose": pose, "objects": [*spans.values()], "all": [*pose, *spans.values()] if pose and spans else []}
     defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
     if defined:
         defined["frames"] = run.span
-        paragraph("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
+        paragraph("defined: " + ", ".join(f"{name} {format_times(span)}" for name, span in defined.items()))
     legs = [counted(len(run.legs), "strip" if moving else "station")] if run.legs else []
     counts = [counted(len(run.scene), "object"), *legs, counted(len(run.numbers), "frame")]
     paragraph(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
@@ -761,7 +668,7 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
     made = recipe.load(path, overrides or ())
     count = min(count, made.sequences)
     total, warnings, pictures = Scattered(), [], []
-    for sequence in _progress(range(count), count):
+    for sequence in track(range(count), count):
         run = made.source.run(sequence, 0)
         run.check_coverage()
         made.layout.check(run)
@@ -788,87 +695,11 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
     paragraph(f"{path}: ok, {drawn}, layout {made.layout.type}, seed {made.seed}")
 
 
-def _print_others(run: Run) -> None:
-    """Print the IMUs and GNSS receivers of a rig, with their errors."""
-    units = {"gyroscope": "rad/s", "accelerometer": "m/s²"}
-    for name, imu in run.imus.items():
-        turns = "" if imu.latitude is None else f", Earth rotation at latitude {np.degrees(imu.latitude):.6g}°"
-        print_line(f"{name}: IMU, {imu.rate:g} Hz, {_at(imu.mount)}, gravity {imu.gravity:.7g} m/s²{turns}")
-        for kind, unit in units.items():
-            errors = getattr(imu, kind)
-            named = {
-                "noise density": (errors.noise_density, f"{unit}/√Hz"),
-                "bias instability": (errors.bias_instability, unit),
-                "random walk": (errors.random_walk, f"{unit}/s/√Hz"),
-                "bias": (errors.bias, unit),
-                "scale factor": (errors.scale_factor, ""),
-                "misalignment": (errors.misalignment, "rad"),
-            }
-            told = [f"{what} {value:.4g} {of}".rstrip() for what, (value, of) in named.items() if value]
-            if np.isfinite(errors.range):
-                told.append(f"range ±{errors.range:.4g} {unit}")
-            print_line(f"  {kind}: {', '.join(told) or 'no errors'}")
-    for name, gnss in run.receivers.items():
-        given = {"noise": gnss.position_sigma, "drift": gnss.drift_sigma}
-        told = [f"{what} {_sigmas(sigma)} m" for what, sigma in given.items() if np.any(sigma)]
-        print_line(f"{name}: GNSS receiver, {gnss.rate:g} Hz, {_at(gnss.mount)}, {', '.join(told) or 'no errors'}")
-
-
-def _at(mount: Floats) -> str:
-    """Return where a sensor is on its body."""
-    return f"at {', '.join(f'{value:.4g}' for value in mount[:3, 3].tolist())} m"
-
-
-def _sigmas(values: Any) -> str:
-    """Return the standard deviations of three axes, or the one of all."""
-    told = [f"{value:.4g}" for value in np.broadcast_to(values, 3).tolist()]
-    return told[0] if len(set(told)) == 1 else ", ".join(told)
-
-
-LARGEST, SMALLEST = 20e3, 0.01
-"""Sizes of a scene, m, beyond which its unit is probably wrong."""
-MOST_NAMES = 10
-"""Maximum names in a line."""
-
-
-def _print_import(file: Imported) -> None:
-    """Print what a scene file brought in, what it did not, and which nodes no rule matched."""
-    low, high = file.bounds
-    size = high - low
-    meshes = (item.shape for item in file.objects if isinstance(item.shape, ls.TriangleMesh))
-    triangles = counted(sum(map(len, meshes)), "triangle")
-    extent = " × ".join(f"{round(length, 6):,.6g}" for length in size.tolist())
-    instances = counted(len({instance for _, instance in file.instances(0)}), "instance")
-    paragraph(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
-    for what, names in (
-        ("materials", Counter(item.material_name for item in file.objects if item.material_name)),
-        ("labels", Counter(str(item.label) for item in file.objects if item.label is not None)),
-    ):
-        if names:
-            paragraph(f"  {what}: {_listed([f'{plain(name, most=NAME)} ({count})' for name, count in names.items()])}")
-    if file.left_out:
-        paragraph(f"  left out: {', '.join(file.left_out)}")
-    if file.skipped:
-        paragraph(f"  skipped by rules: {counted(file.skipped, 'part')}")
-    if file.without_rule:
-        paths = [plain(path, most=NAME) for path in file.without_rule]
-        paragraph(f"  no rule matches {counted(len(paths), 'node')}: {_listed(paths)}")
-    if size.max() > LARGEST or size.max() < SMALLEST:
-        wrong = f"larger than {LARGEST / 1e3:g} km" if size.max() > LARGEST else f"smaller than {SMALLEST * 100:g} cm"
-        paragraph(f"  warning: {wrong}; is unit_m right?")
-
-
-def _listed(names: list[str]) -> str:
-    """Return the first names, and how many there are beside them."""
-    more = len(names) - MOST_NAMES
-    return ", ".join(names[:MOST_NAMES]) + (f" and {more:,} more" if more > 0 else "")
-
-
 @app.command()
 def sensors(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="Preset; default: list all.")] = None,
     yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, a template for your own.")] = False,
-    screenshot: Annotated[Path | None, _file("--screenshot", "PNG|SVG", "Draw the scan pattern.")] = None,
+    screenshot: Annotated[Path | None, make_file_option("--screenshot", "PNG|SVG", "Draw the scan pattern.")] = None,
 ) -> None:
     """List the sensor presets, or describe one."""
     if name is None:
@@ -879,7 +710,7 @@ def sensors(
             lidar = ls.Lidar.preset(preset)
             does = describe(lidar.pattern)
             ends = (*np.degrees([does.azimuth, does.elevation]), (lidar.min_range, lidar.max_range))
-            spans = (_span(span, digits=3).replace(" ", "") for span in ends)
+            spans = (format_span(span, digits=3).replace(" ", "") for span in ends)
             rows.append((preset, does.rings, round(does.pulses_per_second), lidar.pattern.rate, *spans))
         columns = ("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
         table(columns, rows, left=("sensor",), whole=("sensor",))
@@ -898,12 +729,12 @@ def sensors(
 
         preset = plain(read(path))
         paragraph(preset.get("description", ""))
-        _print_sensor(ls.Lidar.preset(name))
+        print_sensor(ls.Lidar.preset(name))
         for key in ("modes", "datasheet_noise"):
             if key in preset:
                 paragraph(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
         sources = dict(preset.get("sources", {}))
-        if values := _measured(preset):
+        if values := format_measured(preset):
             rows = [(key, value, sources.pop(f"measured.{key}", "")) for key, value in values.items()]
             names = ("measured", "value", "source")
             table(names, rows, left=names, whole=("measured",))
@@ -916,105 +747,6 @@ def bench(context: typer.Context) -> None:
     from lidarsim.bench import main as benchmark
 
     raise typer.Exit(benchmark(context.args))
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit with 0, or with 2 and one line on stderr after an error.
-
-    The exit code is 130 after Ctrl-C and 141 after a broken pipe, as in shells. The traceback of an error is shown in
-    Python's development mode (``python -X dev -m lidarsim``).
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Default: the arguments of the process.
-    """
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    code: object = 0
-    with standard_streams():
-        try:
-            with _insistent_interrupts():
-                _run(given or ["--help"])
-        except (typer.Exit, SystemExit) as end:
-            code = end.exit_code if isinstance(end, typer.Exit) else end.code
-        except KeyboardInterrupt:
-            code = 130
-        except BrokenPipeError:  # of stdout; errors of files name the file
-            code = 141
-        except BaseException as error:  # a panic of the core is not an `Exception`
-            if sys.flags.dev_mode:
-                raise
-            say(_reason(error))
-            code = 2
-    sys.exit(code)  # type: ignore[arg-type]
-
-
-def _run(arguments: list[str]) -> None:
-    try:
-        with get_command(app).make_context("lidarsim", arguments) as context:
-            context.command.invoke(context)
-    finally:
-        sys.stdout.flush()  # output of libraries; a failure must not wait for interpreter exit
-
-
-@contextmanager
-def _insistent_interrupts() -> Iterator[None]:
-    """Make Ctrl-C end the block; if the exception is lost, raise it again a second later or at the end of the block.
-
-    Python drops exceptions in callbacks, of which imports run many, and some libraries drop any exception.
-    """
-    main = threading.main_thread()
-    if threading.current_thread() is not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    repeats: list[threading.Timer] = []
-
-    def repeat(number: int) -> None:
-        if sys.platform == "win32":
-            signal.raise_signal(number)
-        else:  # which also wakes a sleeping thread
-            signal.pthread_kill(main.ident or 0, number)
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        repeats.append(threading.Timer(1.0, repeat, [number]))
-        repeats[-1].daemon = True
-        repeats[-1].start()
-        signal.default_int_handler(number, frame)
-
-    report = sys.unraisablehook
-
-    def report_others(dropped: sys.UnraisableHookArgs) -> None:
-        if not issubclass(dropped.exc_type, KeyboardInterrupt):
-            report(dropped)
-
-    signal.signal(signal.SIGINT, interrupt)
-    sys.unraisablehook = report_others
-    try:
-        yield
-        if repeats:
-            raise KeyboardInterrupt
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        sys.unraisablehook = report
-        for timer in repeats:
-            timer.cancel()
-
-
-def _reason(error: BaseException) -> str:
-    """Return the message of an error for the user."""
-    if isinstance(error, OSError) and error.errno is not None:  # from the system; the message of ours names the path
-        return told(error)
-    if hasattr(error, "format_message"):  # typer's errors about arguments, whichever module defines them
-        return str(error.format_message())
-    text = str(error) or type(error).__name__
-    if isinstance(error, ArgumentError):
-        option = OPTIONS.get(error.argument.partition("[")[0], error.argument)
-        return f"{option}{text.removeprefix(error.argument)}"
-    if isinstance(error, MemoryError):
-        return text if "memory" in text else f"out of memory: {text}"
-    if isinstance(error, LidarsimError | OSError | ValueError | TypeError):
-        return text
-    return f"internal error, please report it: {type(error).__name__}: {text}"
 
 
 def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> Run:
@@ -1059,7 +791,7 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float, int]]:
 def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
     """Return the clouds of a run, what else `show` takes for them, and the number of frames."""
     count = len(run.numbers)
-    found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
+    found = list(track(islice(_seen(run), wanted), min(count, wanted or count)))
     if not found:
         raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
     clouds, poses, times, numbers = zip(*found, strict=True)
@@ -1082,7 +814,7 @@ def _read(
     found = reading.open_frames(path)
     left = most if found.count is None else max(0, min(most, found.count - first))
     with without_native_logs():  # such as lazrs's of damaged data
-        frames = list(_progress(islice(found.read(first), left), left))
+        frames = list(track(islice(found.read(first), left), left))
     if not frames:
         there = "" if found.count is None else f" of {counted(found.count, 'frame')}"
         raise LidarsimError(f"{path}: --frame: expected the number of a frame{there}, got {first}")
@@ -1105,156 +837,3 @@ def _read(
     elif any(len(frame.clouds) > 1 for frame in frames):
         places["color_by"] = "sensor"
     return tuple(frame.cloud for frame in frames), places, found.count or len(frames)
-
-
-def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
-    """Yield the items, with a progress bar if stderr is a terminal."""
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
-        yield from progress.track(items, total=count, description="reading")
-
-
-def _limits(text: str | None) -> tuple[float, float] | None:
-    """Parse limits such as 0,50; `lidarsim.show` checks their order."""
-    if text is None:
-        return None
-    try:
-        low, high = map(float, text.split(","))
-    except ValueError:
-        raise LidarsimError(f"--limits: expected LOW,HIGH, such as 0,50, got {shown(text)}") from None
-    return low, high
-
-
-def _size(text: str) -> tuple[int, int]:
-    """Parse a size such as 1600x1000 as width and height."""
-    found = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", text)
-    if found is None:
-        raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {shown(text)}")
-    return checked_size((int(found[1]), int(found[2])))
-
-
-def _span(ends: Iterable[float], *, digits: int = 4) -> str:
-    low, high = (f"{end:.{digits}g}" for end in ends)
-    return low if low == high else f"{low} … {high}"
-
-
-def _measured(preset: Mapping[str, Any]) -> dict[str, str]:
-    """Return the values in the ``measured`` block of a preset's document, by their keys there."""
-    block = dict(preset.get("measured", {}))
-    effects = {f"measurement.{key}": value for key, value in block.pop("measurement", {}).items()}
-    return {key: _yaml_line(value) for key, value in (effects | block).items()}
-
-
-def _yaml_line(value: object) -> str:
-    """Return a plain value as YAML has it on one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_yaml_line(item)}" for key, item in value.items()) + "}"
-    return str(value)
-
-
-def _times(span: tuple[float, float]) -> str:
-    return "always" if math.isinf(span[0]) else f"{_span(span, digits=12)} s"
-
-
-def _terrain(number: int, mesh: ls.TriangleMesh) -> str:
-    """Return the size, the holes, the extent and the coordinate reference system of a mesh of heights."""
-    rows, columns = mesh.grid or (0, 0)
-    holes = rows * columns - len(mesh.vertices)
-    x, y, z = (_span(ends, digits=10) for ends in mesh.bounds.T)
-    crs = f", {plain(mesh.crs, most=NAME)}" if mesh.crs else ""
-    return (
-        f"object {number}: heights in {rows:,} rows and {columns:,} columns, {counted(holes, 'hole')};"
-        f" x {x} m, y {y} m, z {z} m{crs}"
-    )
-
-
-def _air(air: ls.Atmosphere, lidar: ls.Lidar) -> str:
-    """Return what echoes of the air a sensor gets in front of no surface."""
-    seen = []
-    if echo := air.fog_echo(lidar):
-        seen.append(f"on average an echo of intensity {echo[1]:.3g} at {echo[0]:.3g} m")
-        if lidar.measurement.near_threshold:
-            seen.append(f"{air.patches_seen(lidar):.3g} detected echoes of fog per pulse")
-    if air.intercept:
-        seen.append(f"{air.particles_seen(lidar):.3g} echoes of drops or flakes per pulse")
-    return " and ".join(seen) or "without echoes"
-
-
-def _print_depth(name: str, lidar: ls.Lidar, scene: ls.Scene) -> None:
-    """Print how many materials transmit or mirror light that the sensor does not follow."""
-    materials = {item.material for item in scene if item.material.transmission + item.material.mirror > 0.0}
-    found = {
-        "transmit": sum(material.transmission > 0.0 for material in materials),
-        "mirror": sum(material.mirror > 0.0 for material in materials),
-    }
-    if lidar.measurement.depth == 1 and any(found.values()):
-        does = " and ".join(
-            f"{counted(count, 'material')} {does}{'s' if count == 1 else ''}" for does, count in found.items() if count
-        )
-        whose = f"{name}: " if name else ""
-        paragraph(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
-
-
-LONGEST_SIGMA, SLOWEST_SCAN, LONGEST_GATE = 1.0, 200.0, (1e3, 1e5)
-"""Errors of ranges, m, rates of turns, Hz, and limits of ranges, m, beyond which the unit is probably another one."""
-
-
-def _questions(lidar: ls.Lidar) -> Iterator[str]:
-    """Yield what may be mistaken in the numbers of a sensor."""
-    errors = lidar.measurement
-    for name in ("range_sigma", "range_sigma_limit", "range_bias", "channel_bias_sigma", "range_resolution"):
-        values = np.atleast_2d(np.asarray(getattr(errors, name), dtype=np.float64))[:, -1]
-        if np.abs(values).max() > LONGEST_SIGMA:
-            yield f"measurement.{name}: {np.abs(values).max():g} m; mm?"
-    for name, value, most in zip(
-        ("min_range", "max_range"), (lidar.min_range, lidar.max_range), LONGEST_GATE, strict=True
-    ):
-        if most < value < np.inf:
-            yield f"{name}: {value:g} m; mm?"
-    if not isinstance(lidar.pattern, ls.patterns.Spinning):
-        return
-    if lidar.pattern.rate > SLOWEST_SCAN:
-        yield f"pattern.rate: {lidar.pattern.rate:g} turns per second; rpm?"
-    if lidar.model and lidar.model in ls.Lidar.presets():
-        return
-    channels = np.column_stack([lidar.pattern.azimuth_offsets, lidar.pattern.elevations])
-    known, first, counts = np.unique(channels, axis=0, return_index=True, return_counts=True)
-    for i in np.flatnonzero(counts > 1):
-        yield f"elevations: {np.degrees(known[i, 1]):g}° twice or more, first in channel {first[i]}"
-    for offset in np.unique(channels[:, 0]):
-        rows = np.flatnonzero(channels[:, 0] == offset)
-        steps = np.diff(channels[rows, 1])
-        rising = int((steps > 0).sum())
-        falling = int((steps < 0).sum())
-        if rising and falling:
-            odd = np.flatnonzero(steps > 0 if rising <= falling else steps < 0)[0]
-            told = ", ".join(f"{value:g}" for value in np.degrees(channels[rows[odd : odd + 2], 1]))
-            yield f"elevations: out of order at channel {rows[odd]} ({told} degrees); a decimal comma?"
-
-
-def _print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:
-    """Print the properties of a sensor, and what it sees of the air, one per line."""
-    does = describe(lidar.pattern)
-    seconds = does.time[1] - does.time[0]
-    exact = ls.Measurement()
-    effects = {field.name: getattr(lidar.measurement, field.name) for field in dataclasses.fields(exact)}
-    effects = {name: value for name, value in effects.items() if value != getattr(exact, name)}
-    if lidar.measurement.max_returns == 1 and effects.get("returns") not in {None, "first", "last", 1}:
-        effects["returns"] = f"{effects['returns']} (one: a pulse has one echo without a beam)"
-    lines = {
-        "pattern": f"{type(lidar.pattern).__name__}, {'the same' if does.repeats else 'another'} in each frame",
-        "rings, columns": f"{does.rings:,}, {does.columns:,}",
-        "rate": f"{does.pulses_per_second:,.0f} pulses/s at {lidar.pattern.rate:g} Hz",
-        "azimuth": f"{_span(np.degrees(does.azimuth))} °",
-        "elevation": f"{_span(np.degrees(does.elevation))} °",
-        "ring to ring": f"{_span(np.degrees(does.elevation_gap))} °",
-        "pulse to pulse": f"{_span(np.degrees(does.pulse_gap))} °",
-        "time": f"{1e3 * seconds:.4g} ms from first to last pulse, longest pause {1e3 * does.pause:.4g} ms",
-        "range": f"{_span((lidar.min_range, lidar.max_range))} m",
-        "measurement": ", ".join(f"{name} {value}" for name, value in effects.items()) or "exact",
-    }
-    if air:
-        lines["air"] = f"{air}, {_air(air, lidar)}"
-    known = {name: value for name, value in lines.items() if "nan" not in value}
-    facts({"sensor": lidar.name or "(no name)", **known})
-    for question in _questions(lidar):
-        paragraph(f"  warning: {question}")
