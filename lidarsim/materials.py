@@ -12,7 +12,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from typing import Any, Literal, Self, get_args
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -524,283 +527,87 @@ def named(name: str) -> Material:
     """
     if not isinstance(name, str):
         raise ArgumentTypeError("name", "the name of a material", shown(name))
-    known = {key.lower(): key for key in SOURCES}
+    library, _ = _library()
+    known = {key.lower(): key for key in library}
     if name.lower() not in known:
         near = difflib.get_close_matches(name.lower(), known)
         hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
         raise ArgumentValueError("name", "the name of a material", shown(name), hint)
-    found: Material = globals()[known[name.lower()]]
-    return found
+    return library[known[name.lower()]]
 
 
-SOURCES: dict[str, str] = {}
-"""Where the values of each material of the library are from, by name: author, year, title, address, range."""
+@cache
+def _library() -> tuple[dict[str, Material], dict[str, str]]:
+    """Return the materials of materials.toml and their sources, by name."""
+    with Path(__file__).with_suffix(".toml").open("rb") as file:
+        entries = tomllib.load(file)
+    texts, grain = entries.pop("sources"), entries.pop("grain")
+    library, sources = {}, {}
+    for name, values in entries.items():
+        source = values.pop("source")
+        if scatter := values.pop("scatter", None):
+            source += f". {{scatter}}, {scatter[0]} and {scatter[1]}"
+            values["variation"] = round(sum(scatter) / 2, 2)
+        sources[name] = source.format_map(texts)
+        library[name] = Material(**values, grain=grain)
+    return library, sources
 
 
-def _cited(
-    name: str,
-    source: str,
-    *,
-    reflectivity: float,
-    roughness: float = 0.0,
-    transmission: float = 0.0,
-    mirror: float = 0.0,
-    texture: tuple[float, float] | None = None,
-) -> Material:
-    """Return a material; `texture`: how much intensities of such surfaces scatter in two captures."""
-    variation = 0.0
-    if texture is not None:
-        source += f". {_TEXTURE}, {texture[0]} and {texture[1]}"
-        variation = round(sum(texture) / 2, 2)
-    SOURCES[name] = source
-    return Material(
-        reflectivity=reflectivity,
-        roughness=roughness,
-        transmission=transmission,
-        mirror=mirror,
-        variation=variation,
-        grain=_GRAIN,
-    )
+if TYPE_CHECKING:
+    SOURCES: dict[str, str]
+    """Where the values of each material of the library are from, by name: author, year, title, address, range."""
+    ASPHALT: Material
+    ASPHALT_1550: Material
+    ASPHALT_LIGHT: Material
+    ASPHALT_LIGHT_1550: Material
+    CONCRETE: Material
+    CONCRETE_1550: Material
+    ROAD_PAINT: Material
+    ROAD_PAINT_WORN: Material
+    SIGN_SHEETING: Material
+    GRASS: Material
+    GRASS_1550: Material
+    GRASS_DRY: Material
+    GRASS_DRY_1550: Material
+    FOLIAGE: Material
+    FOLIAGE_1550: Material
+    CONIFER: Material
+    CONIFER_1550: Material
+    BARK: Material
+    BARK_1550: Material
+    SOIL: Material
+    SOIL_1550: Material
+    SNOW: Material
+    SNOW_1550: Material
+    BRICK: Material
+    BRICK_1550: Material
+    PLASTER: Material
+    PLASTER_1550: Material
+    ROOF_TILE: Material
+    ROOF_TILE_1550: Material
+    PAINTED_METAL: Material
+    PAINTED_METAL_1550: Material
+    CAR_PAINT_DARK: Material
+    CAR_PAINT_DARK_1550: Material
+    CAR_PAINT_LIGHT: Material
+    RUBBER: Material
+    SKIN: Material
+    CLOTH: Material
+    CLOTH_DARK: Material
+    CLOTH_LIGHT: Material
+    GLASS: Material
+    MIRROR: Material
+    NET: Material
+    ASPHALT_WET: Material
+else:
 
+    def __getattr__(name: str) -> object:
+        """Read the library when its first name is used, so that `import lidarsim` stays fast."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        library, sources = _library()
+        globals().update(library, SOURCES=sources)
+        return globals()[name]
 
-# Pulses along a ring are 3 cm apart at 10 m, where most points of the captures lie, and their intensities scatter
-# independently.
-_GRAIN = 0.03
-_TEXTURE = (
-    "Variation: robust scatter of intensities along rings, from second differences, of SemanticKITTI 00 and 08 "
-    "(samples in ika-rwth-aachen/PCLSegmentation, CC BY-NC-SA 4.0; statistics only), mean of the two"
-)
-
-
-# Collections of spectra
-_KLUM = (
-    "R. Ilehag, A. Schenk, Y. Huang and S. Hinz, 2019, KLUM: An Urban VNIR and SWIR Spectral Library Consisting of "
-    "Building Materials, Remote Sensing 11 (18) 2149, https://doi.org/10.3390/rs11182149"
-)
-_ECOSTRESS = (
-    "S. K. Meerdink, S. J. Hook, D. A. Roberts and E. A. Abbott, 2019, The ECOSTRESS spectral library version 1.0, "
-    "Remote Sensing of Environment 230, 111196, https://speclib.jpl.nasa.gov, by the R package photobiologyFilters"
-)
-_EARTHLIB = (
-    "C. Anderson, 2026, earthlib 1.1, a global spectral library, https://pypi.org/project/earthlib, from "
-    "https://ecosis.org/package/urban-reflectance-spectra-from-santa-barbara--ca and others"
-)
-_ASAM = (
-    "Persival GmbH, 2025, ASAM OpenX assets, models/materials, https://github.com/Persival-GmbH/asam-openx-assets: "
-    "the nearest of its classes of 10, 20, 50, 80 and 95 % at 905 nm, a coarse scale"
-)
-_COATING = (
-    "R. Levinson et al., 2011, Potential benefits of solar reflective car shells: Cooler cabins, fuel savings and "
-    "emission reductions, Applied Energy, by https://en.paperblog.com/"
-    "solar-reflective-car-shells-simple-as-black-and-white-90166: reflectance of all sunlight"
-)
-
-# No roughness of these surfaces at these wavelengths was found in publications. With a roughness m of 0.3 and a
-# reflectivity of 0.17, a road returns as much as the captures show up to 100 m; m of 0.2 and 0.25 do so for others.
-_ROAD = 0.3
-_ROAD_SOURCE = (
-    "Roughness: fitted to captures, the share of returns from a road by range of an Ouster OS1-128 (ouster-sdk "
-    "46b7bcee, tests/pcaps and tests/osfs); 0.2 for a Velodyne VLS-128 (tier4/nebula 606ac41f)"
-)
-
-ASPHALT = _cited(
-    "ASPHALT",
-    f"{_KLUM}: 0.13 to 0.30 for four weathered roads, median 0.15. {_ECOSTRESS}: 0.11. {_EARTHLIB}: 0.05 to 0.33 "
-    "for 170 roads of Santa Barbara, median 0.11. 0.17 is the reflectivity with which the roughness was fitted. "
-    f"{_ROAD_SOURCE}",
-    reflectivity=0.17,
-    roughness=_ROAD,
-    texture=(0.13, 0.18),
-)
-ASPHALT_1550 = _cited(
-    "ASPHALT_1550",
-    f"{_KLUM}: 0.16 to 0.34, median 0.18. {_ECOSTRESS}: 0.15. {_EARTHLIB}: 0.05 to 0.39, median 0.14. In each, 1.2 "
-    f"to 1.3 times the value at 905 nm, and so here. {_ROAD_SOURCE}",
-    reflectivity=0.21,
-    roughness=_ROAD,
-    texture=(0.13, 0.18),
-)
-ASPHALT_LIGHT = _cited(
-    "ASPHALT_LIGHT",
-    f"{_KLUM}: the brightest of four roads, A003, 0.30. {_ROAD_SOURCE}",
-    reflectivity=0.3,
-    roughness=_ROAD,
-    texture=(0.13, 0.18),
-)
-ASPHALT_LIGHT_1550 = _cited(
-    "ASPHALT_LIGHT_1550",
-    f"{_KLUM}: the brightest of four roads, A003, 0.34. {_ROAD_SOURCE}",
-    reflectivity=0.34,
-    roughness=_ROAD,
-    texture=(0.13, 0.18),
-)
-CONCRETE = _cited(
-    "CONCRETE",
-    f"{_KLUM}: 0.18 to 0.51 for seven grey grounds, median 0.31. {_ECOSTRESS}: 0.36. {_EARTHLIB}: quartiles 0.27 and "
-    "0.37 of 60 sidewalks. Roughness: that of ASPHALT is assumed",
-    reflectivity=0.32,
-    roughness=_ROAD,
-    texture=(0.08, 0.10),
-)
-CONCRETE_1550 = _cited(
-    "CONCRETE_1550",
-    f"{_KLUM}: 0.21 to 0.52, median 0.35. {_ECOSTRESS}: 0.33. {_EARTHLIB}: quartiles 0.32 and 0.43. Roughness: that of "
-    "ASPHALT is assumed",
-    reflectivity=0.35,
-    roughness=_ROAD,
-    texture=(0.08, 0.10),
-)
-
-# At grazing incidence, paint with glass beads returns π·R_L of what a white diffuser does at normal incidence. R_L is
-# its coefficient of retroreflected luminance. At the greatest roughness, this is 0.43 of the reflectivity.
-_BEADS = math.pi / 2
-_BEADS_SOURCE = "in visible light at grazing incidence"
-
-ROAD_PAINT = _cited(
-    "ROAD_PAINT",
-    "ASTM D6359, by NC Data Summary, 2003, http://www.docstoc.com/docs/104744193/NC-Data-Summary: new white markings, "
-    f"at least 250 mcd/m²/lx, {_BEADS_SOURCE}. Without beads, {_EARTHLIB}: 0.12 to 0.62 for 76 paints",
-    reflectivity=1.8,
-    roughness=_BEADS,
-)
-ROAD_PAINT_WORN = _cited(
-    "ROAD_PAINT_WORN",
-    "H.-S. Lee and H.-U. Oh, 2005, Minimum retroreflectivity for pavement markings by driver's static test response, "
-    "Journal of the Eastern Asia Society for Transportation Studies 6, 1089-1099, https://www.scribd.com/document/"
-    f"436168756/road-mar-kind: white markings in service, at least 130 to 140 mcd/m²/lx, {_BEADS_SOURCE}",
-    reflectivity=0.94,
-    roughness=_BEADS,
-)
-SIGN_SHEETING = _cited(
-    "SIGN_SHEETING",
-    "ASTM D4956, 2001, white sheeting of type III, by http://www.angelfire.com/trek/cityton/american.htm: at least "
-    "250 cd/lx/m² at 0.2° between source and eye, and 300 at 0.1°, in visible light, times π for a white diffuser's "
-    "1/π; type I has 70",
-    reflectivity=785.0,
-)
-
-GRASS = _cited("GRASS", f"{_ECOSTRESS}: green grass, 0.51", reflectivity=0.51, texture=(0.16, 0.14))
-GRASS_1550 = _cited("GRASS_1550", f"{_ECOSTRESS}: green grass, 0.24", reflectivity=0.24, texture=(0.16, 0.14))
-GRASS_DRY = _cited("GRASS_DRY", f"{_ECOSTRESS}: dry grass, 0.60", reflectivity=0.6, texture=(0.16, 0.14))
-GRASS_DRY_1550 = _cited("GRASS_DRY_1550", f"{_ECOSTRESS}: dry grass, 0.57", reflectivity=0.57, texture=(0.16, 0.14))
-FOLIAGE = _cited("FOLIAGE", f"{_ECOSTRESS}: deciduous trees, 0.55", reflectivity=0.55, texture=(0.19, 0.29))
-FOLIAGE_1550 = _cited("FOLIAGE_1550", f"{_ECOSTRESS}: deciduous trees, 0.25", reflectivity=0.25, texture=(0.19, 0.29))
-CONIFER = _cited("CONIFER", f"{_ECOSTRESS}: conifers, 0.52", reflectivity=0.52, texture=(0.19, 0.29))
-CONIFER_1550 = _cited("CONIFER_1550", f"{_ECOSTRESS}: conifers, 0.19", reflectivity=0.19, texture=(0.19, 0.29))
-BARK = _cited("BARK", f"{_EARTHLIB}: quartiles 0.32 and 0.46 of 33 barks, median 0.37", reflectivity=0.37)
-BARK_1550 = _cited("BARK_1550", f"{_EARTHLIB}: quartiles 0.44 and 0.50 of 33 barks, median 0.46", reflectivity=0.46)
-SOIL = _cited(
-    "SOIL",
-    f"{_EARTHLIB}: ICRAF-ISRIC, quartiles 0.29 and 0.44 of 4168 soils, median 0.37",
-    reflectivity=0.37,
-    texture=(0.16, 0.14),
-)
-SOIL_1550 = _cited(
-    "SOIL_1550",
-    f"{_EARTHLIB}: ICRAF-ISRIC, quartiles 0.39 and 0.55 of 4168 soils, median 0.47",
-    reflectivity=0.47,
-    texture=(0.16, 0.14),
-)
-SNOW = _cited("SNOW", f"{_ECOSTRESS}: 0.91 for fine, 0.84 for medium, 0.77 for coarse grains", reflectivity=0.84)
-SNOW_1550 = _cited(
-    "SNOW_1550", f"{_ECOSTRESS}: 0.11 for fine, 0.02 for medium, 0.01 for coarse grains", reflectivity=0.02
-)
-
-BRICK = _cited(
-    "BRICK",
-    f"{_KLUM}: 0.33 to 0.62 for six new red facades, median 0.45; 0.22 weathered",
-    reflectivity=0.45,
-    texture=(0.06, 0.17),
-)
-BRICK_1550 = _cited(
-    "BRICK_1550",
-    f"{_KLUM}: 0.50 to 0.89 for seven new red facades, median 0.69; 0.50 weathered",
-    reflectivity=0.69,
-    texture=(0.06, 0.17),
-)
-PLASTER = _cited(
-    "PLASTER", f"{_KLUM}: 0.50 to 0.76 for five bright facades, median 0.68", reflectivity=0.68, texture=(0.06, 0.17)
-)
-PLASTER_1550 = _cited(
-    "PLASTER_1550",
-    f"{_KLUM}: 0.57 to 0.83 for five bright facades, median 0.68",
-    reflectivity=0.68,
-    texture=(0.06, 0.17),
-)
-ROOF_TILE = _cited("ROOF_TILE", f"{_KLUM}: 0.24 to 0.43 for eight red matte tiles, median 0.38", reflectivity=0.38)
-ROOF_TILE_1550 = _cited(
-    "ROOF_TILE_1550", f"{_KLUM}: 0.50 to 0.71 for eight red matte tiles, median 0.66", reflectivity=0.66
-)
-PAINTED_METAL = _cited(
-    "PAINTED_METAL", f"{_KLUM}: 0.10 to 0.29 for eight grey, red, blue and green samples, median 0.20", reflectivity=0.2
-)
-PAINTED_METAL_1550 = _cited(
-    "PAINTED_METAL_1550", f"{_KLUM}: 0.12 to 0.41 for nine such samples, median 0.15", reflectivity=0.15
-)
-CAR_PAINT_DARK = _cited(
-    "CAR_PAINT_DARK",
-    f"{_COATING}, 0.05 for a black car; the highlight of its lacquer is left out",
-    reflectivity=0.05,
-    texture=(0.33, 0.35),
-)
-CAR_PAINT_DARK_1550 = _cited(
-    "CAR_PAINT_DARK_1550",
-    f"{_KLUM}: 0.02 for black paint sprayed on metal, H001",
-    reflectivity=0.02,
-    texture=(0.33, 0.35),
-)
-CAR_PAINT_LIGHT = _cited(
-    "CAR_PAINT_LIGHT",
-    f"{_COATING}, 0.57 to 0.60 for silver and white cars; the highlight of their lacquer is left out. {_ASAM}: 0.5 for "
-    "grey, red and yellow, 0.8 for white",
-    reflectivity=0.6,
-    texture=(0.33, 0.35),
-)
-RUBBER = _cited("RUBBER", f"{_ASAM}: black rubber, 0.1", reflectivity=0.1)
-SKIN = _cited("SKIN", f"{_ASAM}: 0.5", reflectivity=0.5)
-CLOTH = _cited("CLOTH", f"{_ASAM}: blue denim, 0.2", reflectivity=0.2)
-CLOTH_DARK = _cited("CLOTH_DARK", f"{_ASAM}: dark cotton, dark synthetics and leather, 0.1", reflectivity=0.1)
-CLOTH_LIGHT = _cited("CLOTH_LIGHT", f"{_ASAM}: green and orange cotton, 0.8", reflectivity=0.8)
-
-# Surfaces that light goes on from
-
-_PANE = (
-    "ASHRAE Handbook, Fundamentals, 2017, chapter 15: clear glass of 3 mm transmits 0.77 to 0.78 and mirrors 0.07 of "
-    "sunlight at normal incidence. M. Rubin, 1985, Optical properties of soda lime silica glasses, Solar Energy "
-    "Materials 12, 275-288, by https://refractiveindex.info/?shelf=3d&book=glass&page=soda-lime-clear: index 1.515 at "
-    "905 nm, by which each face mirrors 0.042"
-)
-
-GLASS = _cited(
-    "GLASS",
-    f"{_PANE}. Reflectivity: 0.01 is assumed, for dust; the glint of a pane that faces the sensor is left out",
-    reflectivity=0.01,
-    transmission=0.77,
-    mirror=0.07,
-)
-MIRROR = _cited(
-    "MIRROR",
-    f"{_PANE}. So a pane absorbs 0.16 on each way; with 0.97 for silver, a silvered pane mirrors 0.042 + "
-    "0.918·0.84²·0.97 = 0.68. Reflectivity: 0.01 is assumed, for dust",
-    reflectivity=0.01,
-    mirror=0.68,
-)
-NET = _cited(
-    "NET",
-    "J. W. Bartok, 2019, Selecting shade material, Greenhouse Management, "
-    "https://www.greenhousemag.com/article/tech-solutions-selecting-shade-material/: shade nets cover 0.1 to 0.9 of "
-    "the area; here half is open. Reflectivity: half of 0.5 is assumed, for fabric",
-    reflectivity=0.25,
-    transmission=0.5,
-)
-ASPHALT_WET = _cited(
-    "ASPHALT_WET",
-    "Diffuse light: J. Lekner and M. C. Dorf, 1988, Why some things are darker when wet, Applied Optics 27, 1278-1280, "
-    "citing A. Ångström, 1925: a/(n²·(1 - a) + a) for a film of index n = 1.33 on a ground of reflectivity a; 0.17, "
-    "that of ASPHALT, becomes 0.10. Mirrored light: Fresnel's equations for such a film at an incidence of 70°, 0.13; "
-    "it is 0.02 at 0° and 0.35 at 80°. The film follows M. Hahner et al., 2022, LiDAR snowfall simulation for robust "
-    f"3D object detection, https://github.com/SysCV/LiDAR_snow_sim. {_ROAD_SOURCE}, of dry roads",
-    reflectivity=0.1,
-    roughness=_ROAD,
-    mirror=0.13,
-)
+    def __dir__() -> list[str]:
+        return __all__

@@ -122,7 +122,7 @@ def test_colours_that_cannot_be_are_refused(colors: list[Any], message: str) -> 
         ls.Material.from_colors(colors)
 
 
-LIBRARY = {name: value for name, value in vars(materials).items() if isinstance(value, ls.Material)}
+LIBRARY = {name: getattr(materials, name) for name in materials.SOURCES}
 BRIGHTER_THAN_WHITE = {"ROAD_PAINT", "SIGN_SHEETING"}
 
 
