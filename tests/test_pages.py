@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarsim.config import schema
+from lidarsim.config import objects, sensors
 from lidarsim.datasets.layouts import LAYOUTS
 from lidarsim.scan.formats import FORMATS
 from lidarsim.sensor.measurement import Measurement
@@ -33,19 +33,20 @@ def missing(keys: set[str], row: str) -> set[str]:
     return {key for key in keys if not re.search(rf"\b{re.escape(key)}\b", row)}
 
 
-@pytest.mark.parametrize("name", schema.SHAPES)
+@pytest.mark.parametrize("name", objects.SHAPES)
 def test_each_shape_has_its_row(name: str) -> None:
     assert (
         missing(
-            schema.SHAPES[name].model_fields.keys() - schema.Object.model_fields.keys() - {"shape"}, rows(CONFIGS)[name]
+            objects.SHAPES[name].model_fields.keys() - objects.Object.model_fields.keys() - {"shape"},
+            rows(CONFIGS)[name],
         )
         == set()
     )
 
 
-@pytest.mark.parametrize("name", schema.PATTERNS)
+@pytest.mark.parametrize("name", sensors.PATTERNS)
 def test_each_pattern_has_its_row(name: str) -> None:
-    assert missing(schema.PATTERNS[name].model_fields.keys() - {"type"}, rows(CONFIGS)[name]) == set()
+    assert missing(sensors.PATTERNS[name].model_fields.keys() - {"type"}, rows(CONFIGS)[name]) == set()
 
 
 @pytest.mark.parametrize("name", LAYOUTS)

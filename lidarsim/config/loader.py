@@ -16,20 +16,11 @@ from lidarsim._base.files import noting_reads
 from lidarsim._base.validation import shown
 from lidarsim.config import recognise
 from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
-from lidarsim.config.schema import (
-    Config,
-    Drive,
-    Model,
-    SceneDocument,
-    Sensor,
-    Stations,
-    Strips,
-    VendorSensor,
-    World,
-    build_pose,
-    build_rig,
-    labelled,
-)
+from lidarsim.config.factories import Model
+from lidarsim.config.objects import World
+from lidarsim.config.poses import Drive, Stations, Strips, build_pose
+from lidarsim.config.schema import Config, SceneDocument, labelled
+from lidarsim.config.sensors import Sensor, VendorSensor, build_rig
 from lidarsim.config.starter import configuration
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import Imported

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from lidarsim import _native
 from lidarsim._base.validation import shown
-from lidarsim.config.schema import Model, Pair, either
+from lidarsim.config.factories import Model, Pair, either
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place

@@ -30,8 +30,9 @@ from lidarsim.config.document import (
     without,
     written,
 )
+from lidarsim.config.factories import Model
 from lidarsim.config.loader import CHOICES, Change, built, checked, whole
-from lidarsim.config.schema import Model, labelled
+from lidarsim.config.schema import labelled
 from lidarsim.config.starter import configuration
 from lidarsim.datasets import after_scan
 from lidarsim.datasets.after_scan import AfterScan

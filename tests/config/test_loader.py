@@ -13,7 +13,7 @@ import trimesh
 import yaml
 
 import lidarsim as ls
-from lidarsim.config import schema
+from lidarsim.config import objects, poses, sensors
 from lidarsim.errors import ConfigError
 from lidarsim.lidar import preset_path
 
@@ -184,8 +184,8 @@ def test_surfels_have_the_labels_of_their_cloud(caplog: pytest.LogCaptureFixture
 
 
 def test_every_shape_and_pattern_has_a_test_or_a_preset() -> None:
-    from lidarsim.config.schema import PATTERNS
-    from lidarsim.config.schema import SHAPES as MODELS
+    from lidarsim.config.objects import SHAPES as MODELS
+    from lidarsim.config.sensors import PATTERNS
 
     assert MODELS.keys() <= SHAPES.keys() | {*ls.worlds.GENERATORS}  # tests/worlds
     used = {type(ls.Lidar.preset(name).pattern).__name__ for name in ls.Lidar.presets()}
@@ -452,7 +452,7 @@ def test_poses_from_a_file() -> None:
         (
             "{file: drive.kitti, color: red}",
             "pose.color: unknown key; expected one of "
-            + ", ".join(schema.TrajectoryFile.model_fields),
+            + ", ".join(poses.TrajectoryFile.model_fields),
         ),
     ],
 )  # fmt: skip
@@ -861,8 +861,8 @@ SENSOR_KEYS = (
     "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, model, description, datasheet_noise, "
     "measured, modes, datasheet, sources"
 )
-SHAPE_NAMES = ", ".join(map(repr, schema.SHAPES))
-PATTERN_NAMES = ", ".join(map(repr, schema.PATTERNS))
+SHAPE_NAMES = ", ".join(map(repr, objects.SHAPES))
+PATTERN_NAMES = ", ".join(map(repr, sensors.PATTERNS))
 MEASURED = ", ".join(name for name in ls.Lidar.presets() if "\nmeasured:" in preset_path(name).read_text("utf-8"))
 VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
 

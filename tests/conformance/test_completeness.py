@@ -58,7 +58,7 @@ def test_has_its_rust_file(shape):
 
 @every_shape
 def test_has_its_key_in_configurations(shape):
-    from lidarsim.config.schema import SHAPES as CONFIGURED
+    from lidarsim.config.objects import SHAPES as CONFIGURED
 
     assert any(getattr(model, "constructor", None) is shape for model in CONFIGURED.values())
 

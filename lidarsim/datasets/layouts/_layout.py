@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, ConfigDict, Field
 
 from lidarsim._base.files import check_names
 from lidarsim._base.validation import UINT32, Floats
-from lidarsim.config.schema import Model
+from lidarsim.config.factories import Model
 from lidarsim.datasets.samples import Annotation, Record, Sample
 from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.store import Store

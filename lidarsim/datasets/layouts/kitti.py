@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim.config.schema import Model
+from lidarsim.config.factories import Model
 from lidarsim.datasets.layouts._camera import seen
 from lidarsim.datasets.layouts._detection import (
     IGNORED,

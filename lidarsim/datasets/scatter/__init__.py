@@ -14,7 +14,8 @@ import numpy as np
 from pydantic import Field
 
 from lidarsim._base.validation import Floats
-from lidarsim.config.schema import Generated, Model, either
+from lidarsim.config.factories import Model, either
+from lidarsim.config.objects import Generated
 from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
 from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, steps, turns_of
 from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of

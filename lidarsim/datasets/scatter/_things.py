@@ -15,7 +15,9 @@ from pydantic import Discriminator, Field
 from lidarsim import worlds
 from lidarsim._base.validation import Floats, shown
 from lidarsim._base.vectors import product
-from lidarsim.config.schema import SHAPES, AnyObject, Generated, Object, Placement, Scale, SceneFile, Surfels
+from lidarsim.config.factories import Scale
+from lidarsim.config.objects import SHAPES, AnyObject, Generated, Object, SceneFile, Surfels
+from lidarsim.config.poses import Placement
 from lidarsim.datasets.scatter._outlines import bulge_of, turns_of
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.world.scene import Scene

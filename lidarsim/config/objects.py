@@ -1,0 +1,371 @@
+"""Models of scenes and their objects."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+from collections.abc import Callable
+from functools import lru_cache, partial, reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_type_hints
+
+import numpy as np
+from pydantic import Discriminator, Field, create_model
+
+from lidarsim import worlds
+from lidarsim._base.files import load_array
+from lidarsim._base.shown import plain
+from lidarsim.config.factories import (
+    FloatOrText,
+    Grouping,
+    Model,
+    Numbers,
+    NumbersOrColor,
+    Pair,
+    Part,
+    Row,
+    Scale,
+    Vector,
+    construct,
+    either,
+    models_of,
+    public,
+)
+from lidarsim.config.poses import PLACING, Motion, Placement, Twist, build_motion, build_pose, build_rigid
+from lidarsim.config.units import argument_of
+from lidarsim.io import raster, scenes
+from lidarsim.materials import Material, named
+from lidarsim.motion.trajectory import Trajectory
+from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.world import shapes
+from lidarsim.world.rules import Options, Rule
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from lidarsim._base.validation import Floats
+    from lidarsim.config.document import Place
+    from lidarsim.world.scene import Scene
+    from lidarsim.world.shapes import Shape
+
+
+class Object(Part, Placement):
+    """An object of the scene: a shape with its placement and material."""
+
+    name: str = ""
+    label: int = 0
+    instance: int | None = None
+    material: str | None = None
+    reflectivity: Numbers = 1.0
+    reflectivity_per: Literal["object", "face", "vertex"] = "object"
+    roughness_deg: float = 0.0
+    specular: float = 0.0
+    specular_width: float = 0.1
+    transmission: float = 0.0
+    mirror: float = 0.0
+    variation: float = 0.0
+    grain_m: float = 0.05
+    scale: Scale = 1.0
+    motion: Motion | None = None
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the object to `scene`."""
+        self._add(self.build(place), scene, place)
+
+    def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
+        material = more.pop("material", None) or self._material(place)
+        transform, motion = self._placed(place)
+        if inner is not None:
+            transform = inner if transform is None else transform @ inner
+        more = {"transform": transform, "motion": motion, "shape": shape, "material": material, **more}
+        construct(scene.add, self, ["name", "label", "instance"], place, **more)
+
+    def _material(self, place: Place) -> Material:
+        """Return the material, whose own keys override those of the library's."""
+        base = Material()
+        if self.material is not None:
+            with place.refusals({"name": ("material", "")}):
+                base = named(self.material)
+        keys = ["reflectivity", "roughness_deg", "specular", "specular_width", "transmission", "mirror"]
+        keys += ["variation", "grain_m"]
+        differ = partial(Material, **{argument_of(key): getattr(base, argument_of(key)) for key in keys})
+        return construct(differ, self, keys, place, per=self.reflectivity_per)
+
+    def _placed(self, place: Place) -> tuple[Floats | None, Trajectory | None]:
+        """Return the transform and the motion that follows it."""
+        placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
+        transform = self.to_matrix(place, self.scale) if placed else None
+        if self.motion is None:
+            return transform, None
+        if isinstance(self.motion, Twist):
+            # The motion starts at the placement, in its axes, so only the scale precedes it.
+            start = build_rigid(Placement(**{key: getattr(self, key) for key in placed - {"scale"}}), place)
+            motion = build_motion(start, self.motion, place / "motion")
+            if isinstance(motion, Trajectory):
+                transform = np.diag([*np.broadcast_to(self.scale, 3), 1.0]) if "scale" in placed else None
+        else:
+            motion = build_pose(self.motion, place / "motion")
+        return transform, motion if isinstance(motion, Trajectory) else None
+
+
+class Plane(Object):
+    """The plane of points p with normal·p = distance, or through a point."""
+
+    constructor = shapes.Plane
+
+    shape: Literal["plane"]
+    normal: Vector
+    distance_m: float = 0.0
+    point_m: Vector | None = None
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        if self.point_m is None:
+            return construct(shapes.Plane, self, ["normal"], place, distance=self.distance_m)
+        if "distance_m" in self.model_fields_set:
+            raise (place / "distance_m").error("expected either distance_m or point_m, got both")
+        return construct(shapes.Plane.from_point, self, ["point_m", "normal"], place)
+
+
+class Mesh(Object):
+    """A triangle mesh from a file."""
+
+    constructor = shapes.TriangleMesh
+
+    shape: Literal["mesh"]
+    file: str
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        return (place / "file").load(self.file, shapes.TriangleMesh.from_file)
+
+
+class Heightfield(Object):
+    """Terrain from a NumPy file of heights, m: columns along x, rows along y."""
+
+    constructor = shapes.TriangleMesh.from_heightfield
+
+    shape: Literal["heightfield"]
+    file: str
+    spacing_m: Numbers
+    origin_m: Pair = [0.0, 0.0]
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        heights = (place / "file").load(self.file, load_array)
+        return construct(shapes.TriangleMesh.from_heightfield, self, ["spacing_m", "origin_m"], place, z=heights)
+
+
+class Raster(Object):
+    """Terrain from a digital elevation model, a GeoTIFF or an Esri ASCII grid, at its coordinates."""
+
+    constructor = shapes.TriangleMesh.from_raster
+
+    shape: Literal["raster"]
+    file: str
+    band: int = 1
+    window_m: Row | None = None
+    stride: int = 1
+
+    def build(self, place: Place) -> shapes.TriangleMesh:
+        """Return the shape."""
+
+        def read(path: Path) -> shapes.TriangleMesh:
+            return construct(shapes.TriangleMesh.from_raster, self, ["band", "window_m", "stride"], place, path=path)
+
+        key = "raster", self.band, tuple(self.window_m or ()), self.stride
+        return (place / "file").load(self.file, read, key)
+
+    def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
+        crs = getattr(shape, "crs", None)
+        for item in scene:
+            other = getattr(item.shape, "crs", None)
+            if crs and other and not raster.same_crs(crs, other):
+                expected = f"expected a raster in {plain(other, most=60)}, as object {item.id} is"
+                raise (place / "file").error(f"{expected}, got one in {plain(crs, most=60)}")
+        super()._add(shape, scene, place, inner, **more)
+
+
+class SceneRule(Part):
+    """A rule for the parts of a scene file."""
+
+    constructor = Rule
+
+    node: str = "*"
+    material: str = "*"
+    label: int | None = None
+    reflectivity: FloatOrText | None = None
+    instance: Grouping = None
+    name: str | None = None
+    skip: bool = False
+
+    def build(self, place: Place) -> Rule:
+        """Return the rule."""
+        keys = set(type(self).model_fields)
+        if not isinstance(self.reflectivity, str) or self.reflectivity == "color":
+            return construct(Rule, self, keys, place)
+        with place.refusals({"name": ("reflectivity", "")}):
+            material = named(self.reflectivity)
+        return construct(Rule, self, keys - {"reflectivity"}, place, reflectivity=material)
+
+
+class Surfels(Object):
+    """Disks at the points of a cloud, with the labels that it has unless `label` is given."""
+
+    constructor = shapes.Disks.from_points
+
+    shape: Literal["surfels"]
+    file: str
+    neighbours: int = 16
+    radius_m: float | None = None
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the disks to `scene`."""
+        disks, labels = self._disks(place)
+        if labels is None:
+            self._add(disks, scene, place)
+        else:
+            self._add(disks, scene, place, label=labels)
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        return self._disks(place)[0]
+
+    def _disks(self, place: Place) -> tuple[shapes.Disks, npt.NDArray[np.uint32] | None]:
+        cloud = (place / "file").load(self.file, PointCloud.load)
+        with place.refusals({"points": ("file", ""), "neighbours": ("neighbours", ""), "radii": ("radius_m", "")}):
+            disks, index = shapes.Disks.from_points(
+                cloud.xyz, radii=self.radius_m, neighbours=self.neighbours, return_index=True
+            )
+        has_labels = "label" in cloud.fields and "label" not in self.model_fields_set
+        return disks, cloud.label[index] if has_labels else None
+
+
+class SceneFile(Object):
+    """The objects of a scene file such as GLB."""
+
+    constructor = shapes.TriangleMesh
+
+    shape: Literal["scene_file"]
+    file: str
+    up: Literal["y", "z"] | None = None
+    unit_m: float | None = None
+    rules: list[SceneRule] = []
+    reflectivity: NumbersOrColor = 1.0  # type: ignore[assignment]
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the objects to `scene`, named after their nodes; what a rule says of them replaces what is said here."""
+        for item, instance in self.load(place).instances(len(scene)):
+            more: dict[str, Any] = {"name": f"{self.name}/{item.name}".lstrip("/"), "instance": instance}
+            if item.label is not None:
+                more["label"] = item.label
+            self._add(item.shape, scene, place, inner=item.transform, material=item.material, **more)
+
+    def load(self, place: Place) -> scenes.Imported:
+        """Return what the file holds."""
+        others = [
+            key
+            for key in ("material", "roughness_deg", "specular", "transmission", "mirror", "variation")
+            if key in self.model_fields_set
+        ]
+        if self.reflectivity == "color" and others:
+            raise (place / "reflectivity").error(f"expected a number beside {others[0]}, got color")
+        rules = [rule.build(place / "rules" / index) for index, rule in enumerate(self.rules)]
+        with place.refusals({"unit": ("unit_m", "")}):
+            options = Options.checked(self.up, self.unit_m, rules, "color" if self.reflectivity == "color" else None)
+        return (place / "file").load(self.file, scenes.Load(options))
+
+
+class Generated(Object):
+    """An asset that a generator of `lidarsim.worlds` makes of a seed and its own keys, as one instance."""
+
+    generator: ClassVar[Callable[..., worlds.Asset]]
+
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the parts to `scene`."""
+        instance = len(scene) + 1 if self.instance is None else self.instance
+        for part in self.asset(place).parts:
+            self._add(part.shape, scene, place, inner=part.transform, instance=instance, **self.looks(part))
+
+    def asset(self, place: Place, seed: int | None = None) -> worlds.Asset:
+        """Return the asset of a seed, by default its own."""
+        for key in Object.model_fields.keys() - {"name", "label", "instance", "motion", *PLACING, "scale"}:
+            if key in self.model_fields_set:
+                raise (place / key).error("expected none, since its parts have materials of their own")
+        rng = np.random.default_rng(self.seed if seed is None else seed)
+        keys = type(self).model_fields.keys() - Generated.model_fields.keys() - {"shape", "kind"}
+        kind = {"kind": self.kind} if "kind" in type(self).model_fields else {}  # type: ignore[attr-defined]
+        return construct(partial(type(self).generator, rng=rng), self, keys, place, **kind)
+
+    def looks(self, part: worlds.Part) -> dict[str, Any]:
+        """Return the arguments of `Scene.add` that are those of a part."""
+        label = self.label if "label" in self.model_fields_set else part.label
+        return {"name": f"{self.name}/{part.name}".lstrip("/"), "label": label, "material": part.material}
+
+
+def _generated(name: str, generator: Callable[..., worlds.Asset]) -> type[Generated]:
+    """Return the model of a generator, whose keys are its arguments; those that are lengths end in _m."""
+    fields: dict[str, Any] = {"shape": (Literal[name], ...)}
+    types = get_type_hints(generator)
+    for argument, parameter in inspect.signature(generator).parameters.items():
+        if argument != "rng":
+            is_length = types[argument] in {float, float | None}
+            default = ... if parameter.default is inspect.Parameter.empty else parameter.default
+            fields[f"{argument}_m" if is_length else argument] = (types[argument], default)
+    model = create_model(name.capitalize(), __base__=Generated, **fields)
+    model.generator = generator
+    return model
+
+
+SHAPES: dict[str, type[Object]] = {
+    "plane": Plane,
+    "mesh": Mesh,
+    "heightfield": Heightfield,
+    "raster": Raster,
+    "surfels": Surfels,
+    "scene_file": SceneFile,
+    **{name: _generated(name, getattr(worlds, name)) for name in worlds.GENERATORS},
+    **models_of(public(shapes), "shape", Object),
+}
+
+
+if TYPE_CHECKING:
+    AnyObject = Object
+else:
+    AnyObject = Annotated[reduce(or_, SHAPES.values()), Discriminator("shape")]
+
+
+class StreetKeys(Model):
+    """A street, as of `lidarsim.worlds.street`."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    kind: str = "residential"
+    length_m: float = 300.0
+
+    def build(self, place: Place) -> worlds.Street:
+        """Return a copy of the street, which is made once."""
+        with place.refusals({"length": ("length_m", ""), "kind": ("kind", "")}):
+            made = _street(self.seed, self.kind, self.length_m)
+        return worlds.Street(copy.copy(made.scene), made.ways)
+
+
+@lru_cache(maxsize=2)
+def _street(seed: int, kind: Any, length: float) -> worlds.Street:
+    return worlds.street(seed, kind, length=length)
+
+
+class World(Model):
+    """A street, and objects that are added to it."""
+
+    street: StreetKeys
+    objects: list[AnyObject] = []
+
+
+if TYPE_CHECKING:
+    AnyScene = list[AnyObject] | World
+else:
+    AnyScene = either(list[AnyObject], World, lambda value: isinstance(value, dict))
