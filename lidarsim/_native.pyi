@@ -21,6 +21,7 @@ __all__ = [
     "Shape",
     "Texture",
     "TextureMap",
+    "__version__",
     "air_echoes",
     "are_plain_points",
     "coverage",
@@ -46,8 +47,6 @@ __all__ = [
     "threads",
     "waveforms",
 ]
-
-__version__: str
 
 __version__: str
 
