@@ -122,7 +122,7 @@ def formats() -> dict[str, Callable[[Path], object]]:
 
     suffixes = {suffix for form in trajectories._FORMATS for suffix in form.suffixes}
     found = {f"points {suffix}": of_points(suffix) for suffix in FORMATS if suffix != ".label"}
-    return found | {f"poses {suffix}": of_poses(suffix) for suffix in suffixes}
+    return found | {f"poses {suffix}": of_poses(suffix) for suffix in sorted(suffixes)}
 
 
 def raster(folder: Path) -> None:
