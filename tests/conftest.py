@@ -17,6 +17,7 @@ hypothesis.settings.register_profile("fast", max_examples=40, deadline=None, der
 hypothesis.settings.register_profile("slow", max_examples=5000, deadline=None, print_blob=True)
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes would compile the package anew
+os.environ.pop("COLUMNS", None)  # readline sets it for the processes of pytest-xdist, and tables would follow it
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
