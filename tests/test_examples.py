@@ -10,11 +10,14 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pictures
 import pytest
 from PIL import Image
 
+import lidarsim as ls
 from lidarsim.cli import main
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
@@ -56,7 +59,9 @@ def test_the_guide_shows_every_example() -> None:
     for path in EXAMPLES:
         assert f"[`{path.name}`]({path.name})" in GUIDE
         assert f"python examples/{path.name}" in COMMANDS
-    assert GUIDE.count("](images/") == len(EXAMPLES) - 3  # data loaders, clusters and nodes have nothing to show
+    assert (
+        GUIDE.count("](images/") == len(EXAMPLES) - 4
+    )  # data loaders, training, clusters and nodes have nothing to show
 
 
 @pytest.mark.parametrize("command", [command for command in COMMANDS if not command.startswith("python ")])
@@ -76,3 +81,59 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("guide")
     shutil.copytree(EXAMPLES[0].parents[1] / "configs", place / "configs")
     return place
+
+
+@pytest.fixture(scope="module")
+def learn() -> dict[str, Any]:
+    return runpy.run_path(str(EXAMPLES[0].with_name("learn.py")))
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data set of the packaged recipe for segmentation."""
+    place = tmp_path_factory.mktemp("learn") / "simulated"
+    ls.generate("segmentation", place, sequences=1, frames=2, seed=1, pictures=0)
+    return place
+
+
+def test_learn_sees_real_frames_as_simulated_ones(learn: dict[str, Any], simulated: Path) -> None:
+    loaded, (read, *_) = ls.datasets.load(simulated), learn["real"](simulated / "sequences" / "00")
+    channels, classes = learn["image"](loaded[0])
+    for of, expected in zip(learn["image"](read), (channels, classes), strict=True):
+        np.testing.assert_array_equal(of, expected)
+    seen = channels[0] > 0
+    assert 0.5 < seen.mean() < 1.0
+    assert (classes[~seen] == learn["OTHER"]).all()
+    assert {0, 2, 4} <= set(np.unique(classes[seen]).tolist())  # cars, ground, plants
+    ground = channels[1][classes == 2]
+    assert np.median(ground) == pytest.approx(-1.73, abs=0.2)  # the height of the sensor
+
+
+def test_learn_varies_frames_and_keeps_their_classes(learn: dict[str, Any], simulated: Path) -> None:
+    channels, classes = learn["image"](ls.datasets.load(simulated)[0])
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        changed, known = learn["varied"](rng, channels, classes)
+        seen = changed[0] > 0
+        assert 0.2 < seen.mean() < (channels[0] > 0).mean()
+        assert (known[~seen] == learn["OTHER"]).all()
+        assert np.median(changed[1][known == 2]) == pytest.approx(np.median(channels[1][classes == 2]), abs=0.6)
+
+
+def test_learn_trains_and_counts(learn: dict[str, Any], simulated: Path) -> None:
+    torch = pytest.importorskip("torch")
+    frames = list(ls.datasets.load(simulated))
+    net, again = (learn["train"]([frames, frames[:1]], 3, 1) for _ in range(2))
+    assert all(torch.equal(a, b) for a, b in zip(net.state_dict().values(), again.state_dict().values(), strict=True))
+    count = learn["confusion"](net, frames)
+    known = [classes[classes != learn["OTHER"]] for _, classes in map(learn["image"], frames)]
+    np.testing.assert_array_equal(count.sum(1), np.bincount(np.concatenate(known), minlength=5))
+
+
+def test_learn_reports_intersection_over_union(learn: dict[str, Any]) -> None:
+    count = np.diag([6, 0, 4, 2, 0])
+    count[0, 2] = 2
+    first, _, car, person, ground, *_ = learn["report"](count).splitlines()
+    assert car.split()[1:5] == ["0.750", "0.750", "0.000", "0.250"]
+    assert (person.split()[1], ground.split()[1]) == ("nan", "0.667")
+    assert first == f"mean IoU {(6 / 8 + 4 / 6 + 1) / 3:.3f}"

@@ -1,0 +1,179 @@
+"""Train a small network on simulated range images and test it on real ones.
+
+Without arguments, three steps are tried. Else each argument is a sequence in SemanticKITTI's layout, such as
+dataset/sequences/08: the network is tested on the first, and trained on frames of further ones, too.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import lidarsim as ls
+from lidarsim.datasets.loading import LabelledFrame
+from lidarsim.io.semantickitti import read_labels
+
+WORLDS, STEPS, BATCH, SEED = 160, 600, 4, 1
+SIZE, ELEVATIONS = (64, 1024), (float(np.radians(-25.0)), float(np.radians(3.0)))
+CLASSES = {
+    "car": [10, 252],
+    "person": [30, 31, 32, 253, 254, 255],  # and riders
+    "ground": [40, 44, 48, 49, 60, 72],
+    "building": [50],
+    "vegetation": [70, 71],
+}
+OTHER = 255
+"""Class of pixels without a point or of other things, which count neither in training nor in tests."""
+
+Images = npt.NDArray[np.float32]
+Classes = npt.NDArray[np.uint8]
+
+
+def image(frame: LabelledFrame) -> tuple[Images, Classes]:
+    """Return ranges and heights (m) as images, 0 where there is no point, and the classes of the pixels."""
+    distance, xyz, label = (frame.image(of, size=SIZE, elevations=ELEVATIONS) for of in ("range", "xyz", "label"))
+    class_of = np.full(2**16, OTHER, np.uint8)
+    for number, labels in enumerate(CLASSES.values()):
+        class_of[labels] = number
+    seen = distance > 0  # not where it is NaN
+    channels = np.where(seen, [distance, xyz[..., 2]], 0.0)
+    return channels.astype(np.float32), np.where(seen, class_of[label], OTHER).astype(np.uint8)
+
+
+def real(sequence: Path | str) -> list[LabelledFrame]:
+    """Return the frames of a sequence in SemanticKITTI's layout."""
+    frames = []
+    for number, path in enumerate(sorted(Path(sequence, "velodyne").glob("*.bin"))):
+        cloud = ls.PointCloud.load(path)
+        cloud.label, cloud.instance = read_labels(Path(sequence, "labels", f"{path.stem}.label"))
+        frames.append(LabelledFrame(cloud, None, np.eye(4), np.eye(4), 0.0, 0, number, "", ""))
+    return frames
+
+
+def varied(rng: np.random.Generator, channels: Images, classes: Classes) -> tuple[Images, Classes]:
+    """Return a frame turned, mirrored, scaled and tilted at random, with more noise and more gaps."""
+    rows, columns = classes.shape
+    turn, mirror = rng.integers(columns), rng.choice([-1, 1])
+    distance, height = np.roll(channels, turn, axis=2)[..., ::mirror]
+    classes = np.roll(classes, turn, axis=1)[:, ::mirror]
+    azimuth = np.linspace(0.0, 2 * np.pi, columns)
+    height = height + distance * (rng.normal(0, 0.01, 2) @ [np.cos(azimuth), np.sin(azimuth)]) + rng.normal(0, 0.1)
+    scale = rng.lognormal(0, 0.06) * (1 + rng.normal(0, 0.02, classes.shape) / np.maximum(distance, 1.0))
+    gaps = rng.random(classes.shape) < rng.uniform(0.0, 0.3)
+    v, u = np.ogrid[:rows, :columns]
+    for _ in range(rng.integers(2, 8)):  # what stands on the roof hides parts of the ground nearby
+        across = (u - rng.integers(columns)) % columns - columns / 2
+        gaps |= (across / rng.uniform(15, 145)) ** 2 + ((v - rows + rng.uniform(0, 12)) / rng.uniform(4, 18)) ** 2 < 1
+    patches = np.kron(rng.random((rows // 4, columns // 8)), np.ones((4, 8))) < rng.uniform(0.0, 0.4)
+    gaps |= (classes == list(CLASSES).index("car")) & patches  # dark or smooth paint returns little
+    seen = (distance > 0) & ~gaps
+    channels = np.where(seen, [distance * scale, height * scale], 0.0)
+    return channels.astype(np.float32), np.where(seen, classes, OTHER).astype(np.uint8)
+
+
+def features(channels: Images) -> Images:
+    """Return the input of the network for images (n, 2, rows, columns): range, height, steps and gaps, scaled."""
+    distance, height = channels[:, 0], channels[:, 1]
+    seen = distance > 0
+    step = np.arcsinh(distance - np.roll(distance, 1, axis=-1)) * (seen & np.roll(seen, 1, axis=-1))
+    return np.stack([(np.log1p(distance) - 2.5) * seen, height / 2, step, seen], axis=1).astype(np.float32)
+
+
+def network() -> Any:
+    """Return a U-Net of 170,000 weights whose images close around the sensor."""
+    import torch
+    from torch import nn
+
+    class Skip(nn.Sequential):
+        """The input beside what coarser layers make of it."""
+
+        def forward(self, images: Any) -> Any:
+            coarse = nn.functional.interpolate(super().forward(images), size=images.shape[2:])
+            return torch.cat([images, coarse], dim=1)
+
+    def layer(inputs: int, outputs: int, stride: int | tuple[int, int] = 1) -> nn.Module:
+        closed = nn.CircularPad2d((1, 1, 0, 0))
+        convolution = nn.Conv2d(inputs, outputs, 3, stride, padding=(1, 0), bias=False)
+        return nn.Sequential(closed, convolution, nn.BatchNorm2d(outputs), nn.LeakyReLU(0.1))
+
+    inner = Skip(layer(48, 64, 2), layer(64, 64))
+    inner = Skip(layer(32, 48, 2), layer(48, 48), inner, layer(112, 48))
+    inner = Skip(layer(16, 32, (1, 2)), layer(32, 32), inner, layer(80, 32))
+    inner = Skip(layer(4, 16, (1, 2)), layer(16, 16), inner, layer(48, 16))
+    return nn.Sequential(inner, nn.Conv2d(20, len(CLASSES), 1))
+
+
+def train(groups: list[list[LabelledFrame]], steps: int, seed: int) -> Any:
+    """Return a network trained on groups of frames, each of which gives as many as the others."""
+    import torch
+    from torch.nn.functional import cross_entropy
+
+    torch.manual_seed(seed)
+    rng, net = np.random.default_rng(seed), network()
+    optimizer = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 5e-3, total_steps=steps)
+    images = [[image(frame) for frame in frames] for frames in groups]
+    for step in range(steps):
+        frames = [of[rng.integers(len(of))] for of in (images[k % len(images)] for k in range(BATCH))]
+        channels, classes = map(np.stack, zip(*(varied(rng, *frame) for frame in frames), strict=True))
+        loss = cross_entropy(
+            net(torch.from_numpy(features(channels))), torch.from_numpy(classes).long(), ignore_index=OTHER
+        )
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        schedule.step()
+        if step % 50 == 0 or step == steps - 1:
+            print(f"step {step + 1} of {steps}: loss {loss.item():.3f}", flush=True)
+    return net
+
+
+def confusion(net: Any, frames: list[LabelledFrame]) -> npt.NDArray[np.int64]:
+    """Return how many pixels of each class (rows) are taken for each class (columns)."""
+    import torch
+
+    count = np.zeros((len(CLASSES), len(CLASSES)), np.int64)
+    net.eval()
+    for channels, classes in map(image, frames):
+        with torch.no_grad():
+            scores = net(torch.from_numpy(features(channels[None])))
+        known = classes != OTHER
+        np.add.at(count, (classes[known], scores[0].argmax(0).numpy()[known]), 1)
+    return count
+
+
+def report(count: npt.NDArray[np.int64]) -> str:
+    """Return intersection over union by class, and which share of each class is taken for which."""
+    both = np.diag(count)
+    union = count.sum(0) + count.sum(1) - both
+    iou = np.divide(both, union, out=np.full(len(both), np.nan), where=union > 0)
+    lines = [f"mean IoU {np.nanmean(iou):.3f}", " " * 16 + "".join(f"{name:>11}" for name in ("IoU", *CLASSES))]
+    for name, value, row in zip(CLASSES, iou, count / np.maximum(count.sum(1, keepdims=True), 1), strict=True):
+        lines.append(f"{name:>16}" + "".join(f"{share:11.3f}" for share in (value, *row)))
+    return "\n".join(lines)
+
+
+def main(sequences: list[str], worlds: int = WORLDS, steps: int = STEPS, seed: int = SEED) -> None:
+    """Generate, train and test."""
+    ls.generate("segmentation", "simulated", sequences=worlds, frames=1, seed=1, pictures=0)
+    simulated = list(ls.datasets.load("simulated"))
+    shares = np.bincount(np.stack([image(frame)[1] for frame in simulated]).ravel(), minlength=256) / worlds
+    print("pixels per simulated frame:", ", ".join(f"{n:.0f} {name}" for n, name in zip(shares, CLASSES, strict=False)))
+    try:
+        import torch
+    except ImportError:
+        print("to train: pip install torch")
+        return
+    torch.set_num_threads(2)
+    tested, *more = [real(sequence) for sequence in sequences] or [simulated]
+    net = train([simulated, *more], steps, seed)
+    print(report(confusion(net, tested)))
+
+
+if __name__ == "__main__":
+    given = sys.argv[1:]
+    main(given) if given else main([], worlds=2, steps=3)
