@@ -70,6 +70,11 @@ PRESETS = """\
 The rays of one frame of each sensor, which start where its beams do, cast with all threads. The table gives the times
 of a ray, and the ratio to Open3D."""
 
+REALISTIC = """\
+Scans of new frames in the city, with all threads: without noise, with the noise of the data sheet, and with the noise
+and beam of a real unit, whose sub-rays form a waveform. Open3D casts the same number of rays around the axis of each
+pulse, and makes no waveform of them."""
+
 SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
 built and scanned once. Mean times of a scene, and the share of building."""
@@ -292,6 +297,23 @@ def to_markdown(results: Results) -> str:
                     _short(row["ratio"]),
                 ]
                 for row in results["patterns"]
+            ),
+        ),
+        "## Real sensors",
+        REALISTIC,
+        _table(
+            "sensor | pulses | sub-rays | clean, ns | data sheet, ns | real, ns | real / clean | Open3D, ns | × Open3D",
+            (
+                [
+                    row["sensor"],
+                    f"{row['pulses']:,}",
+                    str(row["sub_rays"]),
+                    *(_short(1e9 * row[kind]) for kind in ("clean", "datasheet", "measured")),
+                    _short(row["ratio"]),
+                    _short(None if row["Open3D"] is None else 1e9 * row["Open3D"]),
+                    _short(row["over_open3d"]),
+                ]
+                for row in results["realistic"]
             ),
         ),
         "## Random scenes",

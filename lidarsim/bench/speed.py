@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.terminal import paragraph
-from lidarsim.bench import building, exact, in_plane, motion, patterns, presets, report, robots, scenes
+from lidarsim.bench import building, exact, in_plane, motion, patterns, presets, realistic, report, robots, scenes
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
@@ -237,6 +237,7 @@ class _Run:
         self.in_plane: list[dict[str, Any]] = []
         self.patterns: list[dict[str, Any]] = []
         self.presets: list[dict[str, Any]] = []
+        self.realistic: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
         self.scaling: list[dict[str, Any]] = []
         self.scenes: list[dict[str, Any]] = []
@@ -471,6 +472,15 @@ class _Run:
         times = interleave(what, self.plan.rounds, self.plan.seconds)
         self.patterns += patterns.over(times)
 
+    def real_sensors(self) -> None:
+        """Measure scans with the noise and beam of real units relative to those without, and beside Open3D."""
+        world, threads = self._world(scenes.city), self.plan.threads[-1]
+        self.progress("realistic")
+        own = Lidarsim(world, threads)
+        peers = {"Open3D": self.casters["Open3D"](world, threads)} if "Open3D" in self.casters else {}
+        what = realistic.calls(world, own.scene, peers, threads)
+        self.realistic += realistic.over(interleave(what, self.plan.rounds, self.plan.seconds))
+
     def random_scenes(self) -> None:
         """Measure the share of building in the total time of scenes that are scanned once."""
         for threads in self.plan.threads:
@@ -496,6 +506,7 @@ class _Run:
             "in_plane": self.in_plane,
             "patterns": self.patterns,
             "presets": self.presets,
+            "realistic": self.realistic,
             "sight": self.sight,
             "scaling": self.scaling,
             "scenes": self.scenes,
@@ -679,6 +690,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.many_robots()
         bench.rays_in_planes()
         bench.new_frames()
+        bench.real_sensors()
         bench.random_scenes()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}

@@ -98,6 +98,30 @@ def results() -> dict[str, Any]:
             }
             for scene, ratio in (("city", 4.0), ("terrain", 1.0))
         ],
+        "realistic": [
+            {
+                "sensor": "ouster-os1-128",
+                "pulses": 131_072,
+                "sub_rays": 7,
+                "clean": 40e-9,
+                "datasheet": 50e-9,
+                "measured": 200e-9,
+                "ratio": 5.0,
+                "Open3D": 500e-9,
+                "over_open3d": 2.5,
+            },
+            {
+                "sensor": "velodyne-vls128",
+                "pulses": 230_400,
+                "sub_rays": 1,
+                "clean": 40e-9,
+                "datasheet": 44e-9,
+                "measured": 48e-9,
+                "ratio": 1.2,
+                "Open3D": None,
+                "over_open3d": None,
+            },
+        ],
         "robots": [
             {"what": "cast", "over": "cast", "seconds": 0.008, "ratio": 1.0},
             {"what": "scan_many", "over": "cast", "seconds": 0.009, "ratio": 1.125},
@@ -199,6 +223,10 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
     assert table(text, "what | ms | × cast") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
     assert table(text, "what | over") == [["still", "", "4", "1"], ["moving", "still", "6", "1.5"]]
     assert table(text, "sensor | pattern") == [["livox-avia", "Risley", "24,000", "7", "50", "60", "1.2"]]
+    assert table(text, "sensor | pulses | sub-rays") == [
+        ["ouster-os1-128", "131,072", "7", "40", "50", "200", "5", "500", "2.5"],
+        ["velodyne-vls128", "230,400", "1", "40", "44", "48", "1.2", "—", "—"],
+    ]
     assert table(text, "robots | over") == [["cast", "", "8", "1"], ["scan_many", "cast", "9", "1.12"]]
     assert table(text, "surface | above, µs") == [["plane", "30", "1", "1.25"], ["mesh", "40", "1.5", "1"]]
     assert table(text, "rays | cast") == [["random", "45.6", "22.8", "2", "0"]]

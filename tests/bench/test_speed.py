@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim.bench import building, in_plane, motion, patterns, peers, presets, robots, scenes, speed
+from lidarsim.bench import building, in_plane, motion, patterns, peers, presets, realistic, robots, scenes, speed
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
 
@@ -203,6 +203,33 @@ def test_sensors_are_timed_beside_open3d_on_their_own_rays(results: dict[str, An
     ratios = np.array([row["ratio"] for row in rows])
     assert presets.mean(rows) == pytest.approx(np.exp(np.log(ratios).mean()))
     assert presets.mean([{"ratio": None}]) is None
+
+
+def test_scans_of_real_sensors_are_over_clean_ones_and_beside_all_sub_rays(results: dict[str, Any]) -> None:
+    rows = {row["sensor"]: row for row in results["realistic"]}
+    assert list(rows) == list(realistic.SENSORS)
+    assert {row["sub_rays"] for row in rows.values()} == {1, 7}
+    for name, row in rows.items():
+        assert row["pulses"] == len(ls.Lidar.preset(name).pattern.pulses(0))
+        assert row["ratio"] == pytest.approx(row["measured"] / row["clean"])
+        assert (row["Open3D"] is None) == (row["sub_rays"] == 1)
+        if row["Open3D"] is not None:
+            assert row["over_open3d"] == pytest.approx(row["Open3D"] / row["measured"])
+
+
+def test_sub_rays_lie_within_the_beam() -> None:
+    world = scenes.city(1000)
+    lidar = ls.Lidar.preset("ouster-os1-128", noise="measured")
+    beam, pulses = lidar.measurement.beam, lidar.pattern.pulses(0)
+    assert beam is not None
+    rays = realistic.sub_rays(lidar, beam, world)
+    assert len(rays) == 7 * len(pulses)
+    each = rays.directions.reshape(-1, 7, 3)
+    assert np.allclose(each[:, 0], pulses.directions, rtol=0.0, atol=1e-15)
+    apart = np.linalg.norm(np.cross(each, each[:, :1]), axis=2)
+    assert (apart[:, 1:] > 0.0).all()
+    assert (apart < beam.divergence_azimuth / 2.0).all()
+    assert np.array_equal(rays.origins[::7], pulses.origins + world.sensor)
 
 
 def test_rays_of_sensors_start_where_their_beams_do() -> None:
