@@ -10,7 +10,8 @@ configurations, recipes and the layouts of data sets, and ``lidarsim/io/README.m
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from typing import TYPE_CHECKING, NoReturn
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 try:
     import lidarsim._native as _core
@@ -31,11 +32,9 @@ if _core.__version__ != __version__:
 from lidarsim import config, datasets, errors, io, materials, mujoco, patterns, worlds
 from lidarsim import viewers as viewers  # registers views
 from lidarsim._base.names import instead
-from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
 from lidarsim.lidar import Lidar, register_lidar_reader
-from lidarsim.live import stream
 from lidarsim.materials import Material, Texture
 from lidarsim.motion.formats import register_trajectory_format
 from lidarsim.motion.georeference import Georeference
@@ -73,6 +72,10 @@ from lidarsim.world.shapes import (
     Triangle,
     TriangleMesh,
 )
+
+if TYPE_CHECKING:
+    from lidarsim.comparison import Comparison, compare
+    from lidarsim.live import stream
 
 __all__ = [
     "Atmosphere",
@@ -143,10 +146,17 @@ __all__ = [
 
 
 if not TYPE_CHECKING:  # type checkers know all names
+    _RARE = {"Comparison": "comparison", "compare": "comparison", "stream": "live"}
+    """Modules by name, imported for the name when it is first used."""
 
-    def __getattr__(name: str) -> NoReturn:
-        """Raise an error that says where a name is that the package lacks."""
+    def __getattr__(name: str) -> object:
+        """Return a name that few scripts use; raise an error that says where a name is that the package lacks."""
+        if name in _RARE:
+            return globals().setdefault(name, getattr(import_module(f"lidarsim.{_RARE[name]}"), name))
         place = next((module.__name__ for module in (patterns, materials, datasets, io) if hasattr(module, name)), "")
         hint = instead("lidarsim", name, [] if place else __all__) or (place and f"it is {place}.{name}")
         problem = f"module 'lidarsim' has no attribute {name!r}"
         raise AttributeError(f"{problem}; {hint}" if hint and not name.startswith("_") else problem)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

@@ -63,7 +63,6 @@ from lidarsim.cli.printing import (
     print_sent,
     track,
 )
-from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.config import starter
 from lidarsim.errors import LidarsimError
 from lidarsim.io import packets, raster
@@ -529,6 +528,8 @@ def compare(
     REAL and SIM hold points in the sensor frame, as drivers give them. What a cloud does not tell, such as the pulses
     without a return if there are no columns, is not measured, and the output says why.
     """
+    from lidarsim.comparison import compare_sources, reasons, source, values
+
     for path, suffix in ((output, ".html"), (json, ".json")):
         if path:
             check_suffix(path, {suffix})

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from lidarsim import worlds
 from lidarsim._base.validation import pose as rigid
@@ -47,6 +46,12 @@ class Turn(Model):
     yaw: Finite = 0.0
 
 
+def _rotations(axes: str, angles: Floats) -> Floats:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler(axes, angles).as_matrix()
+
+
 class Placement(Model):
     """A pose: position and rotation, or the 4x4 matrix into the world."""
 
@@ -63,8 +68,9 @@ class Placement(Model):
             return np.array(self.matrix)
         matrix = np.eye(4)
         turn = self.rotation_deg
-        rotation = Rotation.from_euler("ZYX", [turn.yaw, turn.pitch, turn.roll], degrees=True).as_matrix()
-        matrix[:3, :3] = rotation * scale  # R diag(scale)
+        if turn != Turn():
+            matrix[:3, :3] = _rotations("ZYX", np.radians([turn.yaw, turn.pitch, turn.roll]))
+        matrix[:3, :3] *= scale  # R diag(scale)
         matrix[:3, 3] = self.position_m
         return matrix
 
@@ -184,7 +190,7 @@ class Drive(Placement):
         points, ahead = (np.stack([np.interp(at, along, row) for row in rows.T], axis=1) for rows in (points, ahead))
         turns = [np.arctan2(ahead[:, 1], ahead[:, 0]), -np.arctan2(ahead[:, 2], np.hypot(ahead[:, 0], ahead[:, 1]))]
         poses = np.tile(np.eye(4), (len(at), 1, 1))
-        poses[:, :3, :3] = Rotation.from_euler("ZY", np.stack(turns, axis=1)).as_matrix()
+        poses[:, :3, :3] = _rotations("ZY", np.stack(turns, axis=1))
         poses[:, :3, 3] = points
         return Trajectory((at - self.start_m) / self.speed_m_per_s, poses) @ build_rigid(self, place)
 

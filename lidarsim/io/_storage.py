@@ -17,11 +17,11 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from lidarsim import _native
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import PathLike, parsing, reading, replacing, sync, temporary_folder, writing
 from lidarsim._base.validation import short
@@ -344,7 +344,7 @@ def metadata_of(parts: list[Metadata]) -> bytes:
     import yaml
 
     try:
-        whole = {**_merged(parts), "custom_data": {WRITTEN_BY: version("lidarsim")}}
+        whole = {**_merged(parts), "custom_data": {WRITTEN_BY: _native.__version__}}
     except (KeyError, TypeError, IndexError, AttributeError):
         raise FileFormatError("the notes on the files of a bag are damaged") from None
     return yaml.safe_dump({"rosbag2_bagfile_information": whole}, sort_keys=False).encode()

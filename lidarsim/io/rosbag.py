@@ -54,7 +54,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import cache, partial
-from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -1068,8 +1067,10 @@ _PARSERS = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom, _LASER: _parsed_lase
 
 @cache
 def _typestore() -> Typestore:
+    import importlib.metadata
+
     typesys = import_extra("rosbags.typesys", "formats", "ROS bags")
-    there = metadata.version("rosbags")
+    there = importlib.metadata.version("rosbags")
     if tuple(map(int, re.findall(r"\d+", there)[:2])) < OLDEST:
         oldest = ".".join(map(str, OLDEST))
         raise MissingExtraError(
