@@ -4,8 +4,8 @@ A `Scene` holds shapes, and a `Lidar` scans it. The `Scan` says what happened to
 the points with their truth, a `PointCloud`, and `Scan.plot` shows them. `config.load` reads a configuration, such as
 ``"demo"``, `generate` makes a data set, and `compare` holds simulated points against real ones.
 
-The guide, with one task a section, is ``examples/README.md`` in the repository; ``configs/README.md`` documents
-configurations, recipes and the layouts of data sets, and ``lidarsim/io/README.md`` file formats.
+Pages by task are in ``examples/`` of the repository. ``configs/README.md`` documents configurations, recipes and the
+layouts of data sets, and ``lidarsim/io/README.md`` file formats.
 
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """

@@ -22,7 +22,12 @@ import lidarsim
 ROOT = Path(__file__).parents[1]
 GUIDE = (ROOT / ".github" / "CONTRIBUTING.md").read_text(encoding="utf-8")
 CORE = Path("lidarsim", "native")
-WHOLE = ("tests/test_pages.py", "tests/test_house.py", "-k", "row or named or loaded or docstrings or as_a_whole")
+WHOLE = (
+    "tests/test_pages.py",
+    "tests/test_house.py",
+    "-k",
+    "row or reference or section or loaded or docstrings or as_a_whole",
+)
 """Tests of the package as a whole that may notice a toy."""
 COMMAND = "from lidarsim.cli import main; main()"
 
@@ -114,6 +119,20 @@ def as_new(text: str) -> Edit:
     return lambda path: path.write_text(text, encoding="utf-8")
 
 
+def as_printed(*command: str) -> Edit:
+    """Make a file that a command prints in the copy; leave it if the command fails."""
+
+    def edit(path: Path) -> None:
+        copy, words = path.parents[1], [sys.executable, "-m", "lidarsim", *command]
+        environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(words, cwd=copy, env=environment, capture_output=True, check=False)
+        if done.returncode == 0:
+            path.write_bytes(done.stdout)
+
+    return edit
+
+
+REFERENCE = as_printed("check", "--keys", "all")
 SPHERE = ("sphere", "ball"), ("Sphere", "Ball")
 PALMER = ("palmer", "cone"), ("Palmer", "Cone")
 
@@ -130,9 +149,15 @@ SHAPE = Toy(
             "SAMPLES = [",
             '    Sample("ball", "Ball", lambda m: (m.point((0, 0.25, 0)), m.length(1.25)), (0.5, 0, 0.25)),',
         ),
-        "configs/README.md": after("| `sphere` |", "| `ball` | `center_m`, `radius_m` |"),
+        "lidarsim/cli/keys.py": after('    "box": ', '    "ball": "{shape: ball, center_m: [12, 3, 1], radius_m: 1}",'),
+        "configs/REFERENCE.md": REFERENCE,
     },
-    ("tests/test_pages.py", "tests/conformance/test_completeness.py", "-k", "ball or Ball or hidden or loaded"),
+    (
+        "tests/test_pages.py",
+        "tests/conformance/test_completeness.py",
+        "-k",
+        "ball or Ball or hidden or loaded or section",
+    ),
 )
 PATTERN = Toy(
     "cone",
@@ -144,11 +169,13 @@ PATTERN = Toy(
             after("FAMILIES: ", '    "cone": Cone(half_angle=0.3, scan_rate=70.0, pulse_rate=100e3, rate=10.0),'),
             after("ORACLES: ", "    Cone: (palmer, lambda p: Fraction(p.pulse_rate)),"),
         ),
-        "configs/README.md": after(
-            "| `palmer` |", "| `cone` | `half_angle_deg`, `scan_rate_hz`, `pulse_rate_khz`, `rate_hz` |"
+        "lidarsim/cli/keys.py": after(
+            '    "grid": ',
+            '    "cone": "{type: cone, half_angle_deg: 20, scan_rate_hz: 70, pulse_rate_khz: 100, rate_hz: 10}",',
         ),
+        "configs/REFERENCE.md": REFERENCE,
     },
-    ("tests/test_pages.py", "tests/patterns/test_families.py", "-k", "cone or forgotten or loaded"),
+    ("tests/test_pages.py", "tests/patterns/test_families.py", "-k", "cone or forgotten or loaded or section"),
 )
 FORMAT = Toy(
     "tsv",

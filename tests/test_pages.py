@@ -9,14 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from lidarsim.config import objects, sensors
+from lidarsim.cli import keys
+from lidarsim.config import document, loader, objects, sensors
 from lidarsim.datasets.layouts import LAYOUTS
+from lidarsim.errors import ConfigError
 from lidarsim.scan.formats import FORMATS
-from lidarsim.sensor.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
-CONFIGS = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
+REFERENCE = (ROOT / "configs" / "REFERENCE.md").read_text(encoding="utf-8")
 FILES = (ROOT / "lidarsim" / "io" / "README.md").read_text(encoding="utf-8")
+MODELS = {**objects.SHAPES, **sensors.PATTERNS, **LAYOUTS, "measurement": sensors.Effects}
 
 
 def rows(page: str) -> dict[str, str]:
@@ -28,34 +30,37 @@ def rows(page: str) -> dict[str, str]:
     return found
 
 
-def missing(keys: set[str], row: str) -> set[str]:
-    """Keys that a row does not name."""
-    return {key for key in keys if not re.search(rf"\b{re.escape(key)}\b", row)}
+@pytest.mark.parametrize("name", MODELS)
+def test_each_key_has_its_row(name: str) -> None:
+    keys = MODELS[name].model_fields.keys() - {"shape", "type"}
+    if name in objects.SHAPES:
+        keys -= objects.Object.model_fields.keys()
+    (section,) = re.findall(rf"^### {name}\n(.*?)(?=^##|\Z)", REFERENCE, re.DOTALL | re.MULTILINE)
+    found = rows(section)
+    assert keys - found.keys() == set()
+    assert all(row.split(" | ")[3].strip(" |") for row in found.values())  # it has a meaning
 
 
-@pytest.mark.parametrize("name", objects.SHAPES)
-def test_each_shape_has_its_row(name: str) -> None:
-    assert (
-        missing(
-            objects.SHAPES[name].model_fields.keys() - objects.Object.model_fields.keys() - {"shape"},
-            rows(CONFIGS)[name],
-        )
-        == set()
-    )
+def test_the_reference_is_what_the_command_prints() -> None:
+    assert keys.page("all") == REFERENCE  # else: lidarsim check --keys all > configs/REFERENCE.md
+    assert f"\n{keys.page('waypoint')}" in REFERENCE
 
 
-@pytest.mark.parametrize("name", sensors.PATTERNS)
-def test_each_pattern_has_its_row(name: str) -> None:
-    assert missing(sensors.PATTERNS[name].model_fields.keys() - {"type"}, rows(CONFIGS)[name]) == set()
+def test_each_section_has_an_example() -> None:
+    assert keys.EXAMPLES.keys() == keys.SECTIONS.keys()
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
-def test_each_layout_has_its_row(name: str) -> None:
-    assert missing(LAYOUTS[name].model_fields.keys() - {"type"}, rows(CONFIGS)[name]) == set()
-
-
-def test_each_effect_is_named() -> None:
-    assert missing(set(Measurement.configuration), rows(CONFIGS)["measurement"]) == set()
+@pytest.mark.parametrize("name", keys.EXAMPLES)
+def test_each_example_is_valid(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "example.yaml"
+    path.write_text(keys.EXAMPLES[name], encoding="utf-8")
+    node = document.read(path)
+    model = objects.SHAPES["sphere"] if name == "object" else keys.SECTIONS[name].model
+    loader.checked(model, loader.whole(node) if name == "run" else node)
+    if len(found := document.entries(node)) > 1:  # a check that can fail
+        wrong = document.replace(node, ["nothing"], next(iter(found.values()))[1])
+        with pytest.raises(ConfigError, match="unknown key"):
+            loader.checked(model, wrong)
 
 
 def test_each_format_has_its_row() -> None:

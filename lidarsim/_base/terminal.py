@@ -18,12 +18,22 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.table import Table
 
 from lidarsim._base.shown import plain
 from lidarsim.errors import LidarsimError
 
-__all__ = ["facts", "paragraph", "print_line", "say", "standard_streams", "table", "without_native_logs"]
+__all__ = [
+    "facts",
+    "paragraph",
+    "print_line",
+    "print_markdown",
+    "say",
+    "standard_streams",
+    "table",
+    "without_native_logs",
+]
 
 WIDTH = 200
 """Width of tables in a pipe without the variable COLUMNS, in columns."""
@@ -98,6 +108,14 @@ def facts(lines: dict[str, str]) -> None:
     for name, value in lines.items():
         made.add_row(name, _fitting(value))
     _render(made)
+
+
+def print_markdown(text: str) -> None:
+    """Print Markdown to stdout, formatted if that is a terminal; raises the errors of `print_line`."""
+    if sys.stdout.isatty():
+        _render(Markdown(_fitting_lines(text)))
+    else:
+        _write(_fitting_lines(text))
 
 
 def say(text: object) -> None:
@@ -200,7 +218,7 @@ def _write(text: str) -> None:
         raise LidarsimError(f"standard output: cannot be written: {error.strerror or error}") from None
 
 
-def _render(what: Table) -> None:
+def _render(what: Table | Markdown) -> None:
     """Print at the width of the terminal or of the variable COLUMNS, else at `WIDTH` columns."""
     page = _Page()
     width = None if _width_is_known() else WIDTH
@@ -225,6 +243,10 @@ class _Page(StringIO):
 def _fitting(text: object) -> str:
     """Return a text with all characters escaped that stdout cannot print, before its width is measured."""
     return _encodable(plain(text), sys.stdout)
+
+
+def _fitting_lines(text: str) -> str:
+    return "".join(f"{_fitting(line)}\n" for line in text.splitlines())
 
 
 def _encodable(text: str, stream: TextIO) -> str:

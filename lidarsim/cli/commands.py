@@ -21,7 +21,7 @@ from lidarsim import _native as core
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import check_folder, check_suffix
 from lidarsim._base.shown import counted, plain
-from lidarsim._base.terminal import paragraph, print_line, table, without_native_logs
+from lidarsim._base.terminal import paragraph, print_line, print_markdown, table, without_native_logs
 from lidarsim._base.validation import integer
 from lidarsim.cli.options import (
     Background,
@@ -577,14 +577,19 @@ CHECKED = 3
 @app.command()
 def check(
     config: Annotated[
-        Path,
+        Path | None,
         typer.Argument(
             metavar="CONFIG",
             help="YAML configuration or recipe, or a packaged one: demo, detection, segmentation.",
             parser=parse_path,
+            show_default=False,
         ),
-    ],
+    ] = None,
     *,
+    keys: Annotated[
+        str | None,
+        make_option("--keys", "SECTION", "Print the keys of a section, such as run, sensor, sphere or recipe; or all."),
+    ] = None,
     sequences: Annotated[
         int | None,
         make_option("--sequences", "N", f"Sequences of a recipe to draw; default {CHECKED}.", parser=parse_integer),
@@ -599,6 +604,15 @@ def check(
     Of a recipe, draw a few sequences, and print how many objects of each group were asked for and placed, which rules
     refused places for the others, and which objects of the scene are in the sensor's way.
     """
+    if keys is not None:
+        from lidarsim.cli.keys import page
+
+        if config is not None:
+            raise LidarsimError(f"CONFIG: expected none with --keys, got {config}")
+        print_markdown(page(keys))
+        return
+    if config is None:
+        raise LidarsimError("CONFIG: expected a configuration or a recipe, or --keys SECTION, got none")
     path = starter.configuration(config)
     if _is_recipe(path):
         _check_recipe(path, overrides, integer("--sequences", sequences or CHECKED, at_least=1), screenshot)
@@ -606,6 +620,11 @@ def check(
     for option, value in {"--sequences": sequences, "--screenshot": screenshot}.items():
         if value is not None:
             raise LidarsimError(f"{option}: expected only with a recipe, got {config}")
+    _check_run(config, overrides)
+
+
+def _check_run(config: Path, overrides: list[str] | None) -> None:
+    """Scan the first and the last frame of a run, and print a summary."""
     run = _load(config, overrides)
     run.check_coverage()
     notes: dict[str, None] = {}

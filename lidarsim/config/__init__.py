@@ -1,4 +1,4 @@
-"""Configurations: YAML files that describe a scene, a sensor and a run; ``configs/README.md`` documents their keys.
+"""Configurations: YAML files that describe a scene, a sensor and a run; ``configs/REFERENCE.md`` lists their keys.
 
 Importing this package is cheap: the YAML reader and schema are imported with the first file.
 """

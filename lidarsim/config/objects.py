@@ -55,11 +55,17 @@ class Object(Part, Placement):
     """An object of the scene: a shape with its placement and material."""
 
     name: str = ""
+    """Name."""
     label: int = 0
+    """Class of its points."""
     instance: int | None = None
+    """Objects that share it have one box. Default: the id + 1."""
     material: str | None = None
+    """One of the [library](#materials); the keys below override its values."""
     reflectivity: Numbers = 1.0
+    """What the surface returns as a share of a white diffuser."""
     reflectivity_per: Literal["object", "face", "vertex"] = "object"
+    """`face`, `vertex`: the reflectivity is a list with one value each."""
     roughness_deg: float = 0.0
     specular: float = 0.0
     specular_width: float = 0.1
@@ -68,7 +74,9 @@ class Object(Part, Placement):
     variation: float = 0.0
     grain_m: float = 0.05
     scale: Scale = 1.0
+    """Scale, applied before the placement: one number, or one per axis."""
     motion: Motion | None = None
+    """How it moves: a velocity, a list of [waypoints](#waypoint) or a file of [poses](#poses)."""
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the object to `scene`."""
@@ -118,7 +126,9 @@ class Plane(Object):
     shape: Literal["plane"]
     normal: Vector
     distance_m: float = 0.0
+    """Distance from the origin, times the length of the normal."""
     point_m: Vector | None = None
+    """A point of the plane, instead of `distance_m`."""
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""
@@ -136,6 +146,7 @@ class Mesh(Object):
 
     shape: Literal["mesh"]
     file: str
+    """PLY, STL, OBJ, OFF, GLB and more; objects with the same file share it."""
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""
@@ -149,6 +160,7 @@ class Heightfield(Object):
 
     shape: Literal["heightfield"]
     file: str
+    """NPY of heights, m; NaN where there is a hole."""
     spacing_m: Numbers
     origin_m: Pair = [0.0, 0.0]
 
@@ -165,6 +177,7 @@ class Raster(Object):
 
     shape: Literal["raster"]
     file: str
+    """GeoTIFF or Esri ASCII grid, in m. Needs `[geo]`."""
     band: int = 1
     window_m: Row | None = None
     stride: int = 1
@@ -200,6 +213,7 @@ class SceneRule(Part):
     instance: Grouping = None
     name: str | None = None
     skip: bool = False
+    """Leave the parts out."""
 
     def build(self, place: Place) -> Rule:
         """Return the rule."""
@@ -218,8 +232,10 @@ class Surfels(Object):
 
     shape: Literal["surfels"]
     file: str
+    """A point cloud of any [format](../lidarsim/io/README.md)."""
     neighbours: int = 16
     radius_m: float | None = None
+    """Radius of the disks. Default: as large as the gaps between points."""
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the disks to `scene`."""
@@ -250,10 +266,15 @@ class SceneFile(Object):
 
     shape: Literal["scene_file"]
     file: str
+    """GLB, glTF, DAE or a mesh; MJCF or URDF (`[mujoco]`)."""
     up: Literal["y", "z"] | None = None
+    """The axis that is up. Default: as the format or the file declares."""
     unit_m: float | None = None
+    """Unit of the file. Default: likewise."""
     rules: list[SceneRule] = []
+    """Labels, materials and instances of the parts; the first rule that matches a part decides."""
     reflectivity: NumbersOrColor = 1.0  # type: ignore[assignment]
+    """`color`: base colours become reflectivities, a guess at the infrared."""
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the objects to `scene`, named after their nodes; what a rule says of them replaces what is said here."""
@@ -284,6 +305,7 @@ class Generated(Object):
     generator: ClassVar[Callable[..., worlds.Asset]]
 
     seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of the shape."""
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the parts to `scene`."""

@@ -56,8 +56,11 @@ class Placement(Model):
     """A pose: position and rotation, or the 4x4 matrix into the world."""
 
     position_m: Vector = [0.0, 0.0, 0.0]
+    """Position."""
     rotation_deg: Turn = Turn()
+    """Rotations about the fixed axes x, y and z, in this order."""
     matrix: Matrix | None = None
+    """The 4 × 4 matrix instead of both."""
 
     def to_matrix(self, place: Place, scale: float | Vector = 1.0) -> Floats:
         """Return the 4x4 matrix into the world."""
@@ -82,28 +85,37 @@ class Waypoint(Placement):
     """A placement at a time."""
 
     time_s: float
+    """When it is there; linear in between."""
 
 
 class Pose(Placement):
     """A placement that may move with a constant twist from time 0."""
 
     linear_m_per_s: Vector = [0.0, 0.0, 0.0]
+    """Velocity in its own axes, from time 0 on."""
     angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
+    """Angular velocity in its own axes."""
 
 
 class TrajectoryFile(Placement):
     """Poses over time from a file; its placement is that of the world of the file."""
 
     file: str
+    """TUM, CSV (header `time_s,x_m,y_m,z_m,qx,qy,qz,qw`), KITTI, or `ego_pose.json` of nuScenes."""
     times: str | None = None
+    """For KITTI: a file with one time per line, s."""
     scene: str | None = None
+    """For nuScenes: name of the scene, whose first pose is at time 0."""
     start_s: Finite | None = None
+    """Shift all times so that the first pose is at this one."""
     interpolation: Literal["linear", "spline"] = "linear"
+    """Between poses."""
     axes: Literal["body", "camera"] = "body"
+    """`camera`: the poses are those of a camera, with x to the right, y down and z ahead."""
 
 
 class Plan(Model):
-    """Parallel strips over an area, as in `Trajectory.strips`."""
+    """A flight in parallel strips: `strips` of a pose, whose placement is that of the sensor on the aircraft."""
 
     area_m: Area
     height_m: float
@@ -155,6 +167,7 @@ class Stations(Placement):
     """Places of a tripod; the placement is that of the sensor on it."""
 
     stations: Annotated[list[Placement], Field(min_length=1)]
+    """Placements of the tripod."""
 
     def build(self, place: Place, frames: range) -> tuple[Leg, ...]:
         """Return the stations; the first has the given frames, and the others as many after them."""
@@ -170,9 +183,13 @@ class Drive(Placement):
     """A way of a street, along which the sensor moves; the placement is that of the sensor on the vehicle."""
 
     way: Literal["lanes", "turns", "pavements", "crossings"]
+    """Which ways of the street."""
     number: Annotated[int, Field(ge=0)] = 0
+    """Which of them."""
     start_m: Annotated[float, Field(ge=0)] = 0.0
+    """Where on the way the sensor is at time 0."""
     speed_m_per_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    """Speed."""
 
     def build(self, place: Place, ways: worlds.Ways | None) -> Trajectory:
         """Return the trajectory from time 0 to the end of the way."""
@@ -221,7 +238,9 @@ class Twist(Model):
     """A constant velocity, of an object in its own axes."""
 
     linear_m_per_s: Vector = [0.0, 0.0, 0.0]
+    """Velocity."""
     angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
+    """Angular velocity."""
 
 
 def build_motion(start: Floats, twist: Pose | Twist, place: Place) -> Floats | Trajectory:

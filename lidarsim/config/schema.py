@@ -32,8 +32,11 @@ class Cloud(Model):
     """Coordinate frame and deskewing of the written points."""
 
     frame: Literal["sensor", "world"] = "sensor"
+    """Coordinates of the points."""
     deskew: bool | Literal["start", "middle", "end"] = False
+    """The time to which points are deskewed by the true poses: `true` stands for `start`."""
     deskew_s: Finite | None = None
+    """The same as seconds after the start of the frame."""
 
     @field_validator("deskew", mode="before")
     @classmethod
@@ -71,8 +74,11 @@ class Georeference(Model):
     """Where the world is on the Earth, and the start of the run, for GNSS receivers and for files that hold them."""
 
     crs: int | str | None = None
+    """Coordinate reference system of the world, in m: an EPSG code such as `EPSG:25832`, or WKT. Needs `[geo]`."""
     origin: Origin | None = None
+    """Place of the world's origin on WGS 84, with x to the east, y to the north and z up; instead of `crs`."""
     start: str | None = None
+    """The moment of time 0 with its zone. LAS and LAZ files count GPS time from it, bags and packets Unix time."""
 
     def build(self, place: Place) -> tuple[int | str | None, float | datetime]:
         """Return the system and the start, after checking them."""
@@ -117,8 +123,11 @@ class Air(Model):
     """The atmosphere of a scene: of fog, rain or snow, whose values its other keys replace."""
 
     fog: Fog | None = None
+    """Fog of this visibility, m."""
     rain: Precipitation | None = None
+    """Rain of this rate."""
     snow: Precipitation | None = None
+    """Snow of this rate, as water."""
     extinction_per_m: float = 0.0
     backscatter_per_m_sr: float = 0.0
     label: int = 0
@@ -150,13 +159,24 @@ class Config(Model):
     """A run: scene, sensor or rig, pose and frames."""
 
     scene: AnyScene
+    """What is scanned; or the `{file: …}` of such a list, alone or as `scene` beside `class_names` and `atmosphere`."""
     class_names: dict[str, str] = {}
+    """Names of labels, for legends and files: `{1: car, 2: person}`. They override those of a scene file."""
     atmosphere: Air | None = None
+    """The air, instead of that of a scene file. Default: clear."""
     sensor: AnySensor | None = None
+    """What scans; or `rig`."""
     rig: dict[str, Mounted] | None = None
+    """Several sensors, IMUs and GNSS receivers on one body, by name."""
     pose: PoseOfRun = Pose()
+    """Pose of the sensor, or of the body of the rig. Default: the origin."""
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    """Seed of all noise."""
     first_frame: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    """Number of the first frame. Frame k starts at k / rate, for a rig with the rate of its fastest sensor."""
     frames: Annotated[int, Field(ge=1, le=2**32)] = 1
+    """Number of frames; of each station, and not for strips."""
     cloud: Cloud = Cloud()
+    """How points are written."""
     georeference: Georeference = Georeference()
+    """Where and when the run is. GNSS receivers need it."""

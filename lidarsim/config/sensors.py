@@ -43,8 +43,10 @@ class Table(Part):
 
     type: Literal["table"]
     file: str
+    """CSV or NPY of directions."""
     rate_hz: float
     pulse_rate_khz: float | None = None
+    """Pulses per second, for a file without times."""
 
     def build(self, place: Place) -> Pattern:
         """Return the pattern."""
@@ -77,10 +79,15 @@ class Effects(model_of(Measurement)):  # type: ignore[misc]
 
 class _Limits(Model):
     name: str = ""
+    """Sensors of different names draw different noise."""
     measurement: Effects = Effects()
+    """Noise and other effects."""
     min_range_m: float = 0.0
+    """Least range that is reported."""
     max_range_m: float = float("inf")
+    """Greatest range that is reported."""
     range_offset_m: Numbers = 0.0
+    """Range that the sensor reports minus range from the beam's origin: one number, or one per ring."""
 
 
 _LIMITS = _Limits.model_fields.keys() - {"measurement"}
@@ -95,16 +102,28 @@ class Measured(Model):
 
 
 class Sensor(_Limits):
-    """A lidar. `datasheet_noise`, `measured` and `modes` are merged in on request; `sources` cites the numbers."""
+    """A lidar: its own `pattern`, or a `preset` with its `mode` and `noise`, or a `file`, and the keys that differ.
+
+    `noise` is `none`, `datasheet` or `measured`. With a preset or a file, `datasheet_noise`, `measured` and `modes` are
+    merged in on request; `sources` cites the numbers.
+    """
 
     pattern: AnyPattern
+    """Directions and times of the pulses: `type` and its keys."""
     model: str = ""
+    """Selects packets, and the point layout in bags. Default: the preset, else the name."""
     description: str = ""
+    """For people."""
     datasheet_noise: Effects | None = None
+    """The `measurement` that `noise: datasheet` enables."""
     measured: Measured | None = None
+    """What `noise: measured` merges over `datasheet_noise` and the range gate."""
     modes: dict[str, dict[str, Any]] = {}
+    """Changes by name, of which `mode` selects one."""
     datasheet: dict[str, Any] = {}
+    """Figures of the data sheet, for people."""
     sources: dict[str, str] = {}
+    """Sources of the values, for people."""
 
     def build(self, place: Place) -> Lidar:
         """Return the lidar."""
@@ -116,15 +135,22 @@ class Sensor(_Limits):
 
 
 class VendorSensor(_Limits):
-    """A lidar from a vendor's own file, with values that the file lacks and changes to it."""
+    """A lidar from a YAML file or a vendor's own, with values that the file lacks and changes to it."""
 
     file: str
+    """Calibration of Velodyne, Hesai or RoboSense, metadata of Ouster, or times of Livox."""
     mode: str | None = None
+    """One of the modes of its model."""
     model: str | None = None
+    """Model, if the file does not state it."""
     noise: Literal["none", "datasheet", "measured"] = "none"
+    """Noise of the preset of its model."""
     rate_hz: float | None = None
+    """Frames per second, if the file does not state it."""
     pulse_rate_khz: float | None = None
+    """Pulses per second, likewise."""
     firing_times: str | None = None
+    """A file of firing times, likewise."""
 
     def build(self, place: Place) -> Lidar:
         """Return the lidar."""
@@ -182,7 +208,9 @@ class InertialUnit(Model):
 
     rate_hz: float
     gyroscope: Gyroscope = Gyroscope()
+    """Errors of the gyroscopes."""
     accelerometer: Accelerometer = Accelerometer()
+    """Errors of the accelerometers."""
     gravity_m_per_s2: float = GRAVITY
     latitude_deg: float | None = None
 
@@ -213,9 +241,13 @@ class Mounted(Placement):
     """A lidar, an IMU or a GNSS receiver of a rig: its placement on the body, and the delay of a lidar's frames."""
 
     sensor: AnySensor | None = None
+    """A lidar,"""
     imu: InertialUnit | None = None
+    """or an IMU,"""
     gnss: Receiver | None = None
+    """or a GNSS receiver, whose position is that of the antenna."""
     offset_s: Finite | None = None
+    """Of a lidar: its frame k starts at k / rate plus this."""
 
     def build(self, place: Place, name: str) -> tuple[Any, ...]:
         """Return the member of the rig of this name."""

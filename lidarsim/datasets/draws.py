@@ -87,12 +87,19 @@ class Draw(Model):
     """Distribution of a drawn value."""
 
     uniform: Pair | None = None
+    """Least and greatest value."""
     log_uniform: Pair | None = None
+    """The same, uniform in the logarithm."""
     normal: Pair | None = None
+    """Mean and standard deviation."""
     integer: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
+    """Least and greatest integer, both included."""
     choice: Annotated[list[Any], Field(min_length=1)] | None = None
+    """Any values."""
     weights: list[float] | None = None
+    """Weight of each choice. Default: equal."""
     per: Literal["sequence", "frame"] = "sequence"
+    """How often it is drawn."""
 
     @model_validator(mode="after")
     def _one(self) -> Draw:

@@ -73,15 +73,25 @@ class Settings(Model):
     """The keys of a recipe except its run."""
 
     sequences: Annotated[int, Field(ge=1, le=MOST)] = 1
+    """Number of sequences."""
     frames: Annotated[int, Field(ge=1, le=MOST)] = 1
+    """Number of frames in each."""
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    """Seed of all draws and all noise."""
     shard_frames: Annotated[int, Field(ge=1)] | None = None
+    """Frames made at a time. Default: as many as fire 40 million pulses, but at most 1/32 of all."""
     layout: AnyLayout
+    """Layout of the files, by name or with its keys."""
     class_names: dict[str, str] = Field(default={})
+    """Names of labels; they override those of the run."""
     splits: dict[str, Any] = Field(default={})
+    """Shares, `{train: 0.8, val: 0.2}`, or lists of sequences, `{train: [0, 1], val: [2]}`."""
     vary: dict[str, Draw] = Field(default={})
+    """A [draw](#draw) for each key of the run that varies, written as in `--set`."""
     scatter: dict[str, Scatter] = Field(default={})
+    """Groups of randomly placed objects, by name."""
     after_scan: str | None = None
+    """`module:function` that changes each cloud before it is written."""
 
 
 class Source(Protocol):

@@ -100,9 +100,9 @@ class Beam(Immutable):
     ----------
     divergence_azimuth, divergence_elevation : float
         Full angles, horizontal and vertical, between the directions where the intensity is 1/e² of that on the axis,
-        rad, 0 to 0.1. (The full angle at half maximum is 0.589 times that.) If only one is given, the beam is round.
+        0 to 0.1 rad. (The full angle at half maximum is 0.589 times that.) If only one is given, the beam is round.
     pulse_length : float
-        Duration of the pulse, full width at half maximum, s, > 0 and at most 1e-6.
+        Duration of the pulse, full width at half maximum, s, > 0 and at most 1 µs.
     rays : int
         Number of sub-rays per pulse: 7, 19, 37, 61 or 91.
     separation : float
@@ -250,7 +250,7 @@ class Measurement(Immutable):
         Quantisation step of the reported range, m, halves rounded to even; 0 for none. The reported range is the
         measured range plus the `range_offset` of the `Lidar`.
     azimuth_sigma, elevation_sigma : float
-        Standard deviations of the angles by which a pulse deviates from its nominal direction, rad, 0 to 1. Points are
+        Standard deviations of the angles by which a pulse deviates from its nominal direction, 0 to 1 rad. Points are
         still computed from the nominal direction; `Scan.true_points` returns the points that the pulses actually hit.
     dropout : float
         Probability that a pulse is lost, 0 to 1.

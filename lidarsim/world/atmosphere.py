@@ -63,7 +63,7 @@ class Atmosphere(Immutable):
     aperture : float
         Width of a beam at the sensor, m, > 0: where single drops are in it, and how bright they are. Default: 10 mm.
     divergence : float
-        Full angle by which the beam widens, rad, 0 to 0.1, for sensors without a `Beam`. Default: 3 mrad. (A Velodyne
+        Full angle by which the beam widens, 0 to 0.1 rad, for sensors without a `Beam`. Default: 3 mrad. (A Velodyne
         VLP-16 has 9.5 mm × 12.7 mm and 3.0 mrad × 1.5 mrad.)
 
     Raises

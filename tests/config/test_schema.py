@@ -13,7 +13,7 @@ from lidarsim import patterns
 from lidarsim.config import factories, objects, poses, schema, sensors, units
 from lidarsim.sensor import measurement
 
-GUIDE = (Path(__file__).parents[2] / "configs" / "README.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).parents[2] / "configs" / "REFERENCE.md").read_text(encoding="utf-8")
 DECLARING = [patterns.Prism, measurement.Detection, measurement.Beam, measurement.Measurement]
 MODELS = [
     *{
@@ -37,7 +37,7 @@ def test_every_key_is_in_the_guide(model: type[factories.Model]) -> None:
 def test_every_shape_and_pattern_is_in_the_guide() -> None:
     assert len(objects.SHAPES) >= 8
     assert len(sensors.PATTERNS) >= 8
-    assert [name for name in [*objects.SHAPES, *sensors.PATTERNS] if f"| `{name}` |" not in GUIDE] == []
+    assert [name for name in [*objects.SHAPES, *sensors.PATTERNS] if f"\n### {name}\n" not in GUIDE] == []
 
 
 @pytest.mark.parametrize(

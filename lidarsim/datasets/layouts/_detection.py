@@ -88,6 +88,7 @@ class Detection(Layout):
     unfit: ClassVar[str] = ""
 
     boxes: Kept = BoxFilter()
+    """Selection of boxes."""
 
     @property
     def kept(self) -> BoxFilter:

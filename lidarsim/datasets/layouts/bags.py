@@ -49,7 +49,9 @@ class Bags(Layout):
 
     type: Literal["bags"]
     cut: Literal["pattern", "driver"] | None = None
+    """`driver`: begin messages where drivers of spinning sensors do; `pattern`, the default: one message per frame."""
     cut_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
+    """Begin messages at this azimuth."""
 
     @model_validator(mode="after")
     def _one(self) -> Bags:

@@ -75,8 +75,11 @@ class Camera(Model):
     """A virtual camera: width and height of its image and its focal length, all in pixels."""
 
     width: Annotated[int, Field(ge=1, le=16384)] = 1242
+    """Width of the image, pixels."""
     height: Annotated[int, Field(ge=1, le=16384)] = 375
+    """Height of the image, pixels."""
     focal: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 721.5377
+    """Focal length, pixels."""
 
     @property
     def projection(self) -> Floats:
@@ -96,6 +99,7 @@ are black, and only tell their size.
 
     type: Literal["kitti"]
     camera: Camera = Camera()
+    """Virtual camera in the sensor's origin, looking along x: what it sees has labels."""
 
     def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
         """Yield the boxes that the camera sees."""

@@ -97,7 +97,9 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
 
     type: Literal["nuscenes"]
     boxes: Kept = BoxFilter()
+    """Selection of boxes."""
     key_every: Annotated[int, Field(ge=1)] = 1
+    """Every how many frames one is a key frame; the others are sweeps."""
 
     @property
     def kept(self) -> BoxFilter:

@@ -64,7 +64,9 @@ class Shards(Layout):
 
     type: Literal["shards"]
     fields: list[str] = Field(default=list(FIELDS))
+    """Fields besides `xyz`."""
     boxes: Annotated[Kept | None, BeforeValidator(_switched)] = None
+    """`true`, or a selection of [boxes](#boxes): adds them to the JSON of each sample, and `boxes.parquet`."""
 
     @property
     def kept(self) -> BoxFilter | None:

@@ -104,20 +104,35 @@ class Scatter(Model):
     """A group of objects; each is one of `objects`."""
 
     objects: Annotated[list[AnyThing], Field(min_length=1)]
+    """Objects without a `motion`, of which each member is one. One with `files: models/*.glb` stands for any match."""
     weights: list[Annotated[float, Field(gt=0, le=FAR)]] | None = None
+    """Weight of each of the objects. Default: equal."""
     on: Annotated[list[str], Field(min_length=1)]
+    """Names of the scene objects on which the entire outline stands."""
     count: DrawOr
+    """Number of members, up to 10,000. Those without room are left out and counted."""
     area_m: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = None
+    """Two corners of the rectangle of their origins."""
     along_m: Paths | None = None
+    """Instead: points of a path, or a list of paths, of which each member takes one."""
     along: AlongWays | None = None
+    """Instead: ways of a street, of which each member takes one."""
     interpolation: Literal["linear", "spline"] = "linear"
+    """Between the points of `along_m`."""
     offset_m: DrawOr = 0.0
+    """Distance to the left of the path."""
     yaw_deg: DrawOr = 0.0
+    """Heading relative to the x axis or the path."""
     scale: DrawOr = 1.0
+    """Scale factor."""
     speed_m_per_s: SpeedOverTime = 0.0
+    """Speed ahead; negative: they turn around and come. Or rows of time and speed, linear in between."""
     tilt: bool = False
+    """Pitch and roll with the ground, as vehicles do."""
     gap_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0
+    """Least distance from other members, at all times; on paths, ahead and behind alone."""
     clear_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0
+    """Least distance from the sensor, or the body of the rig, at all times."""
 
     @cached_property
     def paths(self) -> list[Path]:

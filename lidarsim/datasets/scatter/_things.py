@@ -44,6 +44,7 @@ class ModelFile(SceneFile):
     """A scene file as one thing; parts whose names match `wheels` turn."""
 
     wheels: str | None = None
+    """Pattern of the names of parts that turn."""
 
 
 class Compound(Placement):
@@ -51,8 +52,11 @@ class Compound(Placement):
 
     shape: Literal["compound"]
     parts: Annotated[list[AnyObject], Field(min_length=1)]
+    """Objects with their placements."""
     wheels: str | None = None
+    """Pattern of the names of parts that turn."""
     scale: Scale = 1.0
+    """Scale of the whole."""
 
 
 class Walker(Object):
@@ -60,13 +64,15 @@ class Walker(Object):
 
     shape: Literal["walker"]
     height_m: Annotated[float, Field(ge=0.1, le=10)] = 1.75
+    """Height."""
 
+
+KINDS: dict[str, type[Placement]] = {**SHAPES, "scene_file": ModelFile, "compound": Compound, "walker": Walker}
 
 if TYPE_CHECKING:
     AnyThing = Object | Compound
 else:
-    kinds = {**SHAPES, "scene_file": ModelFile, "compound": Compound, "walker": Walker}
-    AnyThing = Annotated[reduce(or_, kinds.values()), Discriminator("shape")]
+    AnyThing = Annotated[reduce(or_, KINDS.values()), Discriminator("shape")]
 
 
 @dataclass(frozen=True)
