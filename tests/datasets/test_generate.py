@@ -269,7 +269,10 @@ def test_the_recipe_that_is_written_makes_the_same_data_set(tmp_path: Path) -> N
     assert load(tmp_path / "b" / "recipe.yaml").class_names == {int(label): name for label, name in NAMES.items()}
 
 
-def test_no_part_needs_docstrings_or_asserts(recipe: Path, tmp_path: Path) -> None:
+def test_no_part_needs_docstrings_or_asserts(recipe: Path, tmp_path: Path, slow: bool) -> None:
+    """Under ``python -OO``, which compiles each package anew; `test_cli` shows the help so each time."""
+    if not slow:
+        pytest.skip("thorough tests alone")
     configs = Path(__file__).parents[2] / "configs"
     code = """
     assert False

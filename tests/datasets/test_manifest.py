@@ -43,18 +43,25 @@ def write(out: Path, lines: list[str]) -> None:
     (out / "manifest.jsonl").write_text("".join(f"{line}\n" for line in lines))
 
 
+@pytest.fixture(scope="module")
+def originals(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The data sets that `out` and `half` copy."""
+    place = tmp_path_factory.mktemp("originals")
+    assert make(shared, place / "out").frames == 12
+    assert make(shared, place / "half", part=(0, 3)).frames == 5
+    return place
+
+
 @pytest.fixture
-def out(shared: Path, tmp_path: Path) -> Path:
+def out(originals: Path, tmp_path: Path) -> Path:
     """A complete data set."""
-    make(shared, tmp_path / "out")
-    return tmp_path / "out"
+    return shutil.copytree(originals / "out", tmp_path / "out")
 
 
 @pytest.fixture
-def half(shared: Path, tmp_path: Path) -> Path:
+def half(originals: Path, tmp_path: Path) -> Path:
     """A data set whose first of three shards is made."""
-    make(shared, tmp_path / "half", part=(0, 3))
-    return tmp_path / "half"
+    return shutil.copytree(originals / "half", tmp_path / "half")
 
 
 def test_a_cut_manifest_is_noticed(out: Path) -> None:
@@ -200,7 +207,9 @@ def test_notes_that_are_no_files(half: Path, shared: Path, tmp_path: Path, name:
         assert os.path.lexists(note)
 
 
-def test_a_part_of_another_shard_recipe_or_size(half: Path, shared: Path, whole: dict[str, str], tree: Tree) -> None:
+def test_a_part_of_another_shard_recipe_or_size(
+    originals: Path, half: Path, shared: Path, whole: dict[str, str], tree: Tree
+) -> None:
     part = json.loads((half / "manifest/000000.json").read_text())
     record = part["records"][0]
     turned = record | {"pose": [0.0] * 12}
@@ -222,7 +231,7 @@ def test_a_part_of_another_shard_recipe_or_size(half: Path, shared: Path, whole:
         part | {"more": 1},
     ):
         shutil.rmtree(half)
-        assert make(shared, half, part=(0, 3)).frames == 5
+        shutil.copytree(originals / "half", half)
         (half / "manifest/000000.json").write_text(json.dumps(other))
         assert make(shared, half).frames == 12, other
         assert tree(half) == whole
