@@ -25,6 +25,7 @@ from lidarsim.config.starter import configuration
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import Imported
 from lidarsim.lidar import HEAD, PRESETS, Lidar, preset_path
+from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
 from lidarsim.run import Leg, Run
 from lidarsim.world.scene import Scene
@@ -32,6 +33,8 @@ from lidarsim.world.scene import Scene
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
+    from lidarsim._base.validation import Floats
+    from lidarsim.config.objects import AnyObject
     from lidarsim.worlds import Ways
 
 
@@ -109,6 +112,8 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
         pose = config.pose.build(place / "pose", ways)
     else:
         pose = build_pose(config.pose, place / "pose")
+    if isinstance(config.scene, World):
+        _carry(config.scene.vehicle, None if legs else pose, scene, place / "scene" / "vehicle")
     return Run(
         scene=scene,
         sensor=sensor,
@@ -154,6 +159,22 @@ def _scene(config: Config, place: Place) -> tuple[Scene, Ways | None]:
     if config.atmosphere is not None:
         scene.atmosphere = config.atmosphere.build(place / "atmosphere")
     return scene, ways
+
+
+def _carry(items: list[AnyObject], pose: Floats | Trajectory | None, scene: Scene, place: Place) -> None:
+    """Add objects that move along with the sensor."""
+    for index, item in enumerate(items):
+        if not isinstance(pose, Trajectory):
+            raise place.error("expected none, since the sensor does not move along one trajectory")
+        if item.motion is not None:
+            raise (place / index / "motion").error("expected none, since the object moves along with the sensor")
+        carried = Scene()
+        item.add_to(carried, place / index)
+        instance = len(scene) + 1
+        for part in carried:
+            keys = ("name", "label", "material", "transform")
+            more = {key: getattr(part, key) for key in keys}
+            scene.add(part.shape, motion=pose, instance=instance, **more)
 
 
 def read_scene(path: Path) -> Scene:

@@ -381,10 +381,11 @@ def _street(seed: int, kind: Any, length: float) -> worlds.Street:
 
 
 class World(Model):
-    """A street, and objects that are added to it."""
+    """A street, objects that are added to it, and others in the axes of the sensor, which move along with it."""
 
     street: StreetKeys
     objects: list[AnyObject] = []
+    vehicle: list[AnyObject] = []
 
 
 if TYPE_CHECKING:

@@ -139,11 +139,11 @@ class Layout:
 LAYOUTS: dict[StreetKind, Layout] = {
     "residential": Layout(
         (2.6, 3.0), (0.0, 2.0, 2.1), (0.0, 1.6), (1.8, 3.0), (2.0, 7.0), 0.4, ("house", "house", "house", "terrace"),
-        (2.0, 7.0), (7.0, 16.0), (1.2, 2.4), (70.0, 120.0),
+        (2.0, 7.0), (6.0, 12.0), (2.0, 4.0), (70.0, 120.0),
     ),
     "city": Layout(
         (3.0, 3.5), (2.0, 2.2), (0.0, 0.0), (2.5, 4.0), (0.0, 2.5), 0.6, ("terrace", "terrace", "block"), (0.0, 0.05),
-        (10.0, 20.0), (0.3, 1.0), (60.0, 100.0),
+        (8.0, 16.0), (0.5, 1.5), (60.0, 100.0),
     ),
     "rural": Layout(
         (2.8, 3.3), (0.0,), (1.0, 2.0), (0.0, 0.0), (8.0, 25.0), 0.0, ("house", "garage"), (25.0, 80.0), (12.0, 40.0),
@@ -535,9 +535,9 @@ def _ground(rng: np.random.Generator, plan: Plan) -> Iterator[tuple[str, Triangl
 
 
 def _lines(plan: Plan) -> tuple[Floats, Floats]:
-    """Return the lines of the grid, along and across: at each edge, and every metre or so between."""
+    """Return the lines of the grid, along and across: at each edge, and every 1.5 m or less between."""
     end = plan.length / 2 + REACH
-    s = [np.arange(-end, end + 0.5, 1.0)]
+    s = [np.arange(-end, end + 0.75, 1.5)]
     fine = np.arange(0.0, CORNER + 0.3, 0.35)
     for junction in plan.junctions:
         edges = np.array([0.0, junction.half, junction.half + 0.03, junction.plot, *(junction.half + fine)])
@@ -691,8 +691,8 @@ class _Builder:
         """Put a fence, wall or hedge at the pavement, and plants behind it and behind the house."""
         widths, rng = self.plan.sides[side], self.rng
         if self.plan.kind == "residential" and widths.set_back > 1.5 and rng.random() < 0.9:
-            kinds: tuple[Literal["hedge", "fence", "wall"], ...] = ("hedge", "hedge", "fence", "wall")
-            border = kinds[rng.integers(4)]
+            kinds: tuple[Literal["hedge", "fence", "wall"], ...] = ("hedge", "hedge", "hedge", "fence", "wall")
+            border = kinds[rng.integers(5)]
             for middle in np.arange(start + 1.5, stop - 1.5, 3.0):
                 if any(low - 1.6 < middle < high + 1.6 and left == side for low, high, left in self.plan.drives):
                     continue
@@ -705,9 +705,9 @@ class _Builder:
                     self._put(self._one(f"{border} 3 m", make, 2), border, (middle, d), side * np.pi / 2)
         if widths.set_back > 1.8:
             low, high = widths.plot + 1.2, max(widths.front - 0.9, widths.plot + 1.3)
-            for _ in range(rng.poisson((stop - start) * (high - low) * rng.choice((0.15, 0.4, 0.8)))):
+            for _ in range(rng.poisson((stop - start) * (high - low) * rng.choice((0.1, 0.3, 0.5)))):
                 kind: TreeKind = "young" if rng.random() < 0.06 else "bush"
-                self._tree(kind, rng.uniform(start, stop), side * rng.uniform(low, high))
+                self._tree(kind, rng.uniform(start, stop), side * rng.uniform(low, high), 0.9, 1.5)
 
     def _trees(self, side: int) -> None:
         widths, layout, rng = self.plan.sides[side], self.plan.layout, self.rng

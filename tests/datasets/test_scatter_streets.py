@@ -65,6 +65,42 @@ def test_traffic_follows_the_lanes_and_people_cross(tmp_path: Path) -> None:
         assert ahead[0, :3, 0] @ (ahead[1, :3, 3] - ahead[0, :3, 3]) > 0
 
 
+def test_a_vehicle_moves_along_with_its_sensor_and_is_not_in_its_way(tmp_path: Path) -> None:
+    mast = {"shape": "cylinder", "name": "mast", "start_m": [0.5, 0, -0.2], "end_m": [0.5, 0, 0.2], "radius_m": 0.1}
+    path = recipe(tmp_path, {"cars": CARS | {"clear_m": 1.0}}, scene=STREET | {"vehicle": [mast | {"label": 7}]})
+    way = "run.pose={way: lanes, speed_m_per_s: 8, start_m: 20, position_m: [0, 0, 1.7], rotation_deg: {yaw: 90}}"
+    source = load(path, [way]).source
+    run = source.run(0)
+    (found,) = (item for item in run.scene if item.name == "mast")
+    assert found.label == 7
+    assert found.motion is run.pose
+    scan = run.scan(5)
+    assert scan.object_id[0] == found.id
+    assert scan.range[0] == pytest.approx(0.4, abs=1e-9)
+    assert source.nearby(0) == {}
+    standing = mast | {"position_m": run.pose.at(0.5).translation.tolist()}
+    assert load(path, [way, f"run.scene.objects=[{standing}]"]).source.nearby(0).keys() == {"mast"}
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "pose", "message"),
+    [
+        ({}, {"position_m": [0, 0, 30]}, "vehicle: expected none, since the sensor does not move along one trajectory"),
+        (
+            {"motion": {"linear_m_per_s": [1, 0, 0]}},
+            {"way": "lanes", "speed_m_per_s": 8},
+            r"vehicle\.0\.motion: expected none, since the object moves along",
+        ),
+    ],
+)
+def test_a_vehicle_needs_a_trajectory_and_has_no_motion_of_its_own(
+    tmp_path: Path, vehicle: dict[str, Any], pose: dict[str, Any], message: str
+) -> None:
+    ball = {"shape": "sphere", "center_m": [1, 0, 0], "radius_m": 0.1} | vehicle
+    with pytest.raises(ConfigError, match=message):
+        load(recipe(tmp_path, {}, scene=STREET | {"vehicle": [ball]}), [f"run.pose={pose}"])
+
+
 def test_assets_without_a_seed_differ_from_object_to_object_and_from_sequence_to_sequence(tmp_path: Path) -> None:
     path = recipe(tmp_path, {"people": PEOPLE | {"count": 12}}, sequences=2)
     bodies = []

@@ -381,7 +381,8 @@ def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
     path = Outline(_square(positions, clear), -np.inf, positions[:, 2].max() + max(mounts, default=0.0))
     found: dict[str, float] = {}
     for item in run.scene.objects:
-        if item.name in on or not item.shape.bounded or item.bounds[0, 2] == item.bounds[1, 2]:
+        carried = item.motion is run.pose and item.motion is not None
+        if carried or item.name in on or not item.shape.bounded or item.bounds[0, 2] == item.bounds[1, 2]:
             continue
         outline = _obstacle(item, times)
         encloses = (outline.box[0, :2] <= path.box[0, :2]).all() and (outline.box[1] >= path.box[1]).all()
