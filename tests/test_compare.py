@@ -826,11 +826,11 @@ def test_files_folders_bags_and_scans_are_taken(tmp_path: Path) -> None:
 def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     from lidarsim.comparison import source
 
-    for name in ("f10", "f9", "f100", ".f11"):
-        ls.PointCloud(xyz=[[int(name.strip(".f")), 0, 0]]).save(tmp_path / f"{name}.xyz")
+    for place, name in enumerate(("f9", "f10", "f100", "f²", ".f11")):
+        ls.PointCloud(xyz=[[place, 0, 0]]).save(tmp_path / f"{name}.xyz")
     read = source("real", tmp_path)
-    assert read.count == 3
-    assert [float(cloud.xyz[0, 0]) for cloud in read.frames] == [9.0, 10.0, 100.0]
+    assert read.count == 4
+    assert [float(cloud.xyz[0, 0]) for cloud in read.frames] == [0.0, 1.0, 2.0, 3.0]
 
 
 def test_one_frame_is_held_at_a_time(real: list[ls.PointCloud]) -> None:

@@ -65,6 +65,11 @@ def name_problem(name: str) -> str:
     return "another name than that of a Windows device" if _DEVICE.fullmatch(name) else ""
 
 
+def natural(text: str) -> list[tuple[int, str]]:
+    """Return a key by which names are sorted as people count: 2 before 10."""
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"([0-9]+)", text) if part]
+
+
 def check_name(argument: str, name: str) -> str:
     """Return `name`; raise `ValueError` if it cannot be part of a path."""
     if expected := name_problem(name):

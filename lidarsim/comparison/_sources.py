@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from lidarsim._base.files import Place
+from lidarsim._base.files import Place, natural
 from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentTypeError, FileFormatError
 from lidarsim.io import rosbag
@@ -123,12 +122,7 @@ def _files(place: Place) -> list[Path]:
     ]
     if not found:
         raise FileFormatError(f"{place}: expected point clouds or bags in the folder, got none")
-    return sorted(found, key=lambda file: [_natural(part) for part in file.relative_to(path).parts])
-
-
-def _natural(text: str) -> list[tuple[int, str]]:
-    """Return a key by which names are sorted as people count: 2 before 10."""
-    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", text) if part]
+    return sorted(found, key=lambda file: [natural(part) for part in file.relative_to(path).parts])
 
 
 def _read(files: list[Path]) -> Iterator[PointCloud]:

@@ -51,6 +51,12 @@ if TYPE_CHECKING:
     from lidarsim.world.shapes import Shape
 
 
+_LOOKS = (
+    "reflectivity", "roughness_deg", "specular", "specular_width", "transmission", "mirror", "variation", "grain_m"
+)  # fmt: skip
+"""The keys of a material."""
+
+
 class Object(Part, Placement):
     """An object of the scene: a shape with its placement and material."""
 
@@ -96,10 +102,8 @@ class Object(Part, Placement):
         if self.material is not None:
             with place.refusals({"name": ("material", "")}):
                 base = named(self.material)
-        keys = ["reflectivity", "roughness_deg", "specular", "specular_width", "transmission", "mirror"]
-        keys += ["variation", "grain_m"]
-        differ = partial(Material, **{argument_of(key): getattr(base, argument_of(key)) for key in keys})
-        return construct(differ, self, keys, place, per=self.reflectivity_per)
+        differ = partial(Material, **{argument_of(key): getattr(base, argument_of(key)) for key in _LOOKS})
+        return construct(differ, self, _LOOKS, place, per=self.reflectivity_per)
 
     def _placed(self, place: Place) -> tuple[Floats | None, Trajectory | None]:
         """Return the transform and the motion that follows it."""
@@ -286,11 +290,7 @@ class SceneFile(Object):
 
     def load(self, place: Place) -> scenes.Imported:
         """Return what the file holds."""
-        others = [
-            key
-            for key in ("material", "roughness_deg", "specular", "transmission", "mirror", "variation")
-            if key in self.model_fields_set
-        ]
+        others = [key for key in ("material", *_LOOKS[1:]) if key in self.model_fields_set]
         if self.reflectivity == "color" and others:
             raise (place / "reflectivity").error(f"expected a number beside {others[0]}, got color")
         rules = [rule.build(place / "rules" / index) for index, rule in enumerate(self.rules)]

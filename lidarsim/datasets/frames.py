@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from lidarsim._base.files import check_regular, parsing, told
+from lidarsim._base.files import check_regular, natural, parsing, told
 from lidarsim._base.shown import plain as printable
 from lidarsim._base.validation import Floats
 from lidarsim.config.document import plain, read
@@ -166,11 +165,6 @@ def point_files(folder: Path, suffix: str = "") -> list[Path]:
         and path.is_file()
     ]
     return sorted(found, key=lambda path: natural(path.name))
-
-
-def natural(text: str) -> list[tuple[int, str]]:
-    """Return a key by which names are sorted as people count: 2 before 10."""
-    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"([0-9]+)", text) if part]
 
 
 def labelled(path: Path, labels: Path) -> PointCloud:

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
+from lidarsim._base.files import natural
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import Floats
-from lidarsim.datasets.frames import Frame, Frames, folders, names_in, natural, recipe_of
+from lidarsim.datasets.frames import Frame, Frames, folders, names_in, recipe_of
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.scan.pointcloud import PointCloud

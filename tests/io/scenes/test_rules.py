@@ -170,7 +170,10 @@ def test_rules_in_yaml(town: Path) -> None:
         ("rules: [{instance: mesh}]", "scene.0.rules.0.instance: expected 'node', 'parent' or 'file', got 'mesh'"),
         ("rules: [{reflectivity: asfalt}]", "scene.0.rules.0.reflectivity: expected the name of a material, got 'asf"),
         ("reflectivity: red", "scene.0.reflectivity: expected 'color', got 'red'"),
-        ("{reflectivity: color, material: asphalt}"[1:-1], "scene.0.reflectivity: expected a number beside material"),
+        *(
+            (f"reflectivity: color, {key}: {value}", f"scene.0.reflectivity: expected a number beside {key}, got color")
+            for key, value in {"material": "asphalt", "specular_width": 0.2, "grain_m": 0.1}.items()
+        ),
     ],
 )
 def test_wrong_yaml(text: str, message: str, town: Path) -> None:
