@@ -7,16 +7,14 @@ import math
 import os
 import re
 import shutil
-import signal
 import stat
-import threading
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory, gettempdir
-from typing import IO, Any, BinaryIO, NoReturn, TypeVar
+from typing import IO, Any, BinaryIO, TypeVar
 from urllib.parse import unquote
 
 import numpy as np
@@ -145,8 +143,9 @@ def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
 def replacing(path: PathLike) -> Iterator[Path]:
     """Yield the path of a temporary file, in a folder of its own, that replaces `path` if the block succeeds.
 
-    The folder is always removed, even if the main thread receives a SIGTERM that has no other handler. A replaced file
-    passes on its permissions; a link keeps pointing to its file, and a pipe or device receives the content.
+    The folder is removed however the block ends; SIGTERM ends the process at once unless it has a handler, as the
+    command line sets. A replaced file passes on its permissions; a link keeps pointing to its file, and a pipe or
+    device receives the content.
 
     Raises
     ------
@@ -206,21 +205,20 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def temporary_folder(parent: Path, naming: tuple[str, str] = TEMPORARY) -> Iterator[Path]:
-    """Make a folder for the block; remove it even if SIGTERM or Ctrl-C arrives during creation or removal.
+    """Make a folder for the block; remove it even if Ctrl-C arrives during creation or removal.
 
     `tempfile.TemporaryDirectory` would leave it behind. Here its name is chosen before it is made, and a removal that
     Ctrl-C interrupts is tried again.
     """
     folder = parent / token_hex(8).join(naming)
-    with _unwinding_at_sigterm():
+    try:
+        folder.mkdir(mode=0o700)
+        yield folder
+    finally:
         try:
-            folder.mkdir(mode=0o700)
-            yield folder
+            shutil.rmtree(folder, ignore_errors=True)
         finally:
-            try:
-                shutil.rmtree(folder, ignore_errors=True)
-            finally:
-                shutil.rmtree(folder, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
@@ -306,25 +304,6 @@ def _special(path: PathLike) -> bool:
     except FileNotFoundError:
         return False
     return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
-
-
-@contextmanager
-def _unwinding_at_sigterm() -> Iterator[None]:
-    """Let SIGTERM raise `SystemExit`; by default it would end the process and leave incomplete files."""
-    main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, _exit)
-    try:
-        yield
-    finally:  # unless someone else has set a handler since, or ends the block in another thread, which cannot
-        if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is _exit:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def _exit(number: int, _: object) -> NoReturn:
-    raise SystemExit(128 + number)  # the shells' exit status of a process ended by a signal
 
 
 def told(error: BaseException) -> str:

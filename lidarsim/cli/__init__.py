@@ -11,7 +11,7 @@ from typer.main import get_command
 from lidarsim._base.files import told
 from lidarsim._base.terminal import say, standard_streams
 from lidarsim.cli.commands import app
-from lidarsim.cli.interrupts import insistent_interrupts
+from lidarsim.cli.interrupts import insistent_interrupts, unwinding_at_sigterm
 from lidarsim.cli.options import OPTIONS
 from lidarsim.errors import ArgumentError, LidarsimError
 
@@ -21,8 +21,8 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit with 0, or with 2 and one line on stderr after an error.
 
-    The exit code is 130 after Ctrl-C and 141 after a broken pipe, as in shells. The traceback of an error is shown in
-    Python's development mode (``python -X dev -m lidarsim``).
+    The exit code is 130 after Ctrl-C, 141 after a broken pipe and 143 after SIGTERM, as in shells. The traceback of an
+    error is shown in Python's development mode (``python -X dev -m lidarsim``).
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     code: object = 0
     with standard_streams():
         try:
-            with insistent_interrupts():
+            with insistent_interrupts(), unwinding_at_sigterm():
                 _run(given or ["--help"])
         except (typer.Exit, SystemExit) as end:
             code = end.exit_code if isinstance(end, typer.Exit) else end.code

@@ -255,7 +255,7 @@ def generate(
         return
     if recipe is None:
         raise LidarsimError("RECIPE: expected a recipe, or --verify, got neither")
-    from lidarsim.datasets.engine import cluster
+    from lidarsim.cli.cluster import cluster
 
     with cluster(workers, scheduler) as client:
         if client is not None and client.dashboard_link:

@@ -1,4 +1,4 @@
-"""Ctrl-C that is not lost."""
+"""The signals that end the command line: Ctrl-C that is not lost, and SIGTERM."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import NoReturn
+
+__all__ = ["insistent_interrupts", "uninterrupted", "unwinding_at_sigterm"]
 
 
 @contextmanager
@@ -51,3 +54,34 @@ def insistent_interrupts() -> Iterator[None]:
         sys.unraisablehook = report
         for timer in repeats:
             timer.cancel()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ignore Ctrl-C in the block; only the main thread can set signal handlers."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+@contextmanager
+def unwinding_at_sigterm() -> Iterator[None]:
+    """Let SIGTERM raise `SystemExit` in the block; by default it would end the process and leave incomplete files."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _exit)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _exit(number: int, _: object) -> NoReturn:
+    raise SystemExit(128 + number)  # the shells' exit status of a process ended by a signal

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import errno
-import logging
-import os
-import signal
-import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import islice
@@ -22,7 +17,6 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import told
-from lidarsim._base.validation import integer, shown
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
 from lidarsim.datasets.samples import RANGES, Record
@@ -36,7 +30,7 @@ if TYPE_CHECKING:
     from lidarsim.datasets.manifest import Plan
     from lidarsim.datasets.recipe import Recipe
 
-__all__ = ["Made", "cluster", "make"]
+__all__ = ["Made", "make"]
 
 TRIES = 3
 SUBMITTED = 2
@@ -44,23 +38,6 @@ SUBMITTED = 2
 
 LOOKAHEAD = 1000
 """Shards among which the next one of a worker is chosen."""
-
-IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-"""Preload code of workers: Ctrl-C reaches all processes of a terminal, but only the main one must end the others."""
-
-LOCAL = {
-    # With Dask's threshold, malloc returns each array to the system and gets zeroed pages again, which takes a sixth of
-    # a worker's time; None restores the default of a process without Dask.
-    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
-    # The profiler samples a hundred times per second, which takes a fortieth of a worker's time.
-    "distributed.worker.profile.enabled": False,
-    # By default the loops of scheduler, nannies and workers wake fifty times per second to time themselves, and read
-    # memory and counters of the system ten times and twice: with two workers, a twelfth of a core.
-    "distributed.admin.tick.interval": "1s",
-    "distributed.worker.memory.monitor-interval": "500ms",
-    "distributed.admin.system-monitor.interval": "2s",
-}
-"""Dask's settings for workers on this machine."""
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -319,72 +296,3 @@ def _plan(pickled: bytes) -> Plan:
     """Return a plan, cached between tasks, since it keeps the meshes that it loads."""
     plan: Plan = import_extra("cloudpickle", "cluster", "a cluster").loads(pickled)
     return plan
-
-
-@contextmanager
-def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
-    """Yield a Dask client: of `workers` single-threaded processes on this machine, or of an existing scheduler.
-
-    Without both, yield None, which means this process. Local workers, their scheduler and its dashboard listen only on
-    the loopback interface.
-
-    Raises
-    ------
-    LidarsimError
-        If both are given, or the scheduler cannot be reached.
-    ValueError
-        If `workers` is less than 1.
-    """
-    if workers is not None and scheduler is not None:
-        raise LidarsimError("--workers, --scheduler: expected one of them, got both")
-    if workers is None and scheduler is None:
-        yield None
-        return
-    if workers is not None:
-        integer("--workers", workers, at_least=1)
-    distributed = import_extra("distributed", "cluster", "a cluster")
-    # Each has its own level. An interrupt may come before distributed has the future that it then cancels, which the
-    # loop of tornado reports.
-    for name in ("distributed", "distributed.client", "tornado.application"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # lidarsim's own errors report it once
-    if scheduler is not None:
-        try:
-            client = distributed.Client(scheduler)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise LidarsimError(f"--scheduler: cannot reach {shown(scheduler)}: {told(error)}") from None
-        with client:
-            yield client
-        return
-    config = import_extra("dask.config", "cluster", "a cluster")
-    environment = {"LIDARSIM_THREADS": os.environ.get("LIDARSIM_THREADS", "1")}
-    with ExitStack() as stack:
-        stack.enter_context(config.set(LOCAL))  # stays set for workers that replace killed ones
-        local = distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            env=environment,
-            preload=IGNORE_INTERRUPTS,
-            silence_logs="CRITICAL",
-            # Anyone who reaches a scheduler can run code, and its dashboard shows logs: both listen only locally.
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-        )
-        client = stack.enter_context(distributed.Client(stack.enter_context(local)))
-        try:
-            yield client
-        finally:
-            with _uninterrupted():  # a second interrupt while workers stop makes the cluster hang for a while
-                stack.close()
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Ignore Ctrl-C in the block; only the main thread can set signal handlers."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +33,8 @@ from lidarsim.world.shapes.triangle_mesh import Raster, find_no_data
 
 if TYPE_CHECKING:
     import pyproj
+
+Result = TypeVar("Result")
 
 SUFFIXES = (".asc", ".tif", ".tiff")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -87,18 +91,37 @@ def read(path: str | PathLike[str], *, band: int, window: npt.ArrayLike | None, 
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such raster file")
     rasterio = import_extra("rasterio", "geo", "reading a raster")
-    with _reading(path), rasterio.Env(**ALONE), _opened(path, rasterio) as file:
-        if number > file.count:
-            raise ArgumentValueError("band", f"a band of {path}, 1 to {file.count}", number)
-        _check(file, number, path.stat().st_size)
-        crs, metres = _units(file, number)
-        nodes = _nodes(file, part, step, path)
-        _check_scale(file, nodes)
-        x, y = _positions(file.transform, nodes)
-        z = _heights(file, number, metres, nodes)
-        if _turn(file.transform) < 0:  # the rows run to the right of the columns
-            x, y, z = (values[::-1] if values.ndim == 2 else values for values in (x, y, z))
-    return Raster(x, y, z, crs)
+
+    def read_file() -> Raster:
+        with _opened(path, rasterio) as file:
+            if number > file.count:
+                raise ArgumentValueError("band", f"a band of {path}, 1 to {file.count}", number)
+            _check(file, number, path.stat().st_size)
+            crs, metres = _units(file, number)
+            nodes = _nodes(file, part, step, path)
+            _check_scale(file, nodes)
+            x, y = _positions(file.transform, nodes)
+            z = _heights(file, number, metres, nodes)
+            if _turn(file.transform) < 0:  # the rows run to the right of the columns
+                x, y, z = (values[::-1] if values.ndim == 2 else values for values in (x, y, z))
+        return Raster(x, y, z, crs)
+
+    with _reading(path):
+        return _with_options(rasterio, read_file)
+
+
+def _with_options(rasterio: Any, work: Callable[[], Result]) -> Result:
+    """Return the result of `work`, for which the options `ALONE` hold.
+
+    It runs in a thread of its own: set in the main thread, options of GDAL hold for all threads of the process.
+    """
+
+    def run() -> Result:
+        with rasterio.Env(**ALONE):
+            return work()
+
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(copy_context().run, run).result()
 
 
 def same_crs(a: str, b: str) -> bool:
@@ -341,10 +364,16 @@ def write(cells: Cells, path: str | PathLike[str], crs: int | str | pyproj.CRS |
         "transform": rasterio.Affine(cells.cell, 0.0, left, 0.0, -cells.cell, top),
         "compress": "deflate",
     }
-    with atomic_writer(path) as file, rasterio.Env(**ALONE), rasterio.MemoryFile() as memory:
-        with memory.open(**profile) as raster:
-            raster.write(cells.values, 1)
-        file.write(memory.read())
+
+    def content() -> bytes:
+        with rasterio.MemoryFile() as memory:
+            with memory.open(**profile) as raster:
+                raster.write(cells.values, 1)
+            data: bytes = memory.read()
+        return data
+
+    with atomic_writer(path) as file:
+        file.write(_with_options(rasterio, content))
 
 
 register_view(TriangleMesh, "from_raster", read)

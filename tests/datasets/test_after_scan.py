@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
+from lidarsim.cli.cluster import cluster
 from lidarsim.datasets import manifest
-from lidarsim.datasets.engine import cluster
 from lidarsim.datasets.layouts import LAYOUTS
 from lidarsim.datasets.store import open_store
 from lidarsim.errors import ConfigError, LidarsimError

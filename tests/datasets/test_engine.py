@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import resource
 import signal
@@ -19,6 +20,7 @@ import trimesh
 
 import lidarsim as ls
 from lidarsim.cli import main
+from lidarsim.cli.cluster import QUIET, cluster
 from lidarsim.datasets import engine, manifest
 from lidarsim.datasets.recipe import load
 from lidarsim.datasets.store import open_store
@@ -227,7 +229,10 @@ def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, drive
 
 
 def test_a_cluster_of_this_machine_listens_to_it_alone() -> None:
-    with engine.cluster(1, None) as client:
+    pytest.importorskip("distributed")  # it sets levels when it is imported
+    levels = {name: logging.getLogger(name).level for name in QUIET}
+    with cluster(1, None) as client:
+        assert {logging.getLogger(name).level for name in QUIET} == {logging.CRITICAL}
         assert client is not None
         ours = psutil.Process()
         processes = [ours, *ours.children(recursive=True)]
@@ -241,6 +246,7 @@ def test_a_cluster_of_this_machine_listens_to_it_alone() -> None:
     assert len(processes) > 1
     assert len(listening) > 3
     assert set(listening) <= {"127.0.0.1", "::1"}
+    assert {name: logging.getLogger(name).level for name in QUIET} == levels
 
 
 def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy.typing as npt
 import pytest
 import rasterio
 from rasterio import Affine
+from rasterio._env import get_gdal_config
 from rasterio.crs import CRS
 
 import lidarsim as ls
@@ -557,6 +559,28 @@ def test_only_the_file_itself_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
+def test_options_of_gdal_hold_for_the_reader_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, read, seen = tiff(tmp_path / "a.tif", heights(holes=0.0)), raster._heights, []
+
+    def option() -> object:
+        return get_gdal_config("GDAL_PAM_ENABLED")
+
+    def elsewhere() -> object:
+        with ThreadPoolExecutor(1) as pool:
+            return pool.submit(option).result()
+
+    def watched(*arguments: Any) -> Grid:
+        seen.append((option(), elsewhere()))
+        return read(*arguments)
+
+    monkeypatch.setattr(raster, "_heights", watched)
+    before = option(), elsewhere()
+    ls.TriangleMesh.from_raster(path)
+    assert before == (None, None)
+    assert seen == [("NO", None)]
+    assert (option(), elsewhere()) == before
+
+
 def test_no_pipe_beside_a_file_is_opened(tmp_path: Path) -> None:
     """In another process, since no signal ends one that waits for a pipe within GDAL."""
     path, grid = tiff(tmp_path / "dem.tif", heights()), asc(tmp_path / "grid.asc", heights().astype(np.float64))

@@ -1,0 +1,95 @@
+"""The Dask cluster of ``lidarsim generate``."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from lidarsim._base.extras import import_extra
+from lidarsim._base.files import told
+from lidarsim._base.validation import integer, shown
+from lidarsim.cli.interrupts import uninterrupted
+from lidarsim.errors import LidarsimError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["cluster"]
+
+IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+"""Preload code of workers: Ctrl-C reaches all processes of a terminal, but only the main one must end the others."""
+
+LOCAL = {
+    # With Dask's threshold, malloc returns each array to the system and gets zeroed pages again, which takes a sixth of
+    # a worker's time; None restores the default of a process without Dask.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+    # The profiler samples a hundred times per second, which takes a fortieth of a worker's time.
+    "distributed.worker.profile.enabled": False,
+    # By default the loops of scheduler, nannies and workers wake fifty times per second to time themselves, and read
+    # memory and counters of the system ten times and twice: with two workers, a twelfth of a core.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.worker.memory.monitor-interval": "500ms",
+    "distributed.admin.system-monitor.interval": "2s",
+}
+"""Dask's settings for workers on this machine."""
+
+QUIET = ("distributed", "distributed.client", "tornado.application")
+"""Loggers, each with a level of its own, of what lidarsim's errors report once. An interrupt may come before
+distributed has the future that it then cancels, which the loop of tornado reports."""
+
+
+@contextmanager
+def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
+    """Yield a Dask client: of `workers` single-threaded processes on this machine, or of an existing scheduler.
+
+    Without both, yield None, which means this process. Local workers, their scheduler and its dashboard listen only on
+    the loopback interface.
+
+    Raises
+    ------
+    LidarsimError
+        If both are given, or the scheduler cannot be reached.
+    ValueError
+        If `workers` is less than 1.
+    """
+    if workers is not None and scheduler is not None:
+        raise LidarsimError("--workers, --scheduler: expected one of them, got both")
+    if workers is None and scheduler is None:
+        yield None
+        return
+    if workers is not None:
+        integer("--workers", workers, at_least=1)
+    distributed = import_extra("distributed", "cluster", "a cluster")
+    with ExitStack() as stack:
+        for name in QUIET:
+            logger = logging.getLogger(name)
+            stack.callback(logger.setLevel, logger.level)
+            logger.setLevel(logging.CRITICAL)
+        if scheduler is not None:
+            try:
+                client = distributed.Client(scheduler)
+            except (OSError, TimeoutError, ValueError) as error:
+                raise LidarsimError(f"--scheduler: cannot reach {shown(scheduler)}: {told(error)}") from None
+            yield stack.enter_context(client)
+            return
+        config = import_extra("dask.config", "cluster", "a cluster")
+        stack.enter_context(config.set(LOCAL))  # stays set for workers that replace killed ones
+        local = distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            env={"LIDARSIM_THREADS": os.environ.get("LIDARSIM_THREADS", "1")},
+            preload=IGNORE_INTERRUPTS,
+            silence_logs="CRITICAL",
+            # Anyone who reaches a scheduler can run code, and its dashboard shows logs: both listen only locally.
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+        )
+        client = stack.enter_context(distributed.Client(stack.enter_context(local)))
+        try:
+            yield client
+        finally:
+            with uninterrupted():  # a second interrupt while workers stop makes the cluster hang for a while
+                stack.close()
