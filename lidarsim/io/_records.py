@@ -378,6 +378,25 @@ def check_expansion(size: int, compressed: int) -> None:
         )
 
 
+class Expansion:
+    """What the parts of a document take in memory, together: a small file can name the same numbers many times.
+
+    Parameters
+    ----------
+    size : int
+        Bytes of the document and of the files that it names, known so far.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self._taken = 0
+
+    def take(self, size: int) -> None:
+        """Count `size` bytes more; raise an error if all of them make the document a decompression bomb."""
+        self._taken += size
+        check_expansion(self._taken, self.size)
+
+
 @cache
 def zstd() -> Any:
     """Return the module that decompresses Zstandard: that of Python 3.14, or the one that rosbags installs."""

@@ -16,7 +16,7 @@ import os
 import sqlite3
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 __all__ = [
-    "METADATA", "ZSTD", "Files", "check_folder", "decompressed", "is_folder", "listed", "lost_writes", "metadata_of",
-    "new_file", "new_folder", "plain_file", "renamed",
+    "METADATA", "ZSTD", "Files", "check_folder", "check_tables", "decompressed", "is_folder", "listed", "lost_writes",
+    "metadata_of", "new_file", "new_folder", "plain_file", "renamed",
 ]  # fmt: skip
 
 METADATA = "metadata.yaml"
@@ -292,6 +292,18 @@ def decompressed(message: memoryview) -> memoryview:
     if not decompressor.eof:
         raise FileFormatError("a compressed message is truncated")
     return memoryview(data)
+
+
+def check_tables(path: Path) -> None:
+    """Raise an error if a database computes what it seems to hold, of any size, by a view or a generated column."""
+    computed = """
+        SELECT name FROM sqlite_master AS made WHERE type = 'view' OR sql LIKE 'create virtual%'
+        OR EXISTS (SELECT 1 FROM pragma_table_xinfo(made.name) WHERE hidden > 0)
+    """
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        found = database.execute(computed).fetchone()
+    if found:
+        raise FileFormatError(f"its table {short(repr(found[0]))} computes rows; expected tables that hold them")
 
 
 def _read(path: Path) -> Metadata:

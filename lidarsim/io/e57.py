@@ -29,7 +29,7 @@ from lidarsim._base.files import linked
 from lidarsim._base.validation import Floats
 from lidarsim._base.vectors import product
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import check_expansion, to_fields
+from lidarsim.io._records import Expansion, to_fields
 from lidarsim.io._scanners import COLOURS, check_finite, coloured, joined_lists
 from lidarsim.scan.fields import Fields, fit
 from lidarsim.scan.formats import register_format
@@ -117,23 +117,23 @@ def _write(e57: Any, written: Any, columns: Fields, pose: Floats) -> None:
 def load(file: BinaryIO) -> Fields:
     """Read all scans."""
     library = _library()
-    size = os.fstat(file.fileno()).st_size
     path = Path(file.name)
     plain = nullcontext(path) if file.name.isprintable() else linked(path, "cloud.e57")  # pye57 takes no other text
     with plain as place, library.E57(str(place)) as read:
         count = read.scan_count
-        columns = joined_lists(_scan(library, read, i, size) for i in range(count))
+        expansion = Expansion(os.fstat(file.fileno()).st_size)
+        columns = joined_lists(_scan(library, read, i, expansion) for i in range(count))
     if count < 2:
         columns.pop("scan", None)
     return to_fields(columns, ())
 
 
-def _scan(library: Any, read: Any, index: int, size: int) -> Fields:
+def _scan(library: Any, read: Any, index: int, expansion: Expansion) -> Fields:
     header = read.get_header(index)
     n, names = int(header.point_count), list(header.point_fields)
     if n < 0 or len(set(names)) != len(names):
         raise FileFormatError("its points are damaged")
-    check_expansion(8 * n * len(names), size)
+    expansion.take(8 * n * len(names))
     e57, buffers, numbers = library.libe57, library.libe57.VectorSourceDestBuffer(), {}
     for name in names:
         numbers[name] = np.zeros(n)

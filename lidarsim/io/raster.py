@@ -25,6 +25,7 @@ from lidarsim._base.files import atomic_writer, check_regular, check_suffix, unq
 from lidarsim._base.validation import Floats, array, integer, short
 from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentError, ArgumentValueError, FileFormatError, MissingExtraError
+from lidarsim.io._records import EXPANSION
 from lidarsim.motion.georeference import projected
 from lidarsim.scan.cells import Cells
 from lidarsim.world.scene import Scene, register_scene_reader
@@ -40,11 +41,13 @@ SUFFIXES = (".asc", ".tif", ".tiff")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """Signatures of TIFF and BigTIFF, in both byte orders."""
 
-MOST = 1 << 26
-"""Maximum number of nodes of a mesh, and of pixels of a block of the file.
+FEW, MOST = 1 << 24, 1 << 26
+"""Maximum number of nodes of a mesh, in a file that may hold none of its blocks and in one with a byte for every
+`EXPANSION` of the nodes' heights in float64; the latter is also that of pixels of a block of the file.
 
-A node takes up to 122 bytes while it is read, and 254 while the hierarchy over its two triangles is built.
+A node takes up to 122 bytes while it is read, and `NODE` while the hierarchy over its two triangles is built.
 """
+NODE = 254
 PIECE = 1 << 22
 """Pixels that are read at once, unless a row has more."""
 
@@ -268,11 +271,12 @@ def _nodes(file: Any, window: list[float] | None, stride: int, path: Path) -> No
             x, y = (" to ".join(map(str, sorted(values.ravel().tolist()))) for values in _positions(transform, ends))
             raise ArgumentValueError("window", f"one that overlaps the nodes of {path}, x {x}, y {y}", window)
     count = math.prod(map(len, nodes))
-    if count > MOST:
+    most = min(MOST, max(FEW, EXPANSION * path.stat().st_size // 8))
+    if count > most:
         rows, columns = map(len, nodes)
         raise FileFormatError(
-            f"expected at most {MOST:,} nodes, which take 17 GB, got {rows:,} × {columns:,} = {count:,}; read a part of"
-            " them (window) or every n-th row and column (stride)"
+            f"expected at most {most:,} nodes in a file of this size, which take {NODE * most / 1e9:.0f} GB, got"
+            f" {rows:,} × {columns:,} = {count:,}; read a part of them (window) or every n-th row and column (stride)"
         )
     return nodes
 

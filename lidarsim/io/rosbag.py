@@ -957,6 +957,7 @@ def _messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
 def _rows(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
     """Yield topic, type, recording time (ns) and data of each message of a bag in SQLite storage."""
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
+    _storage.check_tables(path)
     with _plainly_named(path) as place, rosbag2.Reader(place) as bag:
         for connection, recorded, data in bag.messages(bag.connections):
             yield connection.topic, connection.msgtype, recorded, memoryview(data)

@@ -7,22 +7,27 @@ import os
 import re
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import tracemalloc
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from io import BytesIO
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
+import PIL.Image
 import pytest
 
 import lidarsim as ls
 from lidarsim import config
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.patterns import Table
+from tests.io.scenes.gltf_files import Gltf
+from tests.io.scenes.test_formats import collada
 
 DATA = Path(__file__).parents[1] / "data" / "sensors"
 KINDS = 71
@@ -563,3 +568,139 @@ def test_textures_and_materials_are_not_opened(outside: Path, name: str) -> None
         path.write_text(text, encoding="utf-8")
         for read in both(path):
             read()
+
+
+ZEROS = {"componentType": 5126, "count": 3_000_000, "type": "VEC3"}
+
+
+def shared_positions(file: Gltf) -> None:
+    position = file.numbers(np.ones((30_000, 3)))
+    for _ in range(100):
+        file.node(mesh=file.mesh({"attributes": {"POSITION": position}}))
+
+
+def overlapping_views(file: Gltf) -> None:
+    view = file.view(bytes(360_000))
+    for k in range(200):
+        place = {"bufferView": view, "byteOffset": 12 * k, "componentType": 5126, "count": 29_700, "type": "VEC3"}
+        file.node(mesh=file.mesh({"attributes": {"POSITION": file.put("accessors", place)}}))
+
+
+def shared_zeros(file: Gltf) -> None:
+    zeros = file.put("accessors", ZEROS)
+    for _ in range(30):
+        file.node(mesh=file.mesh({"attributes": {"POSITION": zeros}}))
+
+
+def copies_from_nothing(file: Gltf) -> None:
+    instancing = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": file.put("accessors", ZEROS)}}}
+    file.node(mesh=file.mesh(), extensions=instancing)
+
+
+def parts_at_many_places(file: Gltf) -> None:
+    mesh = file.mesh(*[file.primitive()] * 300)
+    for _ in range(300):
+        file.node(mesh=mesh)
+
+
+def shared_targets(file: Gltf) -> None:
+    position = file.numbers(np.ones((30_000, 3)))
+    primitive = {"attributes": {"POSITION": position}, "targets": [{"POSITION": position}] * 200}
+    file.node(mesh=file.mesh(primitive, weights=[1.0] * 200))
+
+
+def many_sets_of_joints(file: Gltf) -> None:
+    attributes = {"POSITION": file.numbers(np.ones((3000, 3)))}
+    joints, weights = file.numbers(np.zeros((3000, 4)), "u1"), file.numbers(np.ones((3000, 4)))
+    for k in range(400):
+        attributes |= {f"JOINTS_{k}": joints, f"WEIGHTS_{k}": weights}
+    file.node(mesh=file.mesh({"attributes": attributes}), skin=file.put("skins", {"joints": [0]}))
+
+
+def textures_of_one_image(file: Gltf) -> None:
+    image = BytesIO()
+    PIL.Image.new("1", (4000, 4000)).save(image, "PNG")
+    content = file.view(image.getvalue())
+    for k in range(5):
+        file.put("images", {"bufferView": content})
+        texture = {"baseColorTexture": {"index": file.put("textures", {"source": k})}}
+        material = file.put("materials", {"pbrMetallicRoughness": texture})
+        places = {"TEXCOORD_0": file.numbers(np.zeros((3, 2)))}
+        file.node(mesh=file.mesh(file.primitive(attributes=places, material=material)))
+
+
+BOMBS = (
+    shared_positions,
+    overlapping_views,
+    shared_zeros,
+    copies_from_nothing,
+    parts_at_many_places,
+    shared_targets,
+    many_sets_of_joints,
+    textures_of_one_image,
+)
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_what_a_scene_names_again_is_counted(bomb: Callable[[Gltf], None], tmp_path: Path) -> None:
+    file = Gltf()
+    bomb(file)
+    path = file.save(tmp_path / "a.glb")
+    assert path.stat().st_size < 1 << 20
+    tracemalloc.start()
+    text = refusal(lambda: ls.Scene.from_file(path, reflectivity="color"), FileFormatError)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert re.search("refused as a decompression bomb|at most 67,108,864 pixels in all textures", text)
+    assert peak < 1 << 29
+
+
+def test_one_mesh_of_a_scene_that_places_a_mesh_many_times(tmp_path: Path) -> None:
+    file = Gltf()
+    mesh = file.mesh({"attributes": {"POSITION": file.numbers(np.ones((9000, 3)))}})
+    for _ in range(1000):
+        file.node(mesh=mesh)
+    path = file.save(tmp_path / "a.glb")
+    assert len(ls.Scene.from_file(path)) == 1000
+    text = refusal(lambda: ls.TriangleMesh.from_file(path), FileFormatError)
+    assert text.endswith(
+        "expected at most 268,435,456 bytes of meshes that are placed again in one mesh, got more; read it as a scene"
+    )
+
+
+def test_nodes_of_collada_that_multiply(tmp_path: Path) -> None:
+    below = [f'<instance_node url="#n{k + 1}"/>' * 10 for k in range(9)]
+    nodes = "".join(f'<node id="n{k}">{many}</node>' for k, many in enumerate(below))
+    path = tmp_path / "a.dae"
+    path.write_text(collada(f'{nodes}<node id="n9"/>'), encoding="utf-8")
+    assert "refused as a decompression bomb" in refusal(lambda: ls.Scene.from_file(path), FileFormatError)
+
+
+def test_a_geometry_of_collada_in_many_materials(tmp_path: Path) -> None:
+    corners = " ".join(map(str, range(9000)))
+    vertex = '<input semantic="VERTEX" source="#v" offset="0"/>'
+    faces = f'<triangles material="m" count="3000">{vertex}<p>{corners}</p></triangles>'
+    bound = "<bind_material><technique_common>{}</technique_common></bind_material>"
+    materials = [bound.format(f'<instance_material symbol="m" target="#{k}"/>') for k in range(300)]
+    nodes = "".join(f'<instance_geometry url="#g">{material}</instance_geometry>' for material in materials)
+    path = tmp_path / "a.dae"
+    path.write_text(collada(f"<node>{nodes}</node>", faces, positions="0 1 2 " * 9000), encoding="utf-8")
+    assert "refused as a decompression bomb" in refusal(lambda: ls.Scene.from_file(path), FileFormatError)
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        "CREATE TABLE messages (id, topic_id, timestamp, data BLOB AS (zeroblob(900000000)))",
+        "CREATE VIEW messages AS SELECT 1 AS id, 1 AS topic_id, 1 AS timestamp, zeroblob(900000000) AS data",
+        "CREATE TABLE messages (id, topic_id, timestamp, data); CREATE VIEW schema AS SELECT 3 AS schema_version",
+    ],
+)
+def test_databases_that_compute_what_they_hold(messages: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.db3"
+    with closing(sqlite3.connect(path)) as database:
+        columns = "id, name, type, serialization_format, offered_qos_profiles"
+        database.executescript(f"CREATE TABLE topics ({columns}); {messages};")
+    text = refusal(lambda: list(ls.io.rosbag.read(path)), FileFormatError)
+    name = "schema" if "schema" in messages else "messages"
+    assert text.endswith(f"its table '{name}' computes rows; expected tables that hold them")

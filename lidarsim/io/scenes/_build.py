@@ -15,9 +15,9 @@ from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import Floats, placement
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._animation import Bend, Figure
-from lidarsim.io.scenes._model import Indices, Node, Part, Picture, SceneFile, mean_of_corners
-from lidarsim.io.scenes._pictures import sampled, texture
-from lidarsim.materials import LUMINANCE, Material, Texture
+from lidarsim.io.scenes._model import Indices, Node, Part, SceneFile, mean_of_corners
+from lidarsim.io.scenes._pictures import Textures
+from lidarsim.materials import LUMINANCE, Material
 from lidarsim.world.rules import Appearance, Options, Rule
 from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import Shape, TriangleMesh
@@ -133,6 +133,8 @@ class Imported:
             yield item, known if item.instance is None else item.instance
 
 
+MOST_REPEATED = 1 << 28
+"""Most bytes of meshes that are joined to one again: a few bytes of a file can place a mesh many times."""
 IDENTITY = np.eye(4)
 UNTOUCHED = Rule()
 """What applies to a part that no rule matches."""
@@ -187,10 +189,16 @@ def mesh_of(read: Reader, path: Path) -> MeshFile:
     file = read(path)
     report(path, file.left_out)
     vertices, corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
-    count = 0
+    count = repeated = 0
+    seen: set[Part] = set()
     for node in file.nodes:
         transform = _upright(file, Options()) @ node.transform
         for part in node.parts:
+            repeated += (part.vertices.nbytes + part.corners.nbytes) * (part in seen)
+            if repeated > MOST_REPEATED:
+                most = f"at most {MOST_REPEATED:,} bytes of meshes that are placed again"
+                raise FileFormatError(f"expected {most} in one mesh, got more; read it as a scene")
+            seen.add(part)
             faces = triangulated(part.vertices, part.corners, part.sizes)[0]
             if np.linalg.det(transform[:3, :3]) < 0:  # a reflection, which would turn the surface inside out
                 faces = faces[:, ::-1]
@@ -286,7 +294,7 @@ class _Meshes:
         self._cuts: dict[Part, Indices] = {}
         self._shapes: dict[Part, TriangleMesh] = {}
         self._colored: dict[Part, Material] = {}
-        self._textures: dict[tuple[Picture, bytes], Texture] = {}
+        self._textures = Textures()
 
     def cuts(self, part: Part) -> Indices:
         """Return the triangles of a part by the numbers of their corners in it, shape (m, 3)."""
@@ -333,12 +341,10 @@ class _Meshes:
                 return Material(reflectivity=float(color @ LUMINANCE))
             return Material(reflectivity=np.clip(color * colors, 0.0, 1.0) @ LUMINANCE, per="vertex")
         if colors is not None:
-            texels = sampled(paint.picture, mean_of_corners(part.corners, paint.uv))
+            texels = self._textures.sampled(paint.picture, mean_of_corners(part.corners, paint.uv))
             return Material(reflectivity=np.clip(color * colors * texels, 0.0, 1.0) @ LUMINANCE, per="vertex")
-        key = paint.picture, color.tobytes()
-        if key not in self._textures:
-            self._textures[key] = texture(paint.picture, color)
-        return Material(reflectivity=self._textures[key], texture_coordinates=paint.uv[self.cuts(part)])
+        texture = self._textures.texture(paint.picture, color)
+        return Material(reflectivity=texture, texture_coordinates=paint.uv[self.cuts(part)])
 
 
 def _group(node: Node, rule: Rule) -> Hashable:

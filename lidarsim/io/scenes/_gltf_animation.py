@@ -68,7 +68,6 @@ def _sampler(
             if len(wrong):
                 i, j = wrong[0]
                 raise FileFormatError(f"{where}.{name}[{i}]: expected finite numbers, got {values[i, j]}")
-            values.setflags(write=False)
             samples[key] = values
         return samples[key]
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from lidarsim._base.files import beside
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
+from lidarsim.io._records import Expansion
 from lidarsim.io.scenes import _gltf_document as gltf
 
 T = TypeVar("T")
@@ -46,6 +47,11 @@ class Data:
         The document.
     binary : bytes or memoryview, optional
         Binary chunk of a GLB.
+
+    Attributes
+    ----------
+    expansion : Expansion
+        What has been made of the document.
     """
 
     def __init__(self, path: Path, document: gltf.Document, binary: bytes | memoryview | None) -> None:
@@ -54,6 +60,8 @@ class Data:
         self._binary = binary
         self._buffers: dict[int, memoryview] = {}
         self._accessors: dict[int, npt.NDArray[Any]] = {}
+        self._numbers: dict[int, Floats] = {}
+        self.expansion = Expansion(path.stat().st_size)
 
     def buffer(self, index: int, where: str) -> memoryview:
         """Return the bytes of a buffer; `where` is the place of the index."""
@@ -76,18 +84,20 @@ class Data:
         """Return the bytes that a URI holds or names."""
         if not uri.startswith("data:"):
             try:
-                return beside(self._path, uri).read_bytes()
+                content = beside(self._path, uri).read_bytes()
             except (FileFormatError, OSError) as error:
                 raise FileFormatError(
                     f"{where}.uri: {error.strerror or error if isinstance(error, OSError) else error}"
                 ) from None
-        head, comma, content = uri.partition(",")
+            self.expansion.size += len(content)
+            return content
+        head, comma, text = uri.partition(",")
         if not comma:
             raise FileFormatError(f"{where}.uri: expected data after a comma")
         if not head.endswith(";base64"):
-            return unquote_to_bytes(content)
+            return unquote_to_bytes(text)
         try:
-            return base64.b64decode(content, validate=True)
+            return base64.b64decode(text, validate=True)
         except ValueError:
             raise FileFormatError(f"{where}.uri: expected data in base64") from None
 
@@ -140,13 +150,19 @@ class Data:
             if accessor.sparse is not None:
                 values = self._replaced(values, accessor.sparse, f"{name}.sparse")
             values.setflags(write=False)
+            self.expansion.take(values.nbytes)
             self._accessors[index] = values
         return self._accessors[index]
 
     def numbers(self, index: int, where: str, kinds: Collection[str], dtypes: str = "fiu") -> Floats:
         """Return the numbers of an accessor, normalised if it says so; parameters as of `accessor`."""
         stored = self.accessor(index, where, kinds, dtypes)
-        return real(stored, normalized=self._document.accessors[index].normalized)
+        if index not in self._numbers:
+            values = real(stored, normalized=self._document.accessors[index].normalized)
+            values.setflags(write=False)
+            self.expansion.take(values.nbytes)
+            self._numbers[index] = values
+        return self._numbers[index]
 
     def _stored(self, accessor: gltf.Accessor, name: str, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
         width = WIDTHS[accessor.type]

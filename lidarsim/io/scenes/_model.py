@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
+from lidarsim.io._records import Expansion
 from lidarsim.io.scenes._animation import Bend, Figure
 from lidarsim.materials import Interpolation, Wrap
 
@@ -23,8 +24,8 @@ MOST_DEPTH = 1000
 """Greatest depth of nodes, so that their paths stay short."""
 MOST_LETTERS = 1000
 """Greatest length of a name, for the same reason."""
-MOST_OBJECTS = 1 << 20
-"""Most objects of a file: a few bytes of it can place a mesh many times."""
+OBJECT = 1 << 10
+"""Memory that a node takes, and each part that it places, bytes: a few bytes of a file can place a mesh many times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +119,16 @@ class SceneFile:
     """What was left out, and why."""
     figure: Figure | None = None
     """The nodes that animations move."""
+    expansion: Expansion | None = None
+    """What has been made of the file; None if it cannot place a part twice."""
 
     def add(self, node: Node) -> None:
         """Append a node, after checking that it lies within the range of float64."""
         if not np.isfinite(node.transform).all():
             name = short(ascii(node.names.name))
             raise FileFormatError(f"node {name}: expected a place within the range of float64")
-        if len(self.nodes) == MOST_OBJECTS:
-            raise FileFormatError(f"expected at most {MOST_OBJECTS:,} objects, got more")
+        if self.expansion is not None:
+            self.expansion.take(OBJECT * len(node.parts))
         self.nodes.append(node)
 
 

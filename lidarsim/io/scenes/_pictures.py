@@ -10,27 +10,54 @@ import numpy.typing as npt
 from lidarsim._base.extras import import_extra
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
+from lidarsim.io._records import EXPANSION
 from lidarsim.io.scenes._model import Picture
 from lidarsim.materials import LUMINANCE, Texture, Wrap, linear_light
 
 FORMATS = ("BMP", "JPEG", "PNG", "TGA", "WEBP")
-MOST_PIXELS = 1 << 26
-"""Most pixels of an image, 8192 × 8192: a small file can claim any number of them."""
+FEW_PIXELS, MOST_PIXELS = 1 << 24, 1 << 26
+"""Most pixels of an image, 4096 × 4096, or 8192 × 8192 if it has a byte for every `EXPANSION` of them; the latter is
+also the limit of all textures of a document, unless their bytes are so many: a small file can claim any number."""
 
 
-def texture(picture: Picture, color: Floats) -> Texture:
-    """Return a texture of the luminance of an image, each pixel of which is multiplied by a linear colour."""
-    pixels = _decoded(picture.read())
-    shares = linear_light(np.arange(256) / 255.0)[:, None] * (color * LUMINANCE)
-    values = np.empty(pixels.shape[:2], np.float32)
-    for row, line in zip(values, pixels, strict=True):  # by rows, since float64 takes eight times the memory
-        row[:] = sum(shares[line[:, channel], channel] for channel in range(3))
-    return Texture(values, wrap=picture.wrap, interpolation=picture.interpolation)
+class Textures:
+    """The textures of a document, of which each image is counted and decoded once."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[Picture, bytes], Texture] = {}
+        self._pixels: dict[Picture, npt.NDArray[np.uint8]] = {}
+        self._count = self._size = 0
+
+    def texture(self, picture: Picture, color: Floats) -> Texture:
+        """Return a texture of the luminance of an image, each pixel of which is multiplied by a linear colour."""
+        key = picture, color.tobytes()
+        if key not in self._made:
+            pixels = self._decoded(picture)
+            shares = linear_light(np.arange(256) / 255.0)[:, None] * (color * LUMINANCE)
+            values = np.empty(pixels.shape[:2], np.float32)
+            for row, line in zip(values, pixels, strict=True):  # by rows, since float64 takes eight times the memory
+                row[:] = sum(shares[line[:, channel], channel] for channel in range(3))
+            self._made[key] = Texture(values, wrap=picture.wrap, interpolation=picture.interpolation)
+        return self._made[key]
+
+    def sampled(self, picture: Picture, uv: Floats) -> Floats:
+        """Return the linear colours of a texture at places, shape (n, 3)."""
+        if picture not in self._pixels:
+            self._pixels[picture] = self._decoded(picture)
+        return _sampled(self._pixels[picture], picture, uv)
+
+    def _decoded(self, picture: Picture) -> npt.NDArray[np.uint8]:
+        content = picture.read()
+        pixels = _decoded(content)
+        self._count += pixels.shape[0] * pixels.shape[1]
+        self._size += len(content)
+        most = max(MOST_PIXELS, EXPANSION * self._size)
+        if self._count > most:
+            raise FileFormatError(f"expected at most {most:,} pixels in all textures, got {self._count:,}")
+        return pixels
 
 
-def sampled(picture: Picture, uv: Floats) -> Floats:
-    """Return the linear colours of a texture at places, shape (n, 3)."""
-    pixels = _decoded(picture.read())
+def _sampled(pixels: npt.NDArray[np.uint8], picture: Picture, uv: Floats) -> Floats:
     height, width = pixels.shape[:2]
     columns, right = _neighbours(uv[:, 0], width, picture.wrap[0])
     rows, below = _neighbours(uv[:, 1], height, picture.wrap[1])
@@ -47,18 +74,19 @@ def sampled(picture: Picture, uv: Floats) -> Floats:
 def _decoded(content: bytes) -> npt.NDArray[np.uint8]:
     """Return the pixels of an image, shape (height, width, 3), after checking its size."""
     module = import_extra("PIL.Image", "formats", "reading textures")
+    most = min(MOST_PIXELS, max(FEW_PIXELS, EXPANSION * len(content)))
     try:
         image = module.open(BytesIO(content), formats=FORMATS)
         size = image.width, image.height
         pixels: npt.NDArray[np.uint8] | None = None
-        if size[0] * size[1] <= MOST_PIXELS:
+        if size[0] * size[1] <= most:
             if image.mode.startswith("I"):  # 16 bits of grey, of PNG alone, which Pillow would cut off at 255
                 image = module.fromarray(np.rint(np.asarray(image) / np.float32(257.0)).astype(np.uint8))
             pixels = np.asarray(image.convert("RGB"))
     except Exception as error:
         raise FileFormatError(f"a texture cannot be decoded as {', '.join(FORMATS)}") from error
     if pixels is None:
-        raise FileFormatError(f"expected a texture of at most {MOST_PIXELS:,} pixels, got {size[0]} × {size[1]}")
+        raise FileFormatError(f"expected a texture of at most {most:,} pixels, got {size[0]} × {size[1]}")
     return pixels
 
 

@@ -25,10 +25,11 @@ import numpy as np
 from lidarsim._base.files import beside
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
+from lidarsim.io._records import Expansion
 from lidarsim.io.scenes._model import (
     MOST_DEPTH,
     MOST_LETTERS,
-    MOST_OBJECTS,
+    OBJECT,
     Axis,
     Indices,
     Key,
@@ -56,7 +57,7 @@ def read(path: Path) -> SceneFile:
     """Read a file."""
     data = path.read_bytes()
     if not data.startswith(b"PK"):
-        return _Reader(parse(data, "the file"), lambda name: beside(path, name).read_bytes()).read()
+        return _Reader(parse(data, "the file"), lambda name: beside(path, name).read_bytes(), len(data)).read()
     archive = zipfile.ZipFile(BytesIO(data))
     names = [name for name in archive.namelist() if name.lower().endswith(".dae")]
     if "manifest.xml" in archive.namelist():
@@ -69,7 +70,8 @@ def read(path: Path) -> SceneFile:
     def within(name: str) -> bytes:
         return unpacked(archive, posixpath.normpath(posixpath.join(posixpath.dirname(document), unquote(name))))
 
-    return _Reader(parse(unpacked(archive, document), "the document in the archive"), within).read()
+    content = unpacked(archive, document)
+    return _Reader(parse(content, "the document in the archive"), within, len(content)).read()
 
 
 class _Visit(NamedTuple):
@@ -98,7 +100,7 @@ class _Faces(NamedTuple):
 class _Reader:
     """The reading of one document."""
 
-    def __init__(self, root: Element, image: Callable[[str], bytes]) -> None:
+    def __init__(self, root: Element, image: Callable[[str], bytes], size: int) -> None:
         self._root = root
         self._image = image
         self._by_id = _ids(root)
@@ -107,6 +109,7 @@ class _Reader:
         self._sources: dict[int, Floats] = {}
         self._diffuses: dict[Element | None, tuple[Floats, Picture | None]] = {}
         self._places: dict[Element, Floats] = {}
+        self._expansion = Expansion(size)
         self._left_out: Counter[str] = Counter()
 
     def read(self) -> SceneFile:
@@ -120,7 +123,7 @@ class _Reader:
         meters = floats(text, "asset/unit, meter", 1)[0]
         if not 0.0 < meters < math.inf:
             raise FileFormatError(f"asset/unit, meter: expected a finite number > 0, got {meters}")
-        file = SceneFile(up=AXES[up], unit=float(meters))
+        file = SceneFile(up=AXES[up], unit=float(meters), expansion=self._expansion)
         scene = self._root.find("{*}scene/{*}instance_visual_scene")
         visual = self._root.find("{*}library_visual_scenes/{*}visual_scene")
         if scene is not None:
@@ -131,8 +134,9 @@ class _Reader:
         while stack:
             element, above, names, top, parent, depth = stack.pop()
             key = len(visits), 0
-            if depth == MOST_DEPTH or len(visits) == MOST_OBJECTS:
-                raise FileFormatError(f"expected at most {MOST_DEPTH} nodes in line and {MOST_OBJECTS:,} in all")
+            if depth == MOST_DEPTH:
+                raise FileFormatError(f"expected at most {MOST_DEPTH} nodes in line")
+            self._expansion.take(OBJECT)
             called = element.get("name") or element.get("id") or str(len(visits))
             names = Names(called[:MOST_LETTERS], names)
             where = f"node {called!a:.60}"
@@ -291,6 +295,7 @@ class _Reader:
             named = {} if material is None else material.attrib
             called = named.get("name") or named.get("id") or element.get("material") or ""
             paint = partial(self._paint, material, mesh, inputs, faces.indices, corners=corners, where=where)
+            self._expansion.take(24 * len(used) + corners.nbytes + faces.sizes.nbytes + faces.indices.nbytes)
             yield Part(vertices[used], corners, faces.sizes, called, paint)
 
     def _positions(self, vertices: Element, mesh: Element) -> Floats:

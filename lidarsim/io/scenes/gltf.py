@@ -28,7 +28,7 @@ from lidarsim.io.scenes import _gltf_document as gltf
 from lidarsim.io.scenes._animation import Bend, Pose, Skin, rotations, total_of
 from lidarsim.io.scenes._gltf_animation import animations_of, figure_of, local_of, weights_animated
 from lidarsim.io.scenes._gltf_data import Data, at, real
-from lidarsim.io.scenes._model import MOST_DEPTH, MOST_OBJECTS, Indices, Names, Node, Paint, Part, Picture, SceneFile
+from lidarsim.io.scenes._model import MOST_DEPTH, OBJECT, Indices, Names, Node, Paint, Part, Picture, SceneFile
 from lidarsim.materials import Wrap
 from lidarsim.world.shapes._polygons import of_strips
 
@@ -121,7 +121,7 @@ class _Reader:
         self._skins: dict[int, Skin] = {}
         self._rest = Pose(np.empty((0, 4, 4)), self._skins)
         self._weighted: dict[int, int] = {}
-        self.file = SceneFile(up="y")
+        self.file = SceneFile(up="y", expansion=self._data.expansion)
 
     def read(self) -> None:
         """Read the nodes of the scene."""
@@ -215,8 +215,7 @@ class _Reader:
         if len(counts) != 1:
             raise FileFormatError(f"{where}: expected attributes of one count, got {sorted(counts)}")
         count = counts.pop()
-        if count > MOST_OBJECTS:
-            raise FileFormatError(f"{where}: expected at most {MOST_OBJECTS:,} copies, got {count:,}")
+        self._data.expansion.take(OBJECT * count)
         for name, values in found.items():
             _check_finite(values, f"{where}.{name}")
         turns = rotations(found.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), where)
@@ -288,6 +287,7 @@ class _Reader:
         if not used.all():  # primitives may share the vertices of a whole file
             vertices, corners = vertices[used], (np.cumsum(used) - 1)[corners]
             bend = None if bend is None else bend.of(used)
+        self._data.expansion.take(vertices.nbytes + corners.nbytes + 8 * len(triangles))
         material = (
             None
             if primitive.material is None
@@ -414,6 +414,9 @@ class _Reader:
                 for number, (weight, target) in enumerate(zip(weights, primitive.targets, strict=True))
             ]
         skin = self._document.nodes[index].skin
+        if targets or skin is not None:  # float64 of the targets, and 64-bit joints and weights by four
+            sets = sum(name.startswith("JOINTS_") for name in primitive.attributes)
+            self._data.expansion.take((vertices.nbytes * (1 + len(targets))) + 64 * sets * len(vertices))
         if skin is None:
             return Bend(index, vertices, tuple(weights or ()), tuple(targets)) if targets else None
         joints, influence = _influences(primitive, where, attribute, len(vertices), len(self._skins[skin].joints))
