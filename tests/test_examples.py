@@ -20,15 +20,19 @@ from PIL import Image
 import lidarsim as ls
 from lidarsim.cli import main
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
-IMAGES = Path(__file__).parents[1] / "examples" / "images"
-GUIDE = (IMAGES.parent / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```bash\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
-COMMANDS = [line for block in BLOCKS for line in block.splitlines()]
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+IMAGES = ROOT / "examples" / "images"
+INDEX, *PAGES = sorted((ROOT / "examples").glob("*.md"))
+TEXTS = {page.stem: page.read_text(encoding="utf-8") for page in PAGES}
+SMALL = {"generate": ["--set", "sequences=1", "--set", "frames=1", "--pictures", "0"]}
+"""Options that commands of pages get, so that they take seconds."""
 
 
 def test_there_are_examples() -> None:
     assert EXAMPLES
+    assert INDEX.name == "README.md"
+    assert len(PAGES) > 10
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -42,10 +46,10 @@ def test_example_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         runpy.run_path(str(path), run_name="__main__")
     shown_as = [file for file in IMAGES.iterdir() if file.stem == path.stem]
     for image in shown_as:
-        draws_what_the_guide_shows(tmp_path / image.name, image)
+        draws_what_the_page_shows(tmp_path / image.name, image)
 
 
-def draws_what_the_guide_shows(picture: Path, image: Path) -> None:
+def draws_what_the_page_shows(picture: Path, image: Path) -> None:
     with Image.open(picture) as drawn, Image.open(image) as shown:
         assert drawn.width / drawn.height == pytest.approx(shown.width / shown.height, rel=0.01)
         assert len(drawn.convert("RGB").getcolors(2**24) or []) > 16  # it is not blank
@@ -55,37 +59,54 @@ def draws_what_the_guide_shows(picture: Path, image: Path) -> None:
         assert pictures.difference(picture, image.with_name("snippet.png")) > 100  # another picture fails
 
 
-def test_the_guide_shows_every_example() -> None:
+def test_the_pages_show_every_example_and_picture() -> None:
+    everything = "".join(TEXTS.values())
     for path in EXAMPLES:
-        assert f"[`{path.name}`]({path.name})" in GUIDE
-        assert f"python examples/{path.name}" in COMMANDS
-    assert (
-        GUIDE.count("](images/") == len(EXAMPLES) - 4
-    )  # data loaders, training, clusters and nodes have nothing to show
+        assert f"[`{path.name}`]({path.name})" in everything
+        assert re.search(rf"^python examples/{path.name}$", everything, re.MULTILINE)
+    others = [ROOT / "README.md", ROOT / "lidarsim" / "presets" / "README.md"]
+    shown = everything + "".join(page.read_text(encoding="utf-8") for page in others)
+    assert [image.name for image in IMAGES.iterdir() if f"images/{image.name})" not in shown] == []
 
 
-@pytest.mark.parametrize("command", [command for command in COMMANDS if not command.startswith("python ")])
-def test_every_command_of_the_guide_runs(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(folder)
-    program, *words = shlex.split(command)
-    assert program == "lidarsim"
-    with pytest.raises(SystemExit) as left:
-        main(words)
-    assert not left.value.code
-    assert all(Path(file).exists() for option, file in pairwise(words) if option in {"--output", "--screenshot"})
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_page_is_in_the_index_and_has_the_parts_of_one(name: str) -> None:
+    assert f"]({name}.md) |" in INDEX.read_text(encoding="utf-8")
+    headings = re.findall(r"^## (.*)$", TEXTS[name], re.MULTILINE)
+    assert {"Three things people change", "Where it ends"} <= set(headings)
+    assert "](images/" in TEXTS[name]
+    assert len(TEXTS[name].split()) < 550
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the configurations, in which the commands run one after another."""
-    place = tmp_path_factory.mktemp("guide")
-    shutil.copytree(EXAMPLES[0].parents[1] / "configs", place / "configs")
-    return place
+@pytest.mark.parametrize("name", TEXTS)
+def test_the_commands_and_code_of_a_page_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One after another, in a folder with the configurations; scripts have tests of their own."""
+    shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names: dict[str, Any] = {}
+    blocks = re.findall(r"^```(bash|python)\n(.*?)^```$", TEXTS[name], re.DOTALL | re.MULTILINE)
+    assert blocks
+    for language, block in blocks:
+        if language == "python":
+            exec(compile(block, f"{name}.md", "exec"), names)  # noqa: S102 - of our own pages
+            continue
+        for program, *words in map(shlex.split, block.splitlines()):
+            if program == "python":
+                assert (ROOT / words[0]) in EXAMPLES
+                continue
+            assert program == "lidarsim"
+            with pytest.raises(SystemExit) as left:
+                main([*words, *SMALL.get(words[0], []), *(["--workers", "1"] if "--workers" in words else [])])
+            assert not left.value.code, words
+            wanted = [file for option, file in pairwise(words) if option in {"--output", "--screenshot", "--html"}]
+            for file in map(Path, wanted):
+                assert file.exists() or list(tmp_path.glob(f"{file.stem}_*{file.suffix}")), words  # one a frame
 
 
 @pytest.fixture(scope="module")
 def learn() -> dict[str, Any]:
-    return runpy.run_path(str(EXAMPLES[0].with_name("learn.py")))
+    return runpy.run_path(str(ROOT / "examples" / "learn.py"))
 
 
 @pytest.fixture(scope="module")
