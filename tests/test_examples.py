@@ -12,6 +12,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import nbclient
+import nbformat
 import numpy as np
 import pictures
 import pytest
@@ -102,6 +104,19 @@ def test_the_commands_and_code_of_a_page_run(name: str, tmp_path: Path, monkeypa
             wanted = [file for option, file in pairwise(words) if option in {"--output", "--screenshot", "--html"}]
             for file in map(Path, wanted):
                 assert file.exists() or list(tmp_path.glob(f"{file.stem}_*{file.suffix}")), words  # one a frame
+
+
+def test_the_notebook_shows_what_it_makes(tmp_path: Path) -> None:
+    notebook = nbformat.read(ROOT / "examples" / "notebook.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells)  # pages are large
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": tmp_path}}).execute()
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    results = [output["data"] for cell in cells for output in cell.outputs if output.output_type == "execute_result"]
+    shown = [data.get("text/html", data["text/plain"]) for data in results]
+    expected = ["Scene: ", "Scan of ", "PointCloud: ", "<iframe", "Boxes of ", "range noise", "'xyz'"]
+    for text, start in zip(shown, expected, strict=True):
+        assert start in text
+    assert (tmp_path / "scan.pcd").exists()
 
 
 @pytest.fixture(scope="module")
