@@ -28,19 +28,24 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
+from lidarsim import lidar
 from lidarsim._base import views
 from lidarsim.comparison._sources import source
 from lidarsim.datasets.layouts import LAYOUTS
 from lidarsim.datasets.reading import open_frames
 from lidarsim.io import las, packets, rosbag
+from lidarsim.io.meshes import SUFFIXES
+from lidarsim.io.packets import _format
 from lidarsim.motion import formats as trajectories
 from lidarsim.run import Run
+from lidarsim.run._output import OUTPUTS
 from lidarsim.scan.formats import FORMATS
 from lidarsim.viewers import pattern
 from lidarsim.viewers.open3d import import_open3d
 from lidarsim.world import scene as scenes
+from tests.io import mutations
 
-THREADS, TURNS = 6, 1
+THREADS = 6
 HEAVY = (
     "laspy",
     "matplotlib.pyplot",
@@ -138,9 +143,46 @@ def bag(folder: Path) -> None:
     assert len(list(rosbag.read(folder / "a.mcap"))) == 1
 
 
-def capture(folder: Path) -> None:
-    with packets.Writer(folder / "a.pcap", VLP16) as writer:
-        writer.write(VLP16.scan(street()))
+def outputs() -> dict[str, Callable[[Path], object]]:
+    def of(name: str) -> Callable[[Path], object]:
+        return lambda folder: a_run().write(f"{folder}/a{name}")
+
+    suffixes = {suffix for kind in OUTPUTS for suffix in kind.suffixes} | {"/"} - {".label"}
+    return {f"run {suffix}": of(suffix) for suffix in sorted(suffixes)}
+
+
+def captures() -> dict[str, Callable[[Path], object]]:
+    """One capture of each format of packets, of a preset whose model has it."""
+    presets = map(ls.Lidar.preset, ls.Lidar.presets())
+    found = {packets.format_of(lidar).name: lidar for lidar in presets if has_packets(lidar)}
+
+    def of(lidar: ls.Lidar) -> Callable[[Path], object]:
+        def write(folder: Path) -> None:
+            with packets.Writer(folder / "a.pcap", lidar) as writer:
+                writer.write(lidar.scan(street()))
+
+        return write
+
+    return {f"capture of {name}": of(lidar) for name, lidar in found.items()}
+
+
+def has_packets(lidar: ls.Lidar) -> bool:
+    try:
+        packets.format_of(lidar)
+    except ls.errors.FileFormatError:
+        return False
+    return True
+
+
+def data_sets() -> dict[str, Callable[[Path], object]]:
+    def of(layout: str) -> Callable[[Path], object]:
+        def make_and_read(folder: Path) -> None:
+            make_set(layout)(f"{folder}/a")
+            assert list(open_frames(folder / "a").read(0))
+
+        return make_and_read
+
+    return {f"data set {layout}": of(layout) for layout in LAYOUTS}
 
 
 def converted(folder: Path) -> None:  # noqa: ARG001
@@ -150,21 +192,14 @@ def converted(folder: Path) -> None:  # noqa: ARG001
     street().to_pyvista()
 
 
-def model(folder: Path) -> None:
-    (folder / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="ascii")
-    ls.Scene.from_file(folder / "a.obj")
-    (folder / "a.xml").write_text("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", encoding="ascii")
-    ls.Scene.from_file(folder / "a.xml")
-    ls.Scene.from_file(Path(ls.__file__).parent / "starter" / "scenes" / "car.glb")
-
-
 WORK: dict[str, Callable[[Path], object]] = {
     **formats(),
+    **outputs(),
+    **captures(),
+    **data_sets(),
     "raster": raster,
     "bag": bag,
-    "capture": capture,
     "converted": converted,
-    "model": model,
     "map.png": lambda folder: CELLS.plot(folder / "a.png", title="車"),
     "map.svg": lambda folder: CELLS.plot(folder / "a.svg", title="車"),
     "pattern.svg": lambda folder: pattern.draw(LIDAR, folder / "a.svg"),
@@ -181,29 +216,58 @@ def test_all_kinds_take_part() -> None:
     conversions = {"pyvista", "from_pyvista", "open3d", "from_open3d"}
     files = {"from_raster", "geotiff", "to_npz", "from_npz"}
     assert {name for _, name in views._VIEWS} == pictures | conversions | files
-    assert len(scenes._readers) == 4
+    assert {f"capture of {form.name}" for form in _format._formats.values()} <= WORK.keys()
 
 
-@pytest.mark.parametrize("kind", WORK)
-def test_six_threads_leave_the_process_as_it_was(kind: str, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def ready() -> None:
+    """Import what may set up the process when it is imported."""
     tempfile.gettempdir()  # Python keeps it
     import_open3d()
     for package in HEAVY:
         importlib.import_module(package)
-    for number in range(THREADS):
-        (tmp_path / str(number)).mkdir()
+
+
+def changed(work: Callable[[int], object]) -> set[str]:
+    """What six threads change of the process that do some work, each with its number."""
     before = state()
     together = Barrier(THREADS)
 
-    def work(number: int) -> None:
-        for _ in range(TURNS):
-            together.wait()
-            WORK[kind](tmp_path / str(number))
+    def at_once(number: int) -> None:
+        together.wait()
+        work(number)
 
     with ThreadPoolExecutor(THREADS) as pool:
-        list(pool.map(work, range(THREADS)))
+        list(pool.map(at_once, range(THREADS)))
     after = state()
-    assert {name for name in before if after[name] != before[name]} == set()
+    return {name for name in before if after[name] != before[name]}
+
+
+@pytest.mark.parametrize("kind", WORK)
+@pytest.mark.usefixtures("ready")
+def test_six_threads_leave_the_process_as_it_was(kind: str, tmp_path: Path) -> None:
+    for number in range(THREADS):
+        (tmp_path / str(number)).mkdir()
+    assert changed(lambda number: WORK[kind](tmp_path / str(number))) == set()
+
+
+@pytest.mark.usefixtures("ready")
+def test_six_threads_that_read_leave_the_process_as_it_was(tmp_path: Path) -> None:
+    """Every sound file whose mutations are read, which include one at least of each kind that is registered."""
+    found = [*mutations.samples(tmp_path), *mutations.texts(tmp_path)]
+    heads = {path: path.read_bytes()[: 1 << 16].decode("utf-8", errors="replace") for _, path, _ in found}
+    for name, (recognise, _) in lidar._readers.items():
+        assert any(recognise(path, head) for path, head in heads.items()), name
+    for name, (recognise_scene, _) in scenes._readers.items():
+        assert any(recognise_scene(path, head.encode()) for path, head in heads.items()), name
+    assert {path.suffix for path in heads} >= {*FORMATS, *SUFFIXES} - {".pcd.bin"}
+    disturbed = {}
+    for name, path, read in found:
+        if name not in {"scene_file", "heightfield"}:  # which move the file
+            what = changed(lambda _: read(path))  # noqa: B023
+            if what:
+                disturbed[name] = what
+    assert disturbed == {}
 
 
 class Frames:
@@ -231,9 +295,8 @@ def write_strip(path: str) -> None:
 
 def write_packets(path: str) -> None:
     with packets.Writer(path, VLP16) as writer:
-        for _ in Frames():
-            pass
-        writer.write(VLP16.scan(street()))
+        for k, _ in enumerate(Frames()):
+            writer.write(VLP16.scan(street(), frame=k, time=0.1 * k))
 
 
 def write_run(path: str) -> None:

@@ -382,7 +382,7 @@ def read_array(file: IO[bytes], size: int) -> npt.NDArray[Any]:
         raise FileFormatError(f"its array is of the unknown version {version}")
     header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = header(file)
-    claimed = math.prod(shape) * dtype.itemsize
+    claimed = math.prod(shape) * max(dtype.itemsize, 1)  # texts of no characters have no bytes
     if not dtype.hasobject and claimed > size:
         raise FileFormatError(f"its array claims {claimed:,} bytes of {size:,}")
     file.seek(0)

@@ -39,6 +39,9 @@ SMALL, EXPANSION = 1 << 26, 100
 HEADER = 1 << 24
 """Greatest size of a text header, bytes."""
 
+MOST_COLUMNS = 10_000
+"""Maximum number of columns of a file: each takes its own time and memory, even without points."""
+
 FAR = 1e20
 """Greatest plausible coordinate in a file without a header, m; pulses along an infinite plane reach about 1e16."""
 
@@ -299,6 +302,7 @@ def joined(parts: Iterable[Fields]) -> Fields:
 
 def to_fields(columns: Fields, normal: Collection[str], *, xyz: npt.DTypeLike = np.float64) -> Fields:
     """Return the fields that the columns of a file form; a column may have several entries per point."""
+    check_columns(len(columns))
     columns = _in_lower_case(columns, normal)
     for name in "xyz":
         if name not in columns:
@@ -362,6 +366,12 @@ def header_lines(lines: Iterable[str]) -> bytes:
             f"this format cannot hold names of {len(header):,} bytes, expected {HEADER:,} at most; save as .npz"
         )
     return header
+
+
+def check_columns(count: int) -> None:
+    """Raise an error if a file has too many columns."""
+    if count > MOST_COLUMNS:
+        raise FileFormatError(f"expected at most {MOST_COLUMNS:,} columns, got {count:,}")
 
 
 def most_expanded(compressed: int) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from lidarsim._base.files import read_array
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import SMALL, check_expansion
+from lidarsim.io._records import SMALL, check_columns, check_expansion
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
 
@@ -25,6 +25,7 @@ def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | Non
 
     Class names, if any, are stored as records of ``label`` and ``name`` in the array ``class_names``.
     """
+    check_columns(len(fields))
     for name in fields:
         if len(name) > LONGEST:
             raise FileFormatError(f"{short(name)}: this format holds names of at most {LONGEST:,} characters")
@@ -52,6 +53,7 @@ def load(file: BinaryIO) -> dict[str, Any]:
     size = file.seek(0, os.SEEK_END)
     fields: dict[str, Any] = {}
     with ZipFile(file) as archive:
+        check_columns(len(archive.infolist()))
         check_expansion(sum(entry.file_size for entry in archive.infolist()), size)
         for entry in archive.infolist():
             name = entry.filename.removesuffix(".npy")

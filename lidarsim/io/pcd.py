@@ -32,6 +32,7 @@ from lidarsim.io._records import (
     HEADER,
     as_declared,
     blocks,
+    check_columns,
     check_expansion,
     class_comments,
     columns_of,
@@ -183,6 +184,7 @@ def _points(header: dict[str, list[str]]) -> int:
 def _layout(header: dict[str, list[str]]) -> np.dtype[np.void]:
     """Return the dtype of a point."""
     fields = header["FIELDS"]
+    check_columns(len(fields))
     values = [header.get(key) or [default] * len(fields) for key, default in DEFAULTS.items()]
     for key, given in zip(DEFAULTS, values, strict=True):
         if len(given) != len(fields):

@@ -24,6 +24,7 @@ from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
     HEADER,
     as_declared,
+    check_columns,
     class_comments,
     commented_classes,
     from_records,
@@ -189,6 +190,7 @@ def _understand(header: _Header, line: bytes, number: int) -> None:
 
 
 def _add(element: _Element, name: str, kind: str) -> None:
+    check_columns(len(element.types) + 1)
     if name in element.types:
         raise FileFormatError(f"its element {element.name!r} has two properties named {short(repr(name))}")
     element.types[name] = kind

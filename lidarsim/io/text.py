@@ -39,7 +39,7 @@ import numpy.typing as npt
 
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import blocks, number, to_columns, to_fields
+from lidarsim.io._records import blocks, check_columns, number, to_columns, to_fields
 from lidarsim.scan.fields import CANONICAL, Fields, fit
 from lidarsim.scan.formats import register_format
 
@@ -81,6 +81,7 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
         if head.names is not None and columns is not None:
             raise FileFormatError(f"columns: expected none, since a line names them: {short(', '.join(head.names))}")
         names = head.names or columns or [f"column {i + 1}" for i in range(head.columns)]
+        check_columns(len(names))
         if head.names is None and columns is None and 0 < head.columns < 3:
             raise FileFormatError(f"its first line has no column names, and there are {head.columns} columns")
         lines = itertools.chain(head.first, _lines(text, head.first[0][0] if head.first else 0))

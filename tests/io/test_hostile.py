@@ -25,6 +25,7 @@ import pytest
 import lidarsim as ls
 from lidarsim import config
 from lidarsim.errors import ConfigError, FileFormatError
+from lidarsim.io import _records
 from lidarsim.patterns import Table
 from tests.io.scenes.gltf_files import Gltf
 from tests.io.scenes.test_formats import collada
@@ -195,6 +196,29 @@ def test_headers_of_arrays(header: str, reason: str, tmp_path: Path) -> None:
         file.write(path, "xyz.npy")
     text = refusal(lambda: ls.PointCloud.load(archive), FileFormatError)
     assert text.startswith(f"{archive}: not a readable .npz point cloud: {reason and f'xyz: {reason}'}")
+
+
+def test_texts_of_no_characters_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("xyz.npy", npy("{'descr': '<f8', 'fortran_order': False, 'shape': (0, 3)}"))
+        empty = "[('label', 'V0'), ('name', 'V0')]"
+        file.writestr("class_names.npy", npy(f"{{'descr': {empty}, 'fortran_order': False, 'shape': (2000000000,)}}"))
+    text = refusal(lambda: ls.PointCloud.load(path), FileFormatError)
+    assert text == f"{path}: not a readable .npz point cloud: class_names: its array claims 2,000,000,000 bytes of 192"
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".xyz", ".npz", ".pcd", ".ply"])
+def test_columns_are_counted(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / f"a{suffix}"
+    cloud = ls.PointCloud(xyz=np.zeros((1, 3)), **{f"a{k}": np.zeros(1) for k in range(9)})
+    cloud.save(path)
+    count = len(cloud.fields) if suffix == ".npz" else len(cloud.fields) + 2
+    assert ls.PointCloud.load(path).fields == cloud.fields
+    monkeypatch.setattr(_records, "MOST_COLUMNS", count - 1)
+    expected = f"expected at most {count - 1} columns, got {count}"
+    assert refusal(lambda: ls.PointCloud.load(path), FileFormatError).endswith(expected)
+    assert refusal(lambda: cloud.save(path), FileFormatError).endswith(expected)
 
 
 def test_an_archive_whose_compression_is_damaged(tmp_path: Path) -> None:
