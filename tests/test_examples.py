@@ -46,7 +46,7 @@ def test_example_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         subprocess.run([sys.executable, path], check=True)
     else:
         runpy.run_path(str(path), run_name="__main__")
-    shown_as = [file for file in IMAGES.iterdir() if file.stem == path.stem]
+    shown_as = [file for file in IMAGES.iterdir() if file.stem.partition("-")[0] == path.stem]
     for image in shown_as:
         draws_what_the_page_shows(tmp_path / image.name, image)
 
@@ -61,12 +61,19 @@ def draws_what_the_page_shows(picture: Path, image: Path) -> None:
         assert pictures.difference(picture, image.with_name("snippet.png")) > 100  # another picture fails
 
 
+def test_a_page_shows_twelve_draws_of_each_generator_of_worlds() -> None:
+    page = (ROOT / "lidarsim" / "worlds" / "README.md").read_text(encoding="utf-8")
+    shown = {f"worlds-{name}.png" for name in (*ls.worlds.GENERATORS, "street")}
+    assert set(re.findall(r"\]\(../../examples/images/([^)]+)\)", page)) == shown
+    assert all((IMAGES / name).stat().st_size < 150_000 for name in shown)
+
+
 def test_the_pages_show_every_example_and_picture() -> None:
     everything = "".join(TEXTS.values())
     for path in EXAMPLES:
         assert f"[`{path.name}`]({path.name})" in everything
         assert re.search(rf"^python examples/{path.name}$", everything, re.MULTILINE)
-    others = [ROOT / "README.md", ROOT / "lidarsim" / "presets" / "README.md"]
+    others = [ROOT / "README.md", *(ROOT / "lidarsim" / name / "README.md" for name in ("presets", "worlds"))]
     shown = everything + "".join(page.read_text(encoding="utf-8") for page in others)
     assert [image.name for image in IMAGES.iterdir() if f"images/{image.name})" not in shown] == []
 
