@@ -1,35 +1,36 @@
-"""The street of configs/demo.yaml in clear air, in fog and in rain: counts what comes back, and draws weather.png."""
+"""A city street in clear air, in fog and in rain: counts what comes back, and draws weather.png."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import dataclasses
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.image import imread, imsave
 
 import lidarsim as ls
 
-CONFIG = Path(__file__).parents[1] / "configs" / "demo.yaml"
-AIR = 99  # label of the echoes of fog and rain
+AIR = 200  # label of the echoes of fog and rain
+
+street = ls.worlds.street(4, "city", length=140)
+lane, pose = street.ways.lanes[0], np.eye(4)
+pose[:3, 3] = x, y, z = lane[60] + (0.0, 0.0, 1.9)
+names = {**street.scene.class_names, AIR: "air"}
 
 # Where the receiver sees the beam decides how bright the fog close to the sensor is: here, all of it from 5 m on.
-run = ls.config.load(CONFIG, ["sensor.preset=hesai-pandar64", "sensor.measurement.crossover_m=[1, 5]"])
+lidar = ls.Lidar.preset("hesai-pandar64", noise="datasheet")
+lidar = dataclasses.replace(lidar, measurement=dataclasses.replace(lidar.measurement, crossover=(1.0, 5.0)))
 weather = {
     "clear air": None,
     "fog, visibility 50 m": ls.Atmosphere.fog(visibility=50.0, label=AIR),
     "rain, 25 mm/h": ls.Atmosphere.rain(rate=25.0, label=AIR),
 }
-figure, axes = plt.subplots(1, 3, figsize=(15, 4.7), layout="constrained", facecolor="black")
-for axis, (name, atmosphere) in zip(axes, weather.items(), strict=True):
-    run.scene.atmosphere = atmosphere
-    scan = run.scan()
-    cloud = scan.point_cloud("world")
-    in_air = cloud.label == AIR
+for name, atmosphere in weather.items():
+    street.scene.atmosphere = atmosphere
+    scan = lidar.scan(street.scene, pose, seed=1)
+    in_air = scan.point_cloud().label == AIR
     counts = f"{np.sum(~in_air):,} points on surfaces, {np.sum(in_air):,} in the air"
     print(f"{name}: {counts}, {np.mean(scan.status == ls.Status.below_threshold):.1%} of the pulses hit too weakly")
-    x, y, z = cloud.xyz[~in_air].T
-    axis.scatter(x, y, s=0.5, c=z, cmap="cool", vmin=0, vmax=8, linewidths=0, rasterized=True)
-    axis.scatter(*cloud.xyz[in_air, :2].T, s=1.0, c="gold", linewidths=0, rasterized=True)
-    axis.set(xlim=(-32, 32), ylim=(-26, 22), aspect="equal", facecolor="black", xticks=[], yticks=[])
-    axis.set_title(f"{name}\n{counts}", color="white", fontsize=12)
-figure.savefig("weather.png", dpi=80)
+    camera, save = [(x - 16, y + 5, z + 10), (x + 14, y + 2.5, 0), (0, 0, 1)], f"{name.split(',')[0]}.png"
+    scan.plot(color_by="label", class_names=names, camera=camera, size=(700, 560), title=name, save=save)
+pictures = [imread(f"{name.split(',')[0]}.png") for name in weather]
+imsave("weather.png", np.concatenate(pictures, axis=1))
