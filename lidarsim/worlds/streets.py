@@ -591,6 +591,8 @@ class _Builder:
     plan: Plan
     scene: Scene
     pools: dict[str, list[Asset]] = field(default_factory=dict)
+    puts: list[tuple[Asset, str, tuple[float, ...]]] = field(default_factory=list)
+    """Assets to add: names, and places s and d, turn, scale and depth in the ground."""
 
     def build(self) -> None:
         """Fill the street."""
@@ -600,20 +602,22 @@ class _Builder:
             self._trees(side)
             self._furniture(side)
         self._background()
+        s, d, yaw, scale, sunk = np.array([how for _, _, how in self.puts]).reshape(-1, 5).T
+        turn = self.plan.heading(s) + yaw
+        cosine, sine = scale * np.cos(turn), scale * np.sin(turn)
+        places = np.zeros((len(turn), 4, 4))
+        places[:, 0, 0], places[:, 0, 1], places[:, 1, 0], places[:, 1, 1] = cosine, -sine, sine, cosine
+        places[:, 2, 2], places[:, 3, 3] = scale, 1.0
+        places[:, :3, 3] = self.plan.at(s, d)
+        places[:, 2, 3] -= sunk
+        for (asset, name, _), place in zip(self.puts, places, strict=True):
+            asset.add_to(self.scene, name=name, transform=place)
 
     def _put(
         self, asset: Asset, name: str, at: Span, yaw: float = 0.0, *, scale: float = 1.0, sunk: float = 0.0
     ) -> None:
-        """Add an asset at a place s and d, turned from the direction of the street."""
-        s, d = at
-        turn = float(self.plan.heading(s)) + yaw
-        place = np.eye(4)
-        cosine, sine = scale * np.cos(turn), scale * np.sin(turn)
-        place[:2, :2] = (cosine, -sine), (sine, cosine)
-        place[2, 2] = scale
-        place[:3, 3] = self.plan.at(s, d)
-        place[2, 3] -= sunk
-        asset.add_to(self.scene, name=name, transform=place)
+        """Note an asset to add at a place s and d, turned from the direction of the street."""
+        self.puts.append((asset, name, (*at, yaw, scale, sunk)))
 
     def _one(self, name: str, make: object, count: int) -> Asset:
         """Return one of a pool of assets."""

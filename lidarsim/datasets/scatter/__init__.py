@@ -293,6 +293,7 @@ def scatter(
         walker would have to run, or a sequence is too long.
     """
     times = _moments(*_span(run), run, groups.values(), place)
+    outlines = [(item, _obstacle(item, times)) for item in run.scene.objects if item.shape.bounded]
     placed: list[Placed] = []
     tallies: dict[str, Tally] = {}
     # Things in areas, things on paths, and the latter with their gaps ahead and behind.
@@ -304,7 +305,7 @@ def scatter(
         if group is None:
             tallies[name] = Tally(count, 0, {"no such ways in the street": count})
             continue
-        ground, obstacles = _divided(run, group.on, times, there)
+        ground, obstacles = _divided(run, group.on, outlines, there)
         along = bool(group.paths)
         rules = [
             _Rule("clear of the sensor", _sensor(run, times, group.clear_m)),
@@ -381,8 +382,11 @@ def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
     path = Outline(_square(positions, clear), -np.inf, positions[:, 2].max() + max(mounts, default=0.0))
     found: dict[str, float] = {}
     for item in run.scene.objects:
+        low, high = item.bounds
         carried = item.motion is run.pose and item.motion is not None
-        if carried or item.name in on or not item.shape.bounded or item.bounds[0, 2] == item.bounds[1, 2]:
+        if carried or item.name in on or not item.shape.bounded or low[2] == high[2]:
+            continue
+        if item.motion is None and ((low >= path.box[1]) | (high <= path.box[0])).any():
             continue
         outline = _obstacle(item, times)
         encloses = (outline.box[0, :2] <= path.box[0, :2]).all() and (outline.box[1] >= path.box[1]).all()
@@ -551,8 +555,10 @@ def _ground_of(run: Run) -> set[str]:
     return set() if run.ways is None else set(GROUND)
 
 
-def _divided(run: Run, on: Sequence[str], times: Floats, place: Place) -> tuple[Scene, Obstacles]:
-    """Return the ground for objects as a scene, and the obstacles; the ground of a street is none."""
+def _divided(
+    run: Run, on: Sequence[str], outlines: Iterable[tuple[SceneObject, Outline]], place: Place
+) -> tuple[Scene, Obstacles]:
+    """Return the ground for objects as a scene, and the obstacles among outlines; the ground of a street is none."""
     objects = run.scene.objects
     missing = set(on) - {item.name for item in objects} - _ground_of(run)
     if missing:
@@ -561,12 +567,8 @@ def _divided(run: Run, on: Sequence[str], times: Floats, place: Place) -> tuple[
     for item in objects:
         if item.name in on:
             ground.add(item.shape, transform=item.transform)
-    obstacles = Obstacles()
     passed = _ground_of(run).union(on)
-    for item in objects:
-        if item.name not in passed and item.shape.bounded:
-            obstacles.add(_name(item), _obstacle(item, times))
-    return ground, obstacles
+    return ground, Obstacles((_name(item), outline) for item, outline in outlines if item.name not in passed)
 
 
 def _name(item: SceneObject) -> str:
@@ -592,7 +594,7 @@ def _upright(item: SceneObject) -> Outline | None:
         or place[2, :2].any()
         or place[:2, 2].any()
         or not place[0, 1]
-        or np.linalg.det(place[:2, :2]) <= 0
+        or place[0, 0] * place[1, 1] <= place[0, 1] * place[1, 0]
     ):
         return None
     box = item.shape.bounds
@@ -611,10 +613,7 @@ def _solid(poses: Floats, solid: Floats) -> Outline:
 
 def _sensor(run: Run, times: Floats, clear: float) -> Obstacles:
     """Return a square around the sensor, or the body of the rig, at all times; empty if `clear` is 0."""
-    sensor = Obstacles()
-    if clear:
-        sensor.add("", Outline(_square(_positions(run, times), clear), -np.inf, np.inf))
-    return sensor
+    return Obstacles([("", Outline(_square(_positions(run, times), clear), -np.inf, np.inf))] if clear else ())
 
 
 def _positions(run: Run, times: Floats) -> Floats:

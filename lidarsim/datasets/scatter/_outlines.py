@@ -11,6 +11,7 @@ separates their hulls by the gap and both bulges: this holds at every moment, no
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -103,10 +104,11 @@ def turns_of(poses: Floats) -> Floats:
 class Obstacles:
     """Named outlines from which objects keep their distance."""
 
-    def __init__(self) -> None:
-        self.names: list[str] = []
-        self.outlines: list[Outline] = []
-        self.boxes = np.empty((0, 2, 3))
+    def __init__(self, named: Iterable[tuple[str, Outline]] = ()) -> None:
+        pairs = list(named)
+        self.names = [name for name, _ in pairs]
+        self.outlines = [outline for _, outline in pairs]
+        self.boxes = np.array([outline.box for outline in self.outlines]).reshape(-1, 2, 3)
 
     def add(self, name: str, outline: Outline) -> None:
         """Add an outline."""
