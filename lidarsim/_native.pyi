@@ -224,6 +224,7 @@ def coverage(
     pulses: object,
     start: float,
     things: tuple[npt.NDArray[np.uint32], int],
+    asked: tuple[Scene, npt.NDArray[np.uint32]],
     max_range: float,
     returns: tuple[npt.NDArray[np.int32], npt.NDArray[np.uint8]],
     first: npt.NDArray[np.int32] | None,
@@ -270,7 +271,12 @@ def first_not_rigid(matrices: npt.NDArray[np.float64], tolerance: float) -> tupl
 def is_plain_pose(value: object, tolerance: float) -> bool: ...
 def are_plain_points(origins: object, directions: object) -> bool: ...
 def points_of(
-    scan: object, path: Path, frame: str, moment: float | None, fields: list[str] | None
+    scan: object,
+    path: Path,
+    frame: str,
+    moment: float | None,
+    fields: list[str] | None,
+    movers: tuple[Scene, npt.NDArray[np.int32], float] | None,
 ) -> dict[str, npt.NDArray[Any]]: ...
 def philox(counters: npt.NDArray[np.uint32], key: Sequence[int]) -> npt.NDArray[np.uint32]: ...
 def normal_quantile(p: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...

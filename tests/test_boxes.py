@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -256,6 +256,27 @@ def test_visibility_is_that_of_nominal_rays_whatever_the_noise(other: str) -> No
     assert len(one) == len(plain) > 15
     assert np.array_equal(plain.visibility[one], noisy.visibility[two])
     assert not np.array_equal(plain.points[one], noisy.points[two])
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_boxes_that_are_asked_for_are_those_among_all(name: str) -> None:
+    scan = SENSORS[name].scan(crowd(1), EGO)
+    every = scan.boxes(deskew="end")
+    for least, labels in ((3, None), (0, [2, 7]), (3, (1, 3, 4))):
+        among = every.points >= least
+        among &= True if labels is None else np.isin(every.label, labels)
+        assert 3 < among.sum() < len(every)
+        some, expected = scan.boxes(deskew="end", min_points=least, labels=labels), every[among]
+        for entry in (field.name for field in fields(some)):
+            assert entry == "class_names" or np.array_equal(
+                getattr(some, entry), getattr(expected, entry), equal_nan=True
+            )
+
+
+def test_labels_of_boxes_may_be_class_names() -> None:
+    scan = sensor().scan(traffic(8.0))
+    assert scan.boxes(labels=["car"]).instance.tolist() == scan.boxes(labels={10}).instance.tolist()
+    assert len(scan.boxes(labels=["car", 40])) == len(scan.boxes()) > len(scan.boxes(labels=[])) == 0
 
 
 def test_boxes_depend_neither_on_threads_nor_on_instructions(
@@ -569,6 +590,14 @@ def test_mistakes() -> None:
         scan.boxes(min_points=-1)
     with pytest.raises(TypeError, match=r"min_points: expected an integer >= 0, got 1\.5"):
         scan.boxes(min_points=1.5)
+    with pytest.raises(
+        ValueError, match=r"labels: expected labels, or names among class_names \('car', 'road'\), got 'ca'"
+    ):
+        scan.boxes(labels=["car", "ca"])
+    with pytest.raises(TypeError, match=r"labels: expected labels, or names among .*, got 'car'"):
+        scan.boxes(labels="car")
+    with pytest.raises(ValueError, match="labels: expected an integer from 0 to 4294967295, got -1"):
+        scan.boxes(labels=[-1])
     with pytest.raises(ValueError, match="deskew_movers: expected a deskewed cloud, got deskew=False"):
         scan.point_cloud(deskew_movers=True)
     pickled = pickle.loads(pickle.dumps(scan))  # noqa: S301

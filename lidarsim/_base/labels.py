@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import shown
-from lidarsim.errors import ArgumentValueError
+from lidarsim._base.validation import UINT32, integer, shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 
 class Labels(np.ndarray[Any, np.dtype[np.uint32]]):
@@ -64,3 +64,27 @@ class Labels(np.ndarray[Any, np.dtype[np.uint32]]):
         return ~(self == other) if isinstance(other, str) else super().__ne__(other)
 
     __hash__ = None  # as of any array
+
+
+def labels_of(argument: str, classes: object, class_names: Mapping[int, str]) -> frozenset[int]:
+    """Return the labels of classes that are given as labels or by name.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a label is not an integer from 0 to 2³² − 1, or no class has a name.
+    """
+    known = ", ".join(map(repr, class_names.values())) or "none"
+    expected = f"labels, or names among class_names ({known})"
+    if isinstance(classes, str | bytes) or not isinstance(classes, Iterable):
+        raise ArgumentTypeError(argument, expected, shown(classes))
+    found: set[int] = set()
+    for given in classes:
+        if isinstance(given, str):
+            labels = {label for label, name in class_names.items() if name == given}
+            if not labels:
+                raise ArgumentValueError(argument, expected, repr(given))
+            found |= labels
+        else:
+            found.add(integer(argument, given, at_least=0, at_most=UINT32))
+    return frozenset(found)

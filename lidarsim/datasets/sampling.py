@@ -51,9 +51,10 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
         else:
             moves = moment_of(deskew, 1.0) is not None
             cloud = scan.point_cloud(frame_of, deskew=deskew, deskew_movers=moves, fields=fields)
-            found = scan.boxes(frame=frame_of, deskew=deskew, min_points=layout.least_points)
+            labels = layout.kept.labels(recipe.class_names)
+            found = scan.boxes(frame=frame_of, deskew=deskew, min_points=layout.least_points, labels=labels)
             here = body[:3, 3] if frame_of == "world" else (np.linalg.inv(pose) @ body)[:3, 3]
-            found = found[layout.kept.of(found, here, recipe.class_names)]
+            found = found[layout.kept.of(found, here)]
         if change:
             needed = (held & {*cloud.fields}) | ({"instance"} if layout.kept else set())
             stream = Stream(recipe.seed, f"after_scan.{name}", sequence, frame)

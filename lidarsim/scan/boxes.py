@@ -193,11 +193,13 @@ class Annotated(Protocol):
 def boxes_of(
     scan: Annotated,
     world: Snapshot,
+    places: npt.NDArray[np.int32],
     path: _native.Path,
     moment: float | None,
     *,
     in_world: bool,
     min_points: int,
+    labels: frozenset[int] | None,
 ) -> Boxes:
     """Return the boxes of the things in a scan; see `lidarsim.Scan.boxes`.
 
@@ -207,6 +209,8 @@ def boxes_of(
         The scan.
     world : Snapshot
         The scene that was scanned.
+    places : ndarray of int32, shape (n, k)
+        Place in the scene of the object that each return is on, or -1.
     path : lidarsim._native.Path
         Path of the sensor, sensor to world.
     moment : float or None
@@ -215,9 +219,11 @@ def boxes_of(
         Whether the boxes are in world coordinates, or in the sensor frame at their moment.
     min_points : int
         Least number of points on a thing.
+    labels : frozenset of int, or None
+        Labels of the things; None for all.
     """
     things = _things_in(world)
-    covered, reached, points, mean_time = _coverage(scan, world, path, things)
+    covered, reached, points, mean_time = _coverage(scan, world, places, path, things, min_points, labels)
     listed = np.flatnonzero((points >= min_points) & ((covered > 0) | (points > 0)))
     time = scan.time + mean_time[listed] if moment is None else np.full(len(listed), moment)
     center, size, rotation, velocity = things.boxes(listed, time)
@@ -294,6 +300,8 @@ class _Things:
         Lowest and highest coordinates along the axes, before any motion; nan if parts move apart.
     moves : ndarray of bool, shape (m,)
         Whether any part moves.
+    scenes : dict
+        By labels, a scene of the objects of the things that have these, and the thing of each of its objects.
     """
 
     of_object: npt.NDArray[np.uint32]
@@ -303,9 +311,18 @@ class _Things:
     axes: Floats
     extent: Floats
     moves: npt.NDArray[np.bool_]
+    scenes: dict[frozenset[int], tuple[_native.Scene, npt.NDArray[np.uint32]]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.parts)
+
+    def scene_of(self, labels: frozenset[int]) -> tuple[_native.Scene, npt.NDArray[np.uint32]]:
+        """Return a scene of the things that have one of some labels alone, and the thing of each of its objects."""
+        if labels not in self.scenes:
+            which = np.flatnonzero(np.isin(self.label, sorted(labels))).tolist()
+            of_object = np.repeat(np.array(which, np.uint32), [len(self.parts[thing]) for thing in which])
+            self.scenes[labels] = _native.Scene([item for thing in which for item in self.parts[thing]]), of_object
+        return self.scenes[labels]
 
     def boxes(self, which: npt.NDArray[np.intp], time: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return centre, size, rotation and velocity of some boxes in the world, each at its time, s."""
@@ -415,20 +432,35 @@ MISS, UNKNOWN = np.int32(-1), np.int32(-2)
 """What the core knows of a pulse in place of the object that it hits first."""
 
 
-def _coverage(
-    scan: Annotated, world: Snapshot, path: _native.Path, things: _Things
+def _coverage(  # noqa: PLR0917 - what is known of a scan
+    scan: Annotated,
+    world: Snapshot,
+    places: npt.NDArray[np.int32],
+    path: _native.Path,
+    things: _Things,
+    min_points: int,
+    labels: frozenset[int] | None,
 ) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.uint64], Floats]:
     """Return per thing: how many pulses would hit it if it stood alone; how many of these reach it; its points; a time.
 
     That is the mean firing time of its points, or else of the pulses that would hit it, since the start of the scan.
+    Things with other labels or fewer points have no pulses.
     """
-    places = world.places_of(scan.object_id)
-    if scan.mirrored_point is not None:  # ghosts are elsewhere
-        places = np.where(np.isnan(scan.mirrored_point[..., 0]), places, MISS)
-    returns = places, scan.return_count
+    objects, asked = (world.native, things.of_object), np.ones(len(things), bool)
+    if labels is not None:
+        objects, asked = things.scene_of(labels), np.isin(things.label, sorted(labels))
+    if min_points:
+        returned = places[np.arange(places.shape[1]) < scan.return_count[:, None]]
+        on = np.bincount(returned + 1, minlength=len(world.items) + 1)[1:]
+        asked &= np.bincount(np.minimum(things.of_object, len(things)), on, len(things) + 1)[:-1] >= min_points
+    thing = np.append(np.where(asked, np.arange(len(things)), NO_THING), NO_THING).astype(np.uint32)
+    known, alone = (thing[np.minimum(own, len(things))] for own in (things.of_object, objects[1]))
     limit = float(scan.lidar.max_range)
-    first, known = _first_hits(scan, returns[0][:, 0], limit), (things.of_object, len(things))
-    return _native.coverage(world.native, path, scan.pulses, scan.time, known, limit, returns, first)
+    first = _first_hits(scan, places[:, 0], limit)
+    returns = places, scan.return_count
+    return _native.coverage(
+        world.native, path, scan.pulses, scan.time, (known, len(things)), (objects[0], alone), limit, returns, first
+    )
 
 
 def _first_hits(scan: Annotated, hit: npt.NDArray[np.int32], limit: float) -> npt.NDArray[np.int32] | None:
@@ -501,9 +533,10 @@ def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
             elevations = float(elevation.min()), float(elevation.max())
         ordered = np.sort(azimuth)
         gaps = np.diff(ordered, append=ordered[0] + math.tau)
-        *_, next_widest, widest = np.sort(np.append(gaps, 0.0))
+        last = int(gaps.argmax())
+        widest, gaps[last] = float(gaps[last]), 0.0
         # Around a full turn, the widest gap is one of many between two columns. Else it is what the view leaves out.
-        if 2.0 * next_widest < widest < math.tau - FIXED:
-            azimuths = float(np.roll(ordered, -1)[gaps.argmax()]), math.tau - float(widest)
+        if 2.0 * gaps.max() < widest < math.tau - FIXED:
+            azimuths = float(ordered[(last + 1) % len(ordered)]), math.tau - widest
     made = _VIEWS[pulses] = azimuths, elevations
     return made

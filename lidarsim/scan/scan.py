@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base import validation
-from lidarsim._base.labels import Labels
+from lidarsim._base.labels import Labels, labels_of
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import extent, html_table, text_table
 from lidarsim._base.validation import Floats, Instances, Transform, as_array, instances, integer, one_of, real, shown
@@ -100,9 +100,6 @@ _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 
 _OWN = {"xyz", "time", "ring", "column", "return_number"}
 """Fields of clouds that are not columns of a scan."""
-
-_MOVED = "object_id", "time", "normal"
-"""Fields by which the points of moving objects are moved."""
 
 _IDENTITY: list[list[float]] = np.eye(4).tolist()
 _UNUSED = {name: unused.item(0) for name, (_, _, _, unused) in _native.scan_columns().items()}
@@ -375,16 +372,17 @@ class Scan(Pickled, Plotted):
         if deskew_movers and moment is None:
             raise ArgumentValueError("deskew_movers", "a deskewed cloud", "deskew=False")
         names = None if fields is None else choose(fields, self._cloud_fields())
-        given = names if names is None or not deskew_movers else [*names, *_MOVED]
-        if isinstance(self.pose, Trajectory):
-            cloud = self._cloud(self.pose._native, frame, None if frame == "world" else moment, given)
-        else:
-            cloud = self._cloud(_native.Path.still(self.pose.tolist()), frame, None, given)
+        movers = None
         if deskew_movers and moment is not None:
-            self._move_along(cloud, frame, moment)
-            for name in () if names is None else {*_MOVED}.difference(names):
-                delattr(cloud, name)
-        return cloud
+            world = self._scanned()
+            world.check_motions(moment, moment, _rounded_on, argument="deskew")
+            movers = world.native, self._places(world), moment
+        if isinstance(self.pose, Trajectory):
+            path, moment = self.pose._native, None if frame == "world" else moment
+        else:
+            path, moment = _native.Path.still(self.pose.tolist()), None
+        made = _native.points_of(self, path, frame, moment, names, movers)
+        return PointCloud._of(made, self.class_names, in_sensor_frame=self._is_elsewhere(frame))
 
     def _cloud_fields(self) -> list[str]:
         """Return the names of all fields that its clouds can have."""
@@ -413,31 +411,16 @@ class Scan(Pickled, Plotted):
                 raise ArgumentValueError("deskew", expected, f"{deskew!r}, at {moment} s")
         return moment
 
-    def _cloud(self, path: _native.Path, frame: str, moment: float | None, names: list[str] | None) -> PointCloud:
-        fields = _native.points_of(self, path, frame, moment, names)
-        return PointCloud._of(fields, self.class_names, in_sensor_frame=self._is_elsewhere(frame))
-
     def _is_elsewhere(self, frame: str) -> bool:
         """Return whether a frame is not the world."""
         return frame == "sensor" and (isinstance(self.pose, Trajectory) or self.pose.tolist() != _IDENTITY)
 
-    def _move_along(self, cloud: PointCloud, frame: str, moment: float) -> None:
-        """Move the points and normals on moving objects to where they are at a moment."""
-        world, path = self._scanned(), self._path()
-        world.check_motions(moment, moment, _rounded_on, argument="deskew")
-        place = path.at(np.array([moment]))[0] if frame == "sensor" else np.eye(4)
-        is_ghost: npt.NDArray[np.bool_] | bool = False
-        if self.mirrored_point is not None:
-            returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
-            is_ghost = ~np.isnan(self.mirrored_point[returned][:, 0])
-        for item, motion in world.movers:
-            own = np.flatnonzero((cloud.object_id == item.id) & ~np.asarray(is_ghost))
-            if not len(own):
-                continue
-            before = np.linalg.inv(motion._native.at(self.time + cloud.time[own]))
-            moved = np.linalg.inv(place) @ motion._native.at(np.array([moment])) @ before @ place
-            cloud.xyz[own] = np.einsum("nij,nj->ni", moved[:, :3, :3], cloud.xyz[own]) + moved[:, :3, 3]
-            cloud.normal[own] = np.einsum("nij,nj->ni", moved[:, :3, :3], cloud.normal[own])
+    def _places(self, world: Snapshot) -> npt.NDArray[np.int32]:
+        """Return the place in a scene of the object that each return is on; -1 for none and for ghosts in mirrors."""
+        places = world.places_of(self.object_id)
+        if self.mirrored_point is None:
+            return places
+        return np.where(np.isnan(self.mirrored_point[..., 0]), places, np.int32(-1))
 
     def _path(self) -> _native.Path:
         return path_of(self.pose, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
@@ -453,6 +436,7 @@ class Scan(Pickled, Plotted):
         frame: Literal["sensor", "world"] = "sensor",
         deskew: bool | Literal["start", "middle", "end"] | float = False,
         min_points: int = 0,
+        labels: Collection[int | str] | None = None,
     ) -> Boxes:
         """Return oriented boxes of the things that the sensor could see, with their visibility and truncation.
 
@@ -470,6 +454,8 @@ class Scan(Pickled, Plotted):
             it if it has none.
         min_points : int
             Least number of points on the thing.
+        labels : collection of int or str, optional
+            Labels of the things, or their class names. Boxes of fewer things take less time. Default: all.
 
         Returns
         -------
@@ -509,7 +495,16 @@ class Scan(Pickled, Plotted):
         if moment is not None:
             world.check_motions(moment, moment, _rounded_on, argument="deskew")
         world = world.without(self.ignore)
-        return boxes_of(self, world, self._path(), moment, in_world=not self._is_elsewhere(frame), min_points=least)
+        return boxes_of(
+            self,
+            world,
+            self._places(world),
+            self._path(),
+            moment,
+            in_world=not self._is_elsewhere(frame),
+            min_points=least,
+            labels=None if labels is None else labels_of("labels", labels, self.class_names),
+        )
 
     def waveforms(self, sample_period: float = 1e-9, *, pulses: npt.ArrayLike | None = None) -> Waveforms:
         """Return the received power of pulses over time, from which the scan took its echoes.

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from pydantic import BeforeValidator, ConfigDict, Field
 
 from lidarsim._base.files import check_names
+from lidarsim._base.labels import labels_of
 from lidarsim._base.validation import UINT32, Floats
 from lidarsim.config.factories import Model
 from lidarsim.datasets.samples import Annotation, Record, Sample
@@ -127,7 +128,7 @@ class BoxFilter(Model):
     max_range_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     classes: Annotated[list[str | Annotated[int, Field(ge=0, le=UINT32)]], Field(min_length=1)] | None = None
 
-    def labels(self, names: Mapping[int, str]) -> set[int] | None:
+    def labels(self, names: Mapping[int, str]) -> frozenset[int] | None:
         """Return the labels of the classes; None for all.
 
         Raises
@@ -135,22 +136,11 @@ class BoxFilter(Model):
         ValueError
             If there is no such class.
         """
-        if self.classes is None:
-            return None
-        found: set[int] = set()
-        for name in self.classes:
-            labels = {label for label in names if names[label] == name} if isinstance(name, str) else {name}
-            if not labels:
-                known = ", ".join(map(repr, names.values())) or "none"
-                raise ArgumentValueError("boxes.classes", f"labels, or names among class_names ({known})", repr(name))
-            found |= labels
-        return found
+        return None if self.classes is None else labels_of("boxes.classes", self.classes, names)
 
-    def of(self, boxes: Boxes, origin: Floats, names: Mapping[int, str]) -> npt.NDArray[np.bool_]:
-        """Return which boxes to keep, without regard to their points; `origin` is that of the body in their frame."""
+    def of(self, boxes: Boxes, origin: Floats) -> npt.NDArray[np.bool_]:
+        """Return which boxes of its classes to keep, whatever their points; `origin` is the body in their frame."""
         kept: npt.NDArray[np.bool_] = boxes.instance != 0  # the number for no thing
-        if (labels := self.labels(names)) is not None:
-            kept &= np.isin(boxes.label, sorted(labels))
         if self.max_range_m is not None:
             kept &= np.linalg.norm(boxes.center - origin, axis=1) <= self.max_range_m
         return kept

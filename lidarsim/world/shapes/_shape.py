@@ -137,7 +137,8 @@ class Shape(Value):
         if self.transform is not None:
             affine = affine @ self.transform
         linear, shift = affine[:, :3], affine[:, 3]
-        return np.stack([shift - self._reach(-linear), shift + self._reach(linear)])
+        back, ahead = self._reach(np.concatenate([-linear, linear])).reshape(2, 3)
+        return np.stack([shift - back, shift + ahead])
 
     def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
         """Return triangles that represent the surface in views, before any transform.

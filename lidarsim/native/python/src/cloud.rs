@@ -1,9 +1,10 @@
 //! Point clouds: one call takes the arrays of a scan to those of a cloud.
 
 use lidarsim_core::measure::{
-    Coordinates, Copied, Each, Field, Numbers, PointSource, PointsAndNormals, ReturnCounts, WritePoints,
+    Coordinates, Copied, Each, Field, Movers, Numbers, PointSource, PointsAndNormals, ReturnCounts,
+    WritePoints,
 };
-use lidarsim_core::{Origins, Path, Point, memory};
+use lidarsim_core::{Origins, Path, Point, Pose, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -13,7 +14,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{Points, PyPath, detached, elements, kernels, points};
+use crate::{Points, PyPath, PyScene, detached, elements, kernels, points};
 
 macro_rules! copied {
     (own, $columns:ident, $scan:ident, $wanted:ident, $name:ident: $Entry:ty) => {};
@@ -97,7 +98,9 @@ struct AllPulseArrays<'py> {
 
 /// The fields of `lidarsim.PointCloud`, one entry per return. `frame` is "sensor" or "world". `moment` is the
 /// time, on the clock of the path, whose sensor frame all points use; `None` for raw points. `fields` are the
-/// names of those to compute besides "xyz", of which a scan may lack some; `None` for all.
+/// names of those to compute besides "xyz", of which a scan may lack some; `None` for all. `movers` are the
+/// scene, the object of each row, negative where its point stays, and the moment: points on moving objects are
+/// moved to where they are on these at that moment.
 #[pyfunction]
 pub fn points_of<'py>(
     py: Python<'py>,
@@ -106,6 +109,7 @@ pub fn points_of<'py>(
     frame: &str,
     moment: Option<f64>,
     fields: Option<Vec<String>>,
+    movers: Option<(PyRef<'py, PyScene>, PyReadonlyArray2<'py, i32>, f64)>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let wanted = Wanted(fields);
     let copied = copied_columns(scan, &wanted)?;
@@ -128,8 +132,29 @@ pub fn points_of<'py>(
     let range = column(n * most, &scan.range)?;
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
+    let frame = match coordinates {
+        Coordinates::World => {
+            Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+        }
+        Coordinates::Moment(pose) => pose,
+        Coordinates::Sensor => path.at(scan.time),
+    };
+    let motions = movers.as_ref().map(|(scene, _, moment)| {
+        let with_pose = |motion| (motion, Path::at(motion, *moment).relative_to(&frame));
+        memory::collect(scene.scene.objects().iter().map(|object| object.motion().map(with_pose)))
+    });
+    let movers = match (&movers, &motions) {
+        (Some((_, objects, _)), Some(motions)) => {
+            let objects = column(n * most, objects)?;
+            if objects.iter().any(|object| *object >= motions.len() as i32) {
+                return Err(PyValueError::new_err("movers: expected objects of the scene"));
+            }
+            Some(Movers { objects, motions, frame })
+        }
+        _ => None,
+    };
     let (start, kernels) = (scan.time, kernels(py)?);
-    let source = PointSource { origins, directions, range, normals, path, times, start, coordinates };
+    let source = PointSource { origins, directions, range, normals, path, times, start, coordinates, movers };
     let mut columns = copied.iter().map(|source| source.field(n * most)).collect::<PyResult<Vec<_>>>()?;
     let of_pulses = [
         of_each("time", Each::Pulse(times)),

@@ -1,7 +1,7 @@
 //! The pulses that would hit things, and those that reach them.
 
 use lidarsim_core::measure::{NominalPulses, Targets};
-use lidarsim_core::{NO_THING, memory, span};
+use lidarsim_core::{NO_THING, Scene, memory, span};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -20,7 +20,8 @@ type Coverage<'py> = (
 /// many of these reach it; the number of its returns; and the mean time of its returns, or else of the pulses
 /// that would hit it, since the start of the frame.
 ///
-/// `things` is the thing of each object of the scene, or 2³² − 1. `returns` are the object of each
+/// `things` is the thing of each object of the scene, or 2³² − 1; `asked` is a scene of the objects of these
+/// things, and the thing of each of its objects. `returns` are the object of each
 /// return, (n, most), and the number of returns of each pulse. `first` is the object that each pulse hits
 /// first, −1 for none within `max_range` and −2 if unknown; absent if all are unknown.
 #[pyfunction]
@@ -32,18 +33,24 @@ pub fn coverage<'py>(
     pulses: PulseArrays<'py>,
     start: f64,
     things: (PyReadonlyArray1<'py, u32>, usize),
+    asked: (PyRef<'py, PyScene>, PyReadonlyArray1<'py, u32>),
     max_range: f64,
     returns: (PyReadonlyArray2<'py, i32>, PyReadonlyArray1<'py, u8>),
     first: Option<PyReadonlyArray1<'py, i32>>,
 ) -> PyResult<Coverage<'py>> {
     let Pulses { directions, origins, times, .. } = pulses.slices()?;
     let (things, count) = (elements("things", &things.0)?, things.1);
+    let (whole, alone, things_alone) = (&scene.scene, &asked.0.scene, elements("asked", &asked.1)?);
     let first = first.as_ref().map(|first| elements("first", first)).transpose()?;
     let (objects, return_counts) =
         (elements("object_id", &returns.0)?, elements("return_count", &returns.1)?);
-    let (n, known) = (directions.len(), scene.scene.objects().len());
-    if things.len() != known
-        || things.iter().any(|thing| *thing != NO_THING && *thing as usize >= count)
+    let (n, known) = (directions.len(), whole.objects().len());
+    let are_of = |things: &[u32], scene: &Scene| {
+        things.len() == scene.objects().len()
+            && things.iter().all(|thing| *thing == NO_THING || (*thing as usize) < count)
+    };
+    if !are_of(things, whole)
+        || !are_of(things_alone, alone)
         || return_counts.len() != n
         || returns.0.shape()[0] != n
         || first.is_some_and(|first| first.len() != n)
@@ -55,10 +62,12 @@ pub fn coverage<'py>(
     let pulses =
         NominalPulses { origins, directions, times, start, path: &path.path, first, return_counts, objects };
     let found = detached(py, || {
-        scene.scene.prepare();
-        let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
-        let world = &scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
-        let targets = Targets { world, things, count, max_range };
+        whole.prepare();
+        alone.prepare();
+        let span = if whole.moves() { span(times) } else { [0.0; 2] };
+        let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
+        let (world, asked) = (&whole.during(span), (&alone.during(span), things_alone));
+        let targets = Targets { world, things, asked, count, max_range };
         let found = pulses.coverage(targets, |piece| kernels.cover(piece));
         (
             memory::collect(found.iter().map(|thing| thing.covering.count)),

@@ -92,12 +92,14 @@ impl ThingPulses {
     }
 }
 
-/// The scene and its things, as pulses may hit them.
+/// The scene and the things that are asked for.
 #[derive(Clone, Copy)]
 pub struct Targets<'a> {
     pub world: &'a World<'a>,
     /// The thing of each object of the scene, or `NO_THING`.
     pub things: &'a [u32],
+    /// A scene of the objects of these things, and perhaps others, which hide nothing; and its `things`.
+    pub asked: (&'a World<'a>, &'a [u32]),
     /// How many things there are.
     pub count: usize,
     /// Only hits with t up to this count.
@@ -141,22 +143,25 @@ impl Task for CoverPiece<'_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        let CoverPiece { pulses, targets: Targets { world, things, count, max_range }, piece } = &self;
+        let CoverPiece { pulses, targets: Targets { world, things, asked, count, max_range }, piece } = &self;
         let range = TRange { min: 0.0, max: *max_range };
         let mut aimed = pulses.aim(piece.clone(), things);
         if !aimed.unknown.is_empty() {
-            let asked = aimed.part(&aimed.unknown);
+            let unknown = aimed.part(&aimed.unknown);
             let mut hits = HitArrays::default();
-            hits.resize(asked.owners.len());
-            let rays = asked.rays(world);
+            hits.resize(unknown.owners.len());
+            let rays = unknown.rays(world);
             I::call(Cast { world, rays, range, hits: &mut hits.columns() });
             for (ray, object) in aimed.unknown.iter().zip(&hits.object) {
                 aimed.owners[*ray as usize] = thing_of(*object, things);
             }
         }
-        let (rays, known, mut pairs) = (aimed.rays(world), &aimed.owners, Vec::new());
+        let (alone, things_alone) = *asked;
+        let (rays, known, mut pairs) = (aimed.rays(alone), &aimed.owners, Vec::new());
         let (count, mut own) = (*count, self.targets.no_pulses());
-        I::call(MeetThings { world, rays, range, things, count, known, pairs: &mut pairs });
+        let things_met =
+            MeetThings { world: alone, rays, range, things: things_alone, count, known, pairs: &mut pairs };
+        I::call(things_met);
         for (owner, ticks) in known.iter().zip(&aimed.ticks) {
             if *owner != NO_THING {
                 own[*owner as usize].reached += 1;

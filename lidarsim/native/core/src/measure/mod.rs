@@ -51,7 +51,7 @@ pub use grain::Grain;
 pub use many::measure_all;
 pub use measurement::Measurement;
 pub use parameters::{Parameters, Value};
-pub use points::{Coordinates, PointSource, PointsAndNormals, WritePoints};
+pub use points::{Coordinates, Movers, PointSource, PointsAndNormals, WritePoints};
 pub use recording::{Recorder, Recording, Samples, Window};
 pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
 pub use scan::{Batch, Scan};

@@ -19,6 +19,36 @@ pub enum Coordinates {
     World,
 }
 
+/// The moving objects whose points are moved along, to where they are on the objects at one moment.
+#[derive(Clone, Copy)]
+pub struct Movers<'a> {
+    /// Per row, the object that its point is on; negative if the point stays.
+    pub objects: &'a [i32],
+    /// Per object, its motion and its pose at the moment, in the frame; `None` if it stands still.
+    pub motions: &'a [Option<(&'a Path, Pose)>],
+    /// The pose of the frame of the points, in the world.
+    pub frame: Pose,
+}
+
+impl Movers<'_> {
+    /// The poses of the object of a row, in the frame: at a time and at the moment. Points of one object and
+    /// time are close to each other, so the poses of few are kept.
+    #[inline(always)]
+    fn poses<'k>(&self, row: usize, time: f64, kept: &'k mut [Kept; KEPT]) -> Option<&'k [Pose; 2]> {
+        let object = usize::try_from(self.objects[row]).ok()?;
+        let (path, then) = self.motions[object].as_ref()?;
+        let kept = &mut kept[object % KEPT];
+        match kept {
+            Some((of, at, _)) if (*of, *at) == (object, time) => {}
+            _ => *kept = Some((object, time, [path.at(time).relative_to(&self.frame), *then])),
+        }
+        kept.as_ref().map(|(.., poses)| poses)
+    }
+}
+
+type Kept = Option<(usize, f64, [Pose; 2])>;
+const KEPT: usize = 64;
+
 /// The arrays from which points and normals are computed.
 #[derive(Clone, Copy)]
 pub struct PointSource<'a> {
@@ -33,6 +63,7 @@ pub struct PointSource<'a> {
     pub times: &'a [f64],
     pub start: f64,
     pub coordinates: Coordinates,
+    pub movers: Option<Movers<'a>>,
 }
 
 impl PointSource<'_> {
@@ -104,33 +135,36 @@ impl Task for WritePoints<'_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let PointSource { path, times, start, .. } = self.source;
+        let PointSource { path, times, start, movers, .. } = self.source;
         let (rows, pulses) = self.piece.rows_and_pulses();
         let (mut fired, mut motions) = ([f64::NAN; 8], Motion::UNSET);
         if let Path::Still(pose) = path {
             motions.pose = Pose::splat(pose);
         }
         let mut normals = self.normals.chunks_mut(8);
+        let mut kept = [const { None }; KEPT];
         for (first, points) in (0..rows.len()).step_by(8).zip(self.points.chunks_mut(8)) {
             // Past the last return it is repeated.
             let last = rows.len() - 1;
             let eight = std::array::from_fn(|k| rows[last.min(first + k)]);
             let of_pulses = std::array::from_fn(|k| pulses[last.min(first + k)]);
-            if !matches!(path, Path::Still(_)) {
-                let then = of_pulses.map(|pulse| start + times[pulse]);
-                // Pulses of one time were fired from one pose.
-                if then != fired {
-                    (fired, motions) = (then, path.motions::<I>(&then));
-                }
+            let then = of_pulses.map(|pulse| start + times[pulse]);
+            // Pulses of one time were fired from one pose.
+            if then != fired && !matches!(path, Path::Still(_)) {
+                (fired, motions) = (then, path.motions::<I>(&then));
             }
             let mut numbers = [0.0; 24];
             simd::store_points::<I>(self.source.points::<I>(&motions.pose, &eight, &of_pulses), &mut numbers);
-            for (place, point) in points.iter_mut().zip(numbers.as_chunks().0) {
+            for (k, (place, &point)) in points.iter_mut().zip(numbers.as_chunks().0).enumerate() {
+                let moves = movers.and_then(|movers| movers.poses(eight[k], then[k], &mut kept));
+                let point = moves.map_or(point, |[from, to]| to.place(from.place_back(point)));
                 *place = point.map(MaybeUninit::new);
             }
             if let Some(normals) = normals.next() {
                 simd::store_points::<I>(self.source.normals::<I>(&motions.pose, &eight), &mut numbers);
-                for (place, normal) in normals.iter_mut().zip(numbers.as_chunks().0) {
+                for (k, (place, &normal)) in normals.iter_mut().zip(numbers.as_chunks().0).enumerate() {
+                    let moves = movers.and_then(|movers| movers.poses(eight[k], then[k], &mut kept));
+                    let normal = moves.map_or(normal, |[from, to]| to.turn(from.turn_back(normal)));
                     *place = normal.map(|x: f64| MaybeUninit::new(x as f32));
                 }
             }
