@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -28,7 +28,19 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.terminal import paragraph
-from lidarsim.bench import building, exact, in_plane, motion, patterns, presets, realistic, report, robots, scenes
+from lidarsim.bench import (
+    building,
+    exact,
+    frames,
+    in_plane,
+    motion,
+    patterns,
+    presets,
+    realistic,
+    report,
+    robots,
+    scenes,
+)
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
@@ -170,7 +182,12 @@ class Build:
     counted: float | None
 
 
-def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: float) -> dict[str, float]:
+def interleave(
+    calls: Mapping[str, Callable[[], Any]],
+    rounds: int,
+    seconds: float,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, float]:
     """Run the calls in turns, and return the median time of each.
 
     Parameters
@@ -181,6 +198,8 @@ def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: flo
         Turns of each call.
     seconds : float
         A call that has taken this long in total skips its further turns.
+    clock : callable
+        The clock, s.
 
     Returns
     -------
@@ -191,9 +210,9 @@ def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: flo
     for _ in range(rounds):
         for name, call in calls.items():
             if sum(times[name]) < seconds:
-                begin = time.perf_counter()
+                begin = clock()
                 call()
-                times[name].append(time.perf_counter() - begin)
+                times[name].append(clock() - begin)
     return {name: statistics.median(values) for name, values in times.items()}
 
 
@@ -233,6 +252,7 @@ class _Run:
         self.instances: list[dict[str, Any]] = []
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
+        self.frames: list[dict[str, Any]] = []
         self.robots: list[dict[str, Any]] = []
         self.in_plane: list[dict[str, Any]] = []
         self.patterns: list[dict[str, Any]] = []
@@ -449,6 +469,16 @@ class _Run:
         times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
         self.motion += motion.over(times, what)
 
+    def labelled_frames(self) -> None:
+        """Measure labelled frames relative to their scans, on one thread and in its time of the processor."""
+        self.progress("labelled frames")
+        os.environ["LIDARSIM_THREADS"] = "1"
+        with ExitStack() as files:
+            what = frames.calls(files)
+            calls = {name: call for name, (_, call) in what.items()}
+            times = interleave(calls, self.plan.rounds, self.plan.seconds, time.process_time)
+        self.frames += motion.over(times, what)
+
     def many_robots(self) -> None:
         """Measure the scans of many robots in one call."""
         self.progress("robots")
@@ -502,6 +532,7 @@ class _Run:
             "instances": self.instances,
             "coincident": self.coincident,
             "motion": self.motion,
+            "frames": self.frames,
             "robots": self.robots,
             "in_plane": self.in_plane,
             "patterns": self.patterns,
@@ -687,6 +718,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.coincident_surfaces()
         bench.lines_of_sight()
         bench.moving()
+        bench.labelled_frames()
         bench.many_robots()
         bench.rays_in_planes()
         bench.new_frames()

@@ -76,6 +76,10 @@ def results() -> dict[str, Any]:
             {"what": "still", "over": "still", "seconds": 0.004, "ratio": 1.0},
             {"what": "moving", "over": "still", "seconds": 0.006, "ratio": 1.5},
         ],
+        "frames": [
+            {"what": "Lidar.scan", "over": "Lidar.scan", "seconds": 0.02, "ratio": 1.0},
+            {"what": "a labelled frame, kitti", "over": "Lidar.scan", "seconds": 0.03, "ratio": 1.5},
+        ],
         "patterns": [
             {
                 "sensor": "livox-avia",
@@ -227,6 +231,10 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
         ["ouster-os1-128", "131,072", "7", "40", "50", "200", "5", "500", "2.5"],
         ["velodyne-vls128", "230,400", "1", "40", "44", "48", "1.2", "—", "—"],
     ]
+    assert table(text, "what | ms | × its scan") == [
+        ["Lidar.scan", "20", "1"],
+        ["a labelled frame, kitti", "30", "1.5"],
+    ]
     assert table(text, "robots | over") == [["cast", "", "8", "1"], ["scan_many", "cast", "9", "1.12"]]
     assert table(text, "surface | above, µs") == [["plane", "30", "1", "1.25"], ["mesh", "40", "1.5", "1"]]
     assert table(text, "rays | cast") == [["random", "45.6", "22.8", "2", "0"]]
@@ -247,6 +255,7 @@ def test_the_summary_is_of_the_rows(results: dict[str, Any]) -> None:
         "- 2 threads: 1.9, 1.8 × one, on the meshes by 128 channels",
         "- city: built in 0.25 s, Open3D 0.3 s; 80 bytes per triangle, Open3D 88",
         "- Lidar.scan, range noise: 1.25 × the bare cast",
+        "- a labelled frame, kitti: 1.5 × its scan",
         "- robots, scan_many: 1.12 × cast",
         "- 200 random scenes of 50 objects, a scan by 32 channels each: building takes 10.0% of the time",
         "- rays in the plane of a surface: at most 1.5 × of rays above (mesh)",

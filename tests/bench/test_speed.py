@@ -14,7 +14,19 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim.bench import building, in_plane, motion, patterns, peers, presets, realistic, robots, scenes, speed
+from lidarsim.bench import (
+    building,
+    frames,
+    in_plane,
+    motion,
+    patterns,
+    peers,
+    presets,
+    realistic,
+    robots,
+    scenes,
+    speed,
+)
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
 
@@ -165,6 +177,15 @@ def test_what_moves_is_over_the_same_standing_still(results: dict[str, Any]) -> 
     ]
     assert all(row["ratio"] == row["seconds"] / seconds[row["over"]] for row in results["motion"])
     assert len(seconds) == 8
+
+
+def test_labelled_frames_are_over_their_scans(results: dict[str, Any]) -> None:
+    rows = {row["what"]: row for row in results["frames"]}
+    assert list(rows)[-4:] == [f"a labelled frame, {layout}" for layout in frames.LAYOUTS]
+    assert {row["over"] for row in rows.values()} == {"Lidar.scan"}
+    scan = rows["Lidar.scan"]["seconds"]
+    assert all(row["ratio"] == row["seconds"] / scan for row in rows.values())
+    assert all(rows[f"a labelled frame, {layout}"]["seconds"] > 0 for layout in frames.LAYOUTS)
 
 
 def test_robots_are_over_one_cast_and_the_loop(results: dict[str, Any]) -> None:
