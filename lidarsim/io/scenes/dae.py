@@ -49,6 +49,8 @@ from lidarsim.world.shapes._polygons import check_faces, of_strips, with_holes
 AXES: dict[str, Axis] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 WRAPS: dict[str, Wrap] = {"MIRROR": "mirror", **dict.fromkeys(("CLAMP", "BORDER", "NONE"), "clamp")}
 """Of textures; else they repeat. A border has a colour of its own, but no scene is known that uses it."""
+ELEMENT = 100
+"""Memory of an element of XML, bytes."""
 FACES = {"triangles", "polylist", "polygons", "trifans", "tristrips"}
 LINES = {"lines", "linestrips"}
 
@@ -56,8 +58,9 @@ LINES = {"lines", "linestrips"}
 def read(path: Path) -> SceneFile:
     """Read a file."""
     data = path.read_bytes()
+    expansion = Expansion(len(data))
     if not data.startswith(b"PK"):
-        return _Reader(parse(data, "the file"), lambda name: beside(path, name).read_bytes(), len(data)).read()
+        return _Reader(parse(data, "the file"), lambda name: beside(path, name).read_bytes(), expansion).read()
     archive = zipfile.ZipFile(BytesIO(data))
     names = [name for name in archive.namelist() if name.lower().endswith(".dae")]
     if "manifest.xml" in archive.namelist():
@@ -71,7 +74,8 @@ def read(path: Path) -> SceneFile:
         return unpacked(archive, posixpath.normpath(posixpath.join(posixpath.dirname(document), unquote(name))))
 
     content = unpacked(archive, document)
-    return _Reader(parse(content, "the document in the archive"), within, len(content)).read()
+    expansion.take(ELEMENT * content.count(b"<"))
+    return _Reader(parse(content, "the document in the archive"), within, expansion).read()
 
 
 class _Visit(NamedTuple):
@@ -100,7 +104,7 @@ class _Faces(NamedTuple):
 class _Reader:
     """The reading of one document."""
 
-    def __init__(self, root: Element, image: Callable[[str], bytes], size: int) -> None:
+    def __init__(self, root: Element, image: Callable[[str], bytes], expansion: Expansion) -> None:
         self._root = root
         self._image = image
         self._by_id = _ids(root)
@@ -109,7 +113,7 @@ class _Reader:
         self._sources: dict[int, Floats] = {}
         self._diffuses: dict[Element | None, tuple[Floats, Picture | None]] = {}
         self._places: dict[Element, Floats] = {}
-        self._expansion = Expansion(size)
+        self._expansion = expansion
         self._left_out: Counter[str] = Counter()
 
     def read(self) -> SceneFile:

@@ -137,7 +137,7 @@ class _ObjPaint:
     def _materials(self) -> dict[str, _Material]:
         """Return the materials of the libraries by name."""
         materials: dict[str, _Material] = {}
-        for file in self._libraries():
+        for file in dict.fromkeys(self._libraries()):
             name = ""
             for number, text in lines_of(file.read_bytes()):
                 word, *rest = text.split(maxsplit=1)

@@ -394,6 +394,9 @@ def test_archives_that_are_bombs_are_refused(tmp_path: Path) -> None:
     assert refusal(path) == "'a.dae': expected at most 100 bytes for each that it takes in the archive"
     path.write_bytes(path.read_bytes()[:-30])
     assert "not a zip file" in refusal(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.dae", "<a/>" * (1 << 20))
+    assert "refused as a decompression bomb" in refusal(path)
 
 
 WRONG_COLLADA = {
