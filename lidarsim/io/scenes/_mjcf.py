@@ -38,6 +38,9 @@ naming a file again; what the files themselves hold has no limit."""
 PER_KEY = 7
 """Numbers of a keyframe for each element: a free body has 13, and is two elements, the body and its joint."""
 
+PER_VERTEX = 50
+"""Numbers that MuJoCo makes for a vertex of a mesh of its own, with its faces and its hull."""
+
 RANGE_FIELDS, CONTACT_FIELDS = 14, 17
 """Numbers of a pixel of a range finder and of a contact, if all their data are asked for."""
 
@@ -416,7 +419,7 @@ class _Model:
                 files.pixels = max(files.pixels, math.prod(_counts(attributes["resolution"])))
             if tag == "mesh":
                 given = len(attributes.get("vertex", "")) // 6  # three digits and as many blanks
-                files.vertices = max(files.vertices, given, self._numbers(token))
+                files.vertices = max(files.vertices, given, _built_in(attributes))
 
     def _numbers(self, element: Element) -> int:
         """Return how many numbers an element asks for by counts."""
@@ -431,8 +434,8 @@ class _Model:
                 numbers = sum(_counts(" ".join(counts)))
             case "hfield":
                 numbers = product("nrow", "ncol")
-            case "mesh" if "builtin" in attributes:
-                numbers = max(_counts(attributes.get("params", "")), default=1) ** 2
+            case "mesh":
+                numbers = PER_VERTEX * _built_in(attributes)
             case "numeric":
                 numbers = product("size")
             case "flexcomp" | "flex":
@@ -450,6 +453,11 @@ class _Model:
         if "nsample" in attributes:  # a history of what a sensor or an actuator had
             numbers = max(numbers, 1) * (1 + product("nsample"))
         return numbers
+
+
+def _built_in(attributes: dict[str, str]) -> int:
+    """Return the most vertices that a mesh of MuJoCo's own may have, 0 for others."""
+    return max(_counts(attributes.get("params", "")), default=1) ** 2 if "builtin" in attributes else 0
 
 
 def _stem(name: str) -> str:

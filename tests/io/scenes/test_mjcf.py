@@ -207,7 +207,7 @@ def test_models_without_geoms_are_no_scenes(content: str, message: str, tmp_path
     assert len(ls.Scene.from_file(everything, rules=[ls.Rule(skip=True)])) == 0
 
 
-TACTILE = "<asset><mesh name='m' builtin='sphere' params='2000'/></asset><sensor>{}</sensor>".format(
+TACTILE = "<asset><mesh name='m' builtin='sphere' params='600'/></asset><sensor>{}</sensor>".format(
     "<tactile geom='g' mesh='m'/>" * 3
 )
 
@@ -291,7 +291,7 @@ def test_refusals(content: str, message: str, tmp_path: Path, monkeypatch: pytes
         (GEOM * 400, f"<keyframe>{'<key/>' * 9000}</keyframe>"),
         (f"{GEOM * 4000}<geom size='1' user='{'1 ' * 9000}'/>", ""),
         (GEOM, "<asset><hfield name='h' nrow='4000' ncol='4000' size='1 1 1 1'/></asset>" * 2),
-        (GEOM, "<asset><mesh name='m' builtin='sphere' params='3000'/></asset>" * 3),
+        (GEOM, "<asset><mesh name='m' builtin='supersphere' params='400 1 1'/></asset>" * 3),
         (f"<replicate count='9000'>{GEOM}</replicate>", "<size nuser_geom='9000'/>"),
         ('<geom name="g" size="1"/>', TACTILE),
     ],
