@@ -3,8 +3,8 @@
 
 use crate::arith::simd::Runner;
 use crate::cast::{Cast, Columns, Occlusion};
-use crate::measure::{BadPulse, Batch, CoverPiece, Recording, ThingPulses, WritePoints};
-use crate::patterns::Piece;
+use crate::measure::{BadPulse, Batch, CoverPiece, InstancePulses, Recording, WritePoints};
+use crate::patterns::ColumnPiece;
 use crate::scene::{Rays, TRange, World};
 
 /// The work on a piece of a cast or of a scan, compiled for one instruction set.
@@ -16,8 +16,8 @@ pub trait Kernels: Sync {
     /// Whether each ray hits anything with t_min ≤ t ≤ t_max. False if there was an illegal ray.
     fn find_occluded(&self, world: &World, rays: Rays, range: TRange, occlusion: &mut Occlusion) -> bool;
 
-    /// The pulses of each thing, of a piece of the pulses.
-    fn cover(&self, piece: CoverPiece) -> Vec<ThingPulses>;
+    /// The pulses of each instance, of a piece of the pulses.
+    fn cover(&self, piece: CoverPiece) -> Vec<InstancePulses>;
 
     /// Writes the points and normals of a piece of a cloud.
     fn write_points(&self, points: WritePoints);
@@ -29,7 +29,7 @@ pub trait Kernels: Sync {
     fn record(&self, recording: Recording<World>) -> Result<(), BadPulse>;
 
     /// Writes the pulses of a piece of a frame. False if a prism reflects one of them totally.
-    fn fire(&self, piece: Piece) -> bool;
+    fn fire(&self, piece: ColumnPiece) -> bool;
 }
 
 impl<R: Runner> Kernels for R {
@@ -41,7 +41,7 @@ impl<R: Runner> Kernels for R {
         R::run(Cast { world, rays, range, hits: occlusion })
     }
 
-    fn cover(&self, piece: CoverPiece) -> Vec<ThingPulses> {
+    fn cover(&self, piece: CoverPiece) -> Vec<InstancePulses> {
         R::run(piece)
     }
 
@@ -57,7 +57,7 @@ impl<R: Runner> Kernels for R {
         R::run(recording)
     }
 
-    fn fire(&self, piece: Piece) -> bool {
+    fn fire(&self, piece: ColumnPiece) -> bool {
         R::run(piece)
     }
 }

@@ -22,7 +22,7 @@ mod testing;
 pub use arith::simd::{Level, OnPortable};
 #[cfg(target_arch = "x86_64")]
 pub use arith::simd::{OnAvx2, OnAvx512};
-pub use cast::{Arrays, Columns, HitRows, NO_THING, Occlusion, cast_all};
+pub use cast::{Arrays, Columns, HitRows, NO_INSTANCE, Occlusion, cast_all};
 pub use geometry::affine::Affine;
 pub use geometry::origins::Origins;
 pub use geometry::pose::{Cubic, LARGEST, Path, Pose, Step, Velocity};

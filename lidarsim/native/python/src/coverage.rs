@@ -1,7 +1,7 @@
 //! The pulses that would hit things, and those that reach them.
 
 use lidarsim_core::measure::{NominalPulses, Targets};
-use lidarsim_core::{NO_THING, Scene, memory, span};
+use lidarsim_core::{NO_INSTANCE, Scene, memory, span};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -47,7 +47,7 @@ pub fn coverage<'py>(
     let (n, known) = (directions.len(), whole.objects().len());
     let are_of = |things: &[u32], scene: &Scene| {
         things.len() == scene.objects().len()
-            && things.iter().all(|thing| *thing == NO_THING || (*thing as usize) < count)
+            && things.iter().all(|thing| *thing == NO_INSTANCE || (*thing as usize) < count)
     };
     if !are_of(things, whole)
         || !are_of(things_alone, alone)
@@ -67,7 +67,7 @@ pub fn coverage<'py>(
         let span = if whole.moves() { span(times) } else { [0.0; 2] };
         let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
         let (world, asked) = (&whole.during(span), (&alone.during(span), things_alone));
-        let targets = Targets { world, things, asked, count, max_range };
+        let targets = Targets { world, instances: things, asked, count, max_range };
         let found = pulses.coverage(targets, |piece| kernels.cover(piece));
         (
             memory::collect(found.iter().map(|thing| thing.covering.count)),

@@ -80,7 +80,7 @@ impl PyPath {
 
     /// The same path over a span that continues to `until`, at the velocities of its end.
     fn held(&self, until: f64) -> PyResult<Self> {
-        let path = self.path.held(until);
+        let path = self.path.hold(until);
         if path.at(until).rows().as_flattened().iter().all(|x| x.abs() <= LARGEST) {
             return Ok(path.into());
         }

@@ -1,8 +1,8 @@
 //! The pulses of scan patterns, written to arrays that the caller provides, which become read-only.
 
 use lidarsim_core::patterns::{
-    Arrays, Channels, Cycles, Formula, Mid360, OscillatingMirror, Palmer, Polar, Prism, Risley, Rotation,
-    Run, fire,
+    Arrays, Channels, CycleRun, Cycles, Formula, Mid360, OscillatingMirror, Palmer, Polar, Prism, Risley,
+    Rotation, fire,
 };
 use lidarsim_core::{Point, memory};
 use numpy::ndarray::Dimension;
@@ -58,8 +58,8 @@ impl PyChannels {
         detached(py, || PyChannels(Channels::new(beams, origins, firing_times)))
     }
 
-    /// Writes the cycles of a frame, as `lidarsim_core::patterns::Cycles` and `Run` describe them, and makes
-    /// the arrays read-only.
+    /// Writes the cycles of a frame, as `lidarsim_core::patterns::Cycles` and `CycleRun` describe them, and
+    /// makes the arrays read-only.
     #[pyo3(signature = (runs, clock, azimuth, directions, times, origins=None))]
     #[expect(clippy::too_many_arguments, reason = "one call a frame")]
     fn fire<'py>(
@@ -85,7 +85,7 @@ impl PyChannels {
             return Err(unequal());
         }
         detached(py, || {
-            let run = |(columns, cycle, since, late)| Run { columns, cycle, since, late };
+            let run = |(columns, cycle, since, late)| CycleRun { columns, cycle, since, late };
             let runs = memory::collect(runs.into_iter().map(run));
             let cycles = Cycles::new(channels, &runs, clock, azimuth);
             fire(Formula::Cycles(&cycles), arrays, |piece| kernels.fire(piece));

@@ -32,14 +32,14 @@ pub const MAX_LEAF_SIZE: usize = 8;
 /// A hierarchy over leaves of any kind.
 #[derive(Clone, Debug)]
 pub struct Bvh<L> {
-    frame: Frame,
+    frame: BoxFrame,
     nodes: Vec<Node>,
     leaves: Vec<L>,
 }
 
 /// The coordinates of the boxes of a hierarchy, and how far these reach.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct BoxFrame {
     pub center: Point,
     /// How far the boxes reach from the centre along each axis; infinity if there are none.
     reach: [f32; 3],
@@ -48,7 +48,7 @@ pub struct Frame {
     pub planes: [f64; 3],
 }
 
-impl Frame {
+impl BoxFrame {
     /// How far the boxes reach from the centre along any axis; infinity if there are none.
     pub fn longest_reach(&self) -> f64 {
         let [x, y, z] = self.reach;
@@ -76,7 +76,7 @@ impl<L> Bvh<L> {
         self.frame.center
     }
 
-    pub fn frame(&self) -> Frame {
+    pub fn frame(&self) -> BoxFrame {
         self.frame
     }
 
@@ -85,7 +85,7 @@ impl<L> Bvh<L> {
             root.low[axis].map(|x| -x).into_iter().chain(root.high[axis]).fold(0.0, f32::max)
         };
         let reach = [0, 1, 2].map(|axis| nodes.first().map_or(f32::INFINITY, |root| along(root, axis)));
-        Bvh { frame: Frame { center, reach, planes }, nodes, leaves }
+        Bvh { frame: BoxFrame { center, reach, planes }, nodes, leaves }
     }
 
     /// The leaf, if it is the only one.

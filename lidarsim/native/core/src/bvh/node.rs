@@ -13,7 +13,7 @@ pub struct Node {
     /// By axis, the children whose primitives lie in one plane perpendicular to it, exactly: a bit each. A
     /// ray parallel to the plane hits none of them.
     pub flat: [u8; 3],
-    /// By axis, those of them that lie in the plane of the hierarchy (`Frame::planes`).
+    /// By axis, those of them that lie in the plane of the hierarchy (`BoxFrame::planes`).
     pub level: [u8; 3],
 }
 

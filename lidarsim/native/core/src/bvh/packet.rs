@@ -5,10 +5,31 @@
 //! frustum of the packet, interval arithmetic over its origins and reciprocal directions, culls most boxes
 //! for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing Algorithm, 2005; S. Boulos et al.,
 //! Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
+//!
+//! ```text
+//! enter, once per hierarchy, for each ray and axis, in float32, rounded outward:
+//!     o⁻, o⁺ = o − center, moved back and forth by its error
+//!     s⁻, s⁺ = (1 − 12u)/|d|, (1 + 12u)/|d|, with the sign of d
+//! at a node, for its eight boxes and the whole packet:
+//!     near = max(start, (first − O⁻)·S⁻);     far = min(limit, (last − O⁺)·S⁺)     over the axes
+//!     if near > far:                          no ray enters it
+//! for each box that is left, sixteen rays at once:
+//!     near = max(start, (first − O⁻)·s⁻);     far = min(limit, (last − O⁺)·s⁺)
+//!     the rays with near ≤ far may enter it
+//! ```
+//!
+//! | symbol | meaning | in the code |
+//! |---|---|---|
+//! | o, d | origin and direction, scaled so that the longest direction is about 1 | `RayPacket` |
+//! | o⁻, o⁺; s⁻, s⁺ | bounds for near planes; for far planes | `near_origin`, `far_origin`, `near_slope`, … |
+//! | O⁻, O⁺; S⁻, S⁺ | the outermost of these over the packet | `Frustum` |
+//! | first, last | planes by which rays enter and leave a box | chosen by `Octant::backward` |
+//! | start, limit | bounds of (t − `offset`)·`scale` | `Octant::start`, `Subpacket::limit` |
+//! | u | 2⁻²⁴ | `U` |
 
 use super::node::{Node, WIDTH};
 use super::ray_packet::{LANES, Mask, RayPacket, SUBPACKETS, WIDE, take};
-use super::{Crossings, Frame};
+use super::{BoxFrame, Crossings};
 use crate::arith::simd::{Floats, Isa};
 
 /// Unit roundoff of float32.
@@ -227,7 +248,7 @@ impl Packet {
         &mut self,
         rays: &RayPacket,
         crossings: Option<&Crossings>,
-        frame: Frame,
+        frame: BoxFrame,
         t_min: f64,
         limits: &[f64; LANES],
     ) {
@@ -282,7 +303,7 @@ impl Packet {
         &mut self,
         g: usize,
         rays: &RayPacket,
-        frame: Frame,
+        frame: BoxFrame,
         shrink: I::F64x8,
         limits: &[f64; LANES],
     ) {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::schedule::pieces;
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Rays, Run, Sink};
+use crate::scene::{Hit, HitRun, Rays, Sink};
 use crate::{memory, parallel};
 
 /// Arrays that receive the hits of many rays; each thread writes to a part of them.
@@ -154,7 +154,7 @@ impl<F: Slot<f64>, N: Slot<i32>> Sink for Columns<'_, F, N> {
     }
 
     #[inline(always)]
-    fn write_run(&mut self, i: usize, hits: &Run) {
+    fn write_run(&mut self, i: usize, hits: &HitRun) {
         self.t[i..i + 4].as_chunks_mut().0[0] = hits.t.map(F::of);
         self.object[i..i + 4].as_chunks_mut().0[0] = hits.object.map(N::of);
         self.primitive[i..i + 4].as_chunks_mut().0[0] = hits.primitive.map(N::of);

@@ -39,7 +39,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let Cast { world, rays, range, hits } = self;
         let scene = world.scene;
         let mut scratch = SCRATCH.take().unwrap_or_default();
-        let Scratch { traversals, previous, batches, surfaces, ray_sort } = &mut *scratch;
+        let CastScratch { traversals, previous, batches, surfaces, ray_sort } = &mut *scratch;
         batches.restart(scene);
         let mut source = PacketSource::new(world, rays, ray_sort);
         let mut traversals =
@@ -85,11 +85,11 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
 
 thread_local! {
     /// Reused from cast to cast, as it is large.
-    pub static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
+    pub static SCRATCH: Cell<Option<Box<CastScratch>>> = const { Cell::new(None) };
 }
 
 /// Scratch memory of a cast; its contents carry no meaning to the next.
-pub struct Scratch {
+pub struct CastScratch {
     /// Boxed separately, so that a thread's stack need not hold all of them during construction.
     pub traversals: [Box<TraversalScratch>; TRAVERSALS],
     /// The rays of the packet whose hits are being refined.
@@ -99,9 +99,9 @@ pub struct Scratch {
     pub ray_sort: RaySort,
 }
 
-impl Default for Scratch {
+impl Default for CastScratch {
     fn default() -> Self {
-        Scratch {
+        CastScratch {
             traversals: std::array::from_fn(|_| Box::new(TraversalScratch::new())),
             previous: RayPacket::empty(),
             batches: HitBatches::new(),

@@ -7,7 +7,7 @@ use std::cell::Cell;
 use crate::arith::number::{DoubleDoubles, Interval, Many, Number, Predicate, Uncertain, decide_exactly};
 use crate::arith::root::Root;
 use crate::arith::simd::{Floats, Isa, Task};
-use crate::bvh::{Crossings, Frame, LANES, Mask, RayPacket, part_of_mask, take};
+use crate::bvh::{BoxFrame, Crossings, LANES, Mask, RayPacket, part_of_mask, take};
 use crate::cast::local_rays::{RayParts, WorldRays};
 use crate::geometry::affine::{Affines, PlacementTask, Placements, RayPlacement};
 use crate::geometry::ray::Ray;
@@ -20,7 +20,7 @@ const GRAZING: f64 = 2.0 * f32::EPSILON as f64;
 
 /// An axis, and the rays that graze the plane of the hierarchy perpendicular to it, if there are any.
 #[inline(always)]
-pub fn grazing<I: Isa>(rays: &RayPacket, mask: Mask, frame: Frame) -> Option<(usize, Mask)> {
+pub fn grazing<I: Isa>(rays: &RayPacket, mask: Mask, frame: BoxFrame) -> Option<(usize, Mask)> {
     let (height, first) = (GRAZING * frame.longest_reach(), mask.trailing_zeros() as usize % LANES);
     for axis in 0..3 {
         let plane = frame.planes[axis];

@@ -1,6 +1,26 @@
 //! Ray sorting: an order in which adjacent rays are coherent, by octant, origin and a Morton code of the
 //! direction (K. Garanzha, C. Loop, Fast Ray Sorting and Breadth-First Packet Traversal for GPU Ray Tracing,
 //! 2010).
+//!
+//! ```text
+//! g = 1,024 rays if later ones are these, rotated, else 8,192
+//! for each group of g rays, or of bundles:
+//!     if the order of the last group suits:     move its indices by g, and go on
+//!     (u, v), octant = place of d on |x| + |y| + |z| = 1
+//!     if the rays pass each octant once:        they are a fan, and stay as they are
+//!     key = octant, [cell of o,] Morton code of (u, v)        [if the origins are far apart]
+//!     runs = rays near their predecessors, 4 or 16 as one     [if g = 1,024]
+//!     order = radix sort of the keys of runs and other rays
+//! ```
+//!
+//! | symbol | meaning | in the code |
+//! |---|---|---|
+//! | g | rays that are sorted together | `group`: `NEAR`, `MOST` |
+//! | d, o | direction and origin of a ray, or of the first of a bundle | `directions`, `origins` |
+//! | u, v | place on the face of an octant, 16 bits each; v rises with the elevation | `places` |
+//! | octant | the signs of d | `octants` |
+//! | cell | place of o in the box of the group's origins, three bits per axis | `add_cells` |
+//! | item | a key, above the index of its first ray and a bit for runs | `items` |
 
 use std::ops::Range;
 
@@ -73,13 +93,13 @@ struct LastSorted {
     spread: f64,
 }
 
-struct Advance<'a> {
+struct SortNext<'a> {
     ray_sort: &'a mut RaySort,
     origins: Origins<'a>,
     directions: &'a [Point],
 }
 
-impl Task for Advance<'_> {
+impl Task for SortNext<'_> {
     type Output = bool;
 
     #[inline(always)]
@@ -116,7 +136,7 @@ impl RaySort {
     /// and by direction along a Morton curve, so that tiles of directions stay together.
     #[inline(always)]
     pub fn advance<I: Isa>(&mut self, origins: Origins, directions: &[Point]) -> bool {
-        I::call(Advance { ray_sort: self, origins, directions })
+        I::call(SortNext { ray_sort: self, origins, directions })
     }
 
     #[inline(always)]

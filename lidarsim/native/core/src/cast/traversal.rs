@@ -1,21 +1,43 @@
 //! The two-level traversal of a scene by packets: through the hierarchy of objects, and inside it the
 //! hierarchies of meshes.
+//!
+//! ```text
+//! for each of two packets in turn:              (`Advance`: one waits for memory while the other goes on)
+//!     intersect the unbounded objects
+//!     if the packet is incoherent:              trace its rays one by one
+//!     for each hierarchy of objects (those that stand still, then those that move), nearest box first:
+//!         at a surface:                         bound its roots, and keep the nearest
+//!         at a mesh, or at many shapes:         take the rays that enter into its coordinates
+//!             for those of each octant:         traverse its hierarchy, nearest box first
+//!                 at a leaf:                    test its triangles; defer what is uncertain
+//!         lower the limits of rays with nearer hits
+//!     resolve what is deferred, exactly
+//! ```
+//!
+//! | word | meaning | in the code |
+//! |---|---|---|
+//! | outer, inner | traversal of objects; of the primitives in one | `Traversal::outer`, `inner` |
+//! | visit | of an object that holds primitives, by the rays that may hit it | `ObjectVisit` |
+//! | pending | rays of other octants, yet to traverse the visited object | `PacketState::pending` |
+//! | limit | t beyond which a ray needs no hit | `ClosestHits::limits` |
+//! | step | from one node with children to the next; then the other packet goes on | `Traversal::step` |
+//! | stage | whether a packet has rays, and has begun | `Stage` |
 
 use std::marker::PhantomData;
 
 use crate::arith::simd::{Isa, Task};
 use crate::bvh::{
-    Bvh, Crossings, Frame, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take,
+    BoxFrame, Bvh, Crossings, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take,
 };
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
 use crate::cast::grazing::{FindCrossings, grazing};
-use crate::cast::instance::InstanceRays;
+use crate::cast::instances_met::InstancesMet;
 use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
+use crate::cast::placed_rays::PlacedRays;
 use crate::cast::poses::Poses;
 use crate::cast::primitive_intersector::PrimitiveIntersector;
 use crate::cast::surface_intersector::{PacketQuery, SurfaceIntersector};
-use crate::cast::things::ThingsMet;
 use crate::geometry::vector::Point;
 use crate::scene::{Disks, Geometry, Object, Primitives, Scene, Spheres, TRange, TriangleMesh, World};
 use crate::shapes::triangle::Leaf;
@@ -34,7 +56,7 @@ pub struct TraversalScratch {
     /// Inside a mesh.
     inner: PacketTraversal,
     deferred: DeferredCandidates,
-    instance_rays: Option<Box<InstanceRays>>,
+    placed_rays: Option<Box<PlacedRays>>,
     crossings: Option<Box<Crossings>>,
     poses: Poses<LANES>,
     scratch: LeafScratch,
@@ -49,7 +71,7 @@ impl TraversalScratch {
             outer: PacketTraversal::new(),
             inner: PacketTraversal::new(),
             deferred: DeferredCandidates::new(),
-            instance_rays: None,
+            placed_rays: None,
             crossings: None,
             poses: Poses::new(),
             scratch: LeafScratch::new(),
@@ -71,7 +93,7 @@ pub struct Traversal<'a, 'b> {
     outer: &'b mut PacketTraversal,
     /// Inside a mesh.
     inner: &'b mut PacketTraversal,
-    visit: Option<InstanceVisit<'a>>,
+    visit: Option<ObjectVisit<'a>>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -83,7 +105,7 @@ enum Stage {
 
 /// The visit of an object that holds primitives, placed in the scene as an instance, by a packet.
 #[derive(Clone, Copy)]
-struct InstanceVisit<'a> {
+struct ObjectVisit<'a> {
     id: u32,
     object: &'a Object,
     hierarchy: Hierarchy<'a>,
@@ -111,7 +133,7 @@ impl<'a> Hierarchy<'a> {
     }
 
     #[inline(always)]
-    fn frame(self) -> Frame {
+    fn frame(self) -> BoxFrame {
         match self {
             Hierarchy::Mesh(_, hierarchy) => hierarchy.frame(),
             Hierarchy::Spheres(spheres) => spheres.hierarchy().frame(),
@@ -129,7 +151,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
             outer,
             inner,
             deferred,
-            instance_rays,
+            placed_rays,
             crossings,
             poses,
             scratch,
@@ -144,10 +166,10 @@ impl<'a, 'b> Traversal<'a, 'b> {
                 near_rays,
                 are_far: false,
                 closest,
-                things: None,
+                instances: None,
                 deferred,
                 pending: 0,
-                instance_rays,
+                placed_rays,
                 crossings,
                 poses,
                 scratch,
@@ -223,7 +245,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
     #[inline(always)]
     fn step_within<I: Isa, S: Each<K>, const K: usize>(
         &mut self,
-        visit: InstanceVisit<'a>,
+        visit: ObjectVisit<'a>,
         primitives: &'a Primitives<S, K>,
     ) -> bool {
         let Traversal { state, stack, inner, .. } = self;
@@ -296,7 +318,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         }
     }
 
-    /// Begins an instance visit.
+    /// Begins a visit of an object.
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask) {
         let asked = self.state.asked(id, mask);
@@ -306,7 +328,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
 
     /// Traverses the mesh with the next rays, or ends the visit if none are left.
     #[inline(always)]
-    fn start_within<I: Isa>(&mut self, visit: InstanceVisit<'a>) {
+    fn start_within<I: Isa>(&mut self, visit: ObjectVisit<'a>) {
         let Traversal { state, stack, outer, inner, .. } = self;
         let mask = state.next::<I>(visit);
         if mask == 0 {
@@ -367,12 +389,12 @@ pub struct PacketState<'a, 'b> {
     near_rays: &'b mut Option<Box<RayPacket>>,
     are_far: bool,
     pub closest: ClosestHits<'a>,
-    /// In a query for things; then each object is intersected as if it stood alone.
-    pub things: Option<ThingsMet<'a>>,
+    /// In a query for instances; then each object is intersected as if it stood alone.
+    pub instances: Option<InstancesMet<'a>>,
     deferred: &'b mut DeferredCandidates,
     /// Rays yet to traverse the visited mesh.
     pending: Mask,
-    instance_rays: &'b mut Option<Box<InstanceRays>>,
+    placed_rays: &'b mut Option<Box<PlacedRays>>,
     /// Where rays cross the plane of the visited mesh.
     crossings: &'b mut Option<Box<Crossings>>,
     poses: &'b mut Poses<LANES>,
@@ -383,22 +405,22 @@ impl<'a> PacketState<'a, '_> {
     /// The rays of `mask` for which an object is to be intersected.
     #[inline(always)]
     fn asked(&self, id: u32, mask: Mask) -> Mask {
-        self.things.as_ref().map_or(mask, |things| things.asked(id, mask))
+        self.instances.as_ref().map_or(mask, |instances| instances.asked(id, mask))
     }
 
     /// Ends the intersection of an object, which may have decreased the limits of rays, and returns those for
-    /// which it has. In a query for things, no object hides another.
+    /// which it has. In a query for instances, no object hides another.
     #[inline(always)]
     fn leave<I: Isa>(&mut self, id: u32, nearer: Mask) -> Mask {
-        if self.things.is_none() {
+        if self.instances.is_none() {
             return nearer;
         }
         if nearer != 0 {
             self.resolve::<I>();
             let found = self.closest.found::<I>();
             self.closest.restart::<I>();
-            if let Some(things) = &mut self.things {
-                things.meet(id, found);
+            if let Some(instances) = &mut self.instances {
+                instances.meet(id, found);
             }
         }
         0
@@ -438,30 +460,30 @@ impl<'a> PacketState<'a, '_> {
 
     /// Sets up a packet for a mesh, with the rays that `next` chose last.
     #[inline(always)]
-    fn fill_within<I: Isa>(&mut self, packet: &mut Packet, visit: InstanceVisit) {
+    fn fill_within<I: Isa>(&mut self, packet: &mut Packet, visit: ObjectVisit) {
         self.scratch.bounds = None;
         let frame = visit.hierarchy.frame();
         let (t_min, limits) = (self.closest.t_min(), self.closest.limits());
         packet.enter::<I>(self.rays_in(visit), self.crossings.as_deref(), frame, t_min, limits);
     }
 
-    /// Begins an instance visit, with rays in local coordinates; `None` if the object is not a mesh. Rays
+    /// Begins a visit of an object, with rays in local coordinates; `None` if the object is not a mesh. Rays
     /// that do not fit into packets are traced singly.
     #[inline(always)]
-    fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<InstanceVisit<'a>> {
+    fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<ObjectVisit<'a>> {
         let object = &self.scene.objects()[id as usize];
         let hierarchy = Hierarchy::of(&object.geometry)?;
         let (mut local, mut then) = (&*self.rays, None);
         self.pending = mask;
         if !object.is_untransformed() {
-            let instance_rays = self.instance_rays.get_or_insert_with(|| Box::new(InstanceRays::new()));
+            let placed_rays = self.placed_rays.get_or_insert_with(|| Box::new(PlacedRays::new()));
             then = object.motion().map(|_| self.poses.gather(self.scene, id, &self.rays.time, mask));
-            self.pending = instance_rays.gather::<I>(object, then, self.rays, mask);
+            self.pending = placed_rays.gather::<I>(object, then, self.rays, mask);
             let mut alone = mask & !self.pending;
             while let Some(lane) = take(&mut alone) {
                 self.closest.enter(self.rays, lane, id, stack);
             }
-            local = instance_rays.gathered();
+            local = placed_rays.gathered();
         }
         if let Some(crossings) = self.crossings {
             crossings.rays = 0;
@@ -472,22 +494,22 @@ impl<'a> PacketState<'a, '_> {
             let (world, plane) = (&*self.rays, frame.planes[axis]);
             I::call(FindCrossings { object, then, world, rays, axis, plane, crossings });
         }
-        Some(InstanceVisit { id, object, hierarchy, entered: mask })
+        Some(ObjectVisit { id, object, hierarchy, entered: mask })
     }
 
     /// The next rays to traverse the mesh, of one octant.
     #[inline(always)]
-    fn next<I: Isa>(&mut self, visit: InstanceVisit) -> Mask {
+    fn next<I: Isa>(&mut self, visit: ObjectVisit) -> Mask {
         let mut next = self.pending;
         if next != 0
             && !visit.object.is_untransformed()
-            && let Some(instance_rays) = self.instance_rays.as_mut()
+            && let Some(placed_rays) = self.placed_rays.as_mut()
         {
-            next = instance_rays.next::<I>(next);
+            next = placed_rays.next::<I>(next);
             let frame = visit.hierarchy.frame();
             let (center, reach) = (frame.center, frame.longest_reach());
-            if instance_rays.rays().are_far(center, reach) {
-                instance_rays.rays_mut().start_near::<I>(center, reach);
+            if placed_rays.rays().are_far(center, reach) {
+                placed_rays.rays_mut().start_near::<I>(center, reach);
             }
         }
         self.pending &= !next;
@@ -496,9 +518,9 @@ impl<'a> PacketState<'a, '_> {
 
     /// The rays that `next` chose last, in the coordinates of the mesh.
     #[inline(always)]
-    fn rays_in(&self, visit: InstanceVisit) -> &RayPacket {
-        match &self.instance_rays {
-            Some(instance_rays) if !visit.object.is_untransformed() => instance_rays.rays(),
+    fn rays_in(&self, visit: ObjectVisit) -> &RayPacket {
+        match &self.placed_rays {
+            Some(placed_rays) if !visit.object.is_untransformed() => placed_rays.rays(),
             _ => self.near_rays(),
         }
     }
@@ -506,15 +528,15 @@ impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn leaf_intersector(
         &mut self,
-        visit: InstanceVisit<'a>,
+        visit: ObjectVisit<'a>,
         mesh: &'a TriangleMesh,
     ) -> LeafIntersector<'_, 'a> {
         let PacketState { scene, closest, scratch, .. } = self;
         let world = &*self.rays;
-        let InstanceVisit { id, object, .. } = visit;
+        let ObjectVisit { id, object, .. } = visit;
         let transformed = !object.is_untransformed();
-        let rays = match (&self.instance_rays, &self.near_rays) {
-            (Some(instance_rays), _) if transformed => instance_rays.rays(),
+        let rays = match (&self.placed_rays, &self.near_rays) {
+            (Some(placed_rays), _) if transformed => placed_rays.rays(),
             (_, Some(near_rays)) if self.are_far => &**near_rays,
             _ => world,
         };
@@ -526,10 +548,10 @@ impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn primitive_intersector<S: Each<K>, const K: usize>(
         &mut self,
-        visit: InstanceVisit<'a>,
+        visit: ObjectVisit<'a>,
     ) -> PrimitiveIntersector<'_, 'a, S, K> {
-        let rays = match (&self.instance_rays, &self.near_rays) {
-            (Some(instance_rays), _) if !visit.object.is_untransformed() => instance_rays.rays(),
+        let rays = match (&self.placed_rays, &self.near_rays) {
+            (Some(placed_rays), _) if !visit.object.is_untransformed() => placed_rays.rays(),
             (_, Some(near_rays)) if self.are_far => &**near_rays,
             _ => &*self.rays,
         };
@@ -570,7 +592,7 @@ impl Task for Approach<'_> {
 /// A step of a packet in the hierarchy of primitives; see `Traversal::step_within`.
 struct StepWithin<'t, 'a, 'b, S, const K: usize> {
     state: &'t mut PacketState<'a, 'b>,
-    visit: InstanceVisit<'a>,
+    visit: ObjectVisit<'a>,
     primitives: &'a Primitives<S, K>,
     inner: &'t mut PacketTraversal,
     stack: &'t mut Stack,
@@ -593,7 +615,7 @@ impl<S: Each<K>, const K: usize> Task for StepWithin<'_, '_, '_, S, K> {
 /// Rays that traverse a mesh one by one.
 struct SingleRays<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
-    visit: InstanceVisit<'a>,
+    visit: ObjectVisit<'a>,
     mask: Mask,
     packet: &'t mut Packet,
     stack: &'t mut Stack,

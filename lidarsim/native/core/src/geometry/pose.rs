@@ -259,12 +259,12 @@ impl Path {
 
     /// The same path, with a span that continues to `until`.
     #[must_use]
-    pub fn held(&self, until: f64) -> Path {
+    pub fn hold(&self, until: f64) -> Path {
         let mut path = self.clone();
         match &mut path {
             Path::Still(_) | Path::Twist { .. } => {}
             Path::Knots { end, .. } => *end = end.max(until),
-            Path::Mounted { body, .. } => *body = Arc::new(body.held(until)),
+            Path::Mounted { body, .. } => *body = Arc::new(body.hold(until)),
         }
         path
     }
@@ -729,15 +729,15 @@ mod tests {
         let linear = |a| Cubic([a, [0.0; 3], [0.0; 3]]);
         let steps = vec![Step { shift: linear([2.0, 0.0, 0.0]), turn: linear(turn) }];
         let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], steps, end: 3.0 };
-        let held = path.held(4.0);
-        assert_eq!((held.span(), held.held(2.0).span()), ([1.0, 4.0], [1.0, 4.0]));
+        let held = path.hold(4.0);
+        assert_eq!((held.span(), held.hold(2.0).span()), ([1.0, 4.0], [1.0, 4.0]));
         for time in [1.0, 1.7, 2.9, 3.0] {
             assert_eq!(held.at(time), path.at(time));
         }
         let (sin, cos) = sin_cos(2.25);
         assert_eq!(held.at(4.0).translation, [8.0, 6.0, 7.0]);
         assert_close(held.at(4.0).turn([1.0, 0.0, 0.0]), start.turn([cos, sin, 0.0]));
-        let one = Path::Knots { times: vec![1.0], poses: vec![start], steps: vec![], end: 1.0 }.held(2.0);
+        let one = Path::Knots { times: vec![1.0], poses: vec![start], steps: vec![], end: 1.0 }.hold(2.0);
         assert_eq!((one.at(1.5), one.span()), (start, [1.0, 2.0]));
     }
 
@@ -761,10 +761,10 @@ mod tests {
         let swings = Path::twist(end, [0.0; 3], angular);
         for (held, mount) in [
             (
-                path.held(4.0),
+                path.hold(4.0),
                 Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
             ),
-            (Arc::new(path.clone()).mounted(&mount).held(4.0), mount),
+            (Arc::new(path.clone()).mounted(&mount).hold(4.0), mount),
         ] {
             assert_eq!(held.span(), [1.0, 4.0]);
             for time in [3.0_f64.next_up(), 3.5, 4.0] {

@@ -16,7 +16,7 @@ use super::direction::distance;
 use super::echo::Echo;
 use super::scan::Scan;
 use super::scratch::Scratch;
-use super::ways::{Beyond, Step, Surface, Way, Ways};
+use super::ways::{Beyond, PathSegment, PathVertex, Way, Ways};
 use crate::arith::simd::Isa;
 use crate::cast::{Departure, Met};
 use crate::geometry::point::dot;
@@ -41,7 +41,7 @@ impl<C: Caster> Scan<'_, C> {
             if self.goes_on(scratch.hits.object[at]) {
                 let met = Met::from(scratch.hits.at(at));
                 let way = Way { ray: at as u32, path: 0, mirror: None, before: 0.0, share: 1.0 };
-                push(&mut ways.front, Surface { at: at as u32, way, met, solid: None });
+                push(&mut ways.front, PathVertex { at: at as u32, way, met, solid: None });
             }
         }
         if !ways.front.is_empty() {
@@ -69,14 +69,14 @@ impl<C: Caster> Scan<'_, C> {
         steps.clear();
         let mut first = 0;
         for i in 0..front.len() {
-            let Surface { at, way, met, solid } = front[i];
+            let PathVertex { at, way, met, solid } = front[i];
             let (hit, ray) = (met.hit, scratch.rays.at(at as usize));
             let appearance = &self.appearances[hit.object as usize];
             let [passed, mirrored] = [appearance.transmission, appearance.mirror];
             let way = Way { path: way.path + 1, ..way };
             if passed > 0.0 {
                 let way = Way { share: way.share * passed * passed, ..way };
-                push(steps, Step { way, ray, from: Departure::Passed(met), solid });
+                push(steps, PathSegment { way, ray, from: Departure::Passed(met), solid });
             }
             if mirrored > 0.0
                 && let Some(next) = mirror_image(&ray, &hit)
@@ -84,7 +84,7 @@ impl<C: Caster> Scan<'_, C> {
                 let before = way.before + distance::<f64, 1>(hit.t, ray.direction);
                 let share = way.share * mirrored * mirrored;
                 let way = Way { mirror: Some(at), before, share, ..way };
-                push(steps, Step { way, ray: next, from: Departure::Mirrored(ray, met), solid: None });
+                push(steps, PathSegment { way, ray: next, from: Departure::Mirrored(ray, met), solid: None });
             }
             if front.get(i + 1).is_none_or(|next| next.way.ray != way.ray) {
                 keep_strongest(steps, first);
@@ -99,7 +99,7 @@ impl<C: Caster> Scan<'_, C> {
         let (rays, hits) = (&mut scratch.rays, &mut scratch.hits);
         let stack = stack.get_or_insert_default();
         front.clear();
-        for (i, Step { way, ray, from, solid }) in steps.iter().enumerate() {
+        for (i, PathSegment { way, ray, from, solid }) in steps.iter().enumerate() {
             if i.is_multiple_of(POLL) {
                 stop::poll();
             }
@@ -115,14 +115,14 @@ impl<C: Caster> Scan<'_, C> {
             }
             hits.push(&met.hit);
             if self.goes_on(met.hit.object) {
-                push(front, Surface { at: at as u32, way: *way, met, solid: Some(solid) });
+                push(front, PathVertex { at: at as u32, way: *way, met, solid: Some(solid) });
             }
         }
     }
 }
 
 /// Keeps the steps of a ray, those from `first` on, of the greatest shares, in their order.
-fn keep_strongest(steps: &mut Vec<Step>, first: usize) {
+fn keep_strongest(steps: &mut Vec<PathSegment>, first: usize) {
     if steps.len() - first > MOST_WAYS {
         let mut shares: Vec<f64> = steps[first..].iter().map(|step| step.way.share).collect();
         shares.sort_unstable_by(|a, b| b.total_cmp(a));
@@ -143,7 +143,7 @@ fn keep_strongest(steps: &mut Vec<Step>, first: usize) {
 fn find_solid<I: Isa, C: Caster>(solid: &C, ways: &mut Ways) {
     let Ways { steps, origins, directions, times, solid: hits, .. } = ways;
     for are_mirrored in [false, true] {
-        let is_asked = |step: &Step| {
+        let is_asked = |step: &PathSegment| {
             step.solid.is_none() && matches!(step.from, Departure::Mirrored(..)) == are_mirrored
         };
         for array in [&mut *origins, &mut *directions] {
@@ -217,17 +217,17 @@ impl Scratch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    fn step(share: f64, path: u8) -> Step {
+    fn step(share: f64, path: u8) -> PathSegment {
         let ray = TimedRay { origin: [0.0; 3], direction: [1.0, 0.0, 0.0], time: 0.0 };
         let from = Departure::Passed(Met::from(Hit::MISS));
-        Step { way: Way { ray: 0, path, mirror: None, before: 0.0, share }, ray, from, solid: None }
+        PathSegment { way: Way { ray: 0, path, mirror: None, before: 0.0, share }, ray, from, solid: None }
     }
 
     #[test]
     fn the_strongest_ways_are_kept_in_their_order() {
         let others = [step(0.0, 200), step(1.0, 201)];
         let kept = |shares: &[f64]| {
-            let mut steps: Vec<Step> = others.to_vec();
+            let mut steps: Vec<PathSegment> = others.to_vec();
             steps.extend((0..).zip(shares).map(|(path, share)| step(*share, path)));
             keep_strongest(&mut steps, others.len());
             let paths: Vec<u8> = steps.iter().map(|step| step.way.path).collect();

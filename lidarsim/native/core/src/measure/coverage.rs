@@ -1,11 +1,11 @@
-//! Coverage: how many pulses would hit each thing of a scene if it stood alone, how many of them reach it,
+//! Coverage: how many pulses would hit each instance of a scene if it stood alone, how many of them reach it,
 //! and how many returns it gives.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use crate::arith::simd::{Isa, Task};
-use crate::cast::{Cast, HitArrays, MeetThings, NO_THING, pieces};
+use crate::cast::{Cast, HitArrays, MeetInstances, NO_INSTANCE, pieces};
 use crate::geometry::origins::Origins;
 use crate::geometry::pose::Path;
 use crate::geometry::vector::Point;
@@ -69,9 +69,9 @@ impl Tally {
     }
 }
 
-/// The pulses of a thing.
+/// The pulses of an instance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ThingPulses {
+pub struct InstancePulses {
     /// Those that would hit it if it stood alone.
     pub covering: Tally,
     /// How many of these reach it.
@@ -79,37 +79,37 @@ pub struct ThingPulses {
     pub returns: Tally,
 }
 
-impl ThingPulses {
+impl InstancePulses {
     /// The mean time of its returns, or else of the pulses that would hit it, since the start of the frame.
     pub fn mean_time(&self) -> f64 {
         if self.returns.count > 0 { self.returns.mean_time() } else { self.covering.mean_time() }
     }
 
-    fn add(&mut self, other: &ThingPulses) {
+    fn add(&mut self, other: &InstancePulses) {
         self.covering.add(&other.covering);
         self.reached += other.reached;
         self.returns.add(&other.returns);
     }
 }
 
-/// The scene and the things that are asked for.
+/// The scene and the instances that are asked for.
 #[derive(Clone, Copy)]
 pub struct Targets<'a> {
     pub world: &'a World<'a>,
-    /// The thing of each object of the scene, or `NO_THING`.
-    pub things: &'a [u32],
-    /// A scene of the objects of these things, and perhaps others, which hide nothing; and its `things`.
+    /// The instance of each object of the scene, or `NO_INSTANCE`.
+    pub instances: &'a [u32],
+    /// A scene of the objects of these instances, and perhaps others, which hide nothing; and its `instances`.
     pub asked: (&'a World<'a>, &'a [u32]),
-    /// How many things there are.
+    /// How many instances there are.
     pub count: usize,
     /// Only hits with t up to this count.
     pub max_range: f64,
 }
 
 impl Targets<'_> {
-    fn no_pulses(&self) -> Vec<ThingPulses> {
+    fn no_pulses(&self) -> Vec<InstancePulses> {
         let mut none = Vec::new();
-        memory::resize(&mut none, self.count, ThingPulses::default());
+        memory::resize(&mut none, self.count, InstancePulses::default());
         none
     }
 }
@@ -122,12 +122,12 @@ pub struct CoverPiece<'a> {
 }
 
 impl NominalPulses<'_> {
-    /// Returns the pulses of each thing, on all threads. `work` runs a piece.
+    /// Returns the pulses of each instance, on all threads. `work` runs a piece.
     pub fn coverage(
         &self,
         targets: Targets,
-        work: impl Fn(CoverPiece) -> Vec<ThingPulses> + Sync,
-    ) -> Vec<ThingPulses> {
+        work: impl Fn(CoverPiece) -> Vec<InstancePulses> + Sync,
+    ) -> Vec<InstancePulses> {
         let total = Mutex::new(targets.no_pulses());
         parallel::share(pieces(self.directions, 1).into_iter(), |piece| {
             let own = work(CoverPiece { pulses: self, targets, piece });
@@ -139,13 +139,14 @@ impl NominalPulses<'_> {
 }
 
 impl Task for CoverPiece<'_> {
-    type Output = Vec<ThingPulses>;
+    type Output = Vec<InstancePulses>;
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        let CoverPiece { pulses, targets: Targets { world, things, asked, count, max_range }, piece } = &self;
+        let CoverPiece { pulses, targets: Targets { world, instances, asked, count, max_range }, piece } =
+            &self;
         let range = TRange { min: 0.0, max: *max_range };
-        let mut aimed = pulses.aim(piece.clone(), things);
+        let mut aimed = pulses.aim(piece.clone(), instances);
         if !aimed.unknown.is_empty() {
             let unknown = aimed.part(&aimed.unknown);
             let mut hits = HitArrays::default();
@@ -153,31 +154,38 @@ impl Task for CoverPiece<'_> {
             let rays = unknown.rays(world);
             I::call(Cast { world, rays, range, hits: &mut hits.columns() });
             for (ray, object) in aimed.unknown.iter().zip(&hits.object) {
-                aimed.owners[*ray as usize] = thing_of(*object, things);
+                aimed.owners[*ray as usize] = instance_of(*object, instances);
             }
         }
-        let (alone, things_alone) = *asked;
+        let (alone, instances_alone) = *asked;
         let (rays, known, mut pairs) = (aimed.rays(alone), &aimed.owners, Vec::new());
         let (count, mut own) = (*count, self.targets.no_pulses());
-        let things_met =
-            MeetThings { world: alone, rays, range, things: things_alone, count, known, pairs: &mut pairs };
+        let things_met = MeetInstances {
+            world: alone,
+            rays,
+            range,
+            instances: instances_alone,
+            count,
+            known,
+            pairs: &mut pairs,
+        };
         I::call(things_met);
         for (owner, ticks) in known.iter().zip(&aimed.ticks) {
-            if *owner != NO_THING {
+            if *owner != NO_INSTANCE {
                 own[*owner as usize].reached += 1;
                 own[*owner as usize].covering.note(*ticks);
             }
         }
-        for (ray, thing) in pairs {
-            own[thing as usize].covering.note(aimed.ticks[ray as usize]);
+        for (ray, instance) in pairs {
+            own[instance as usize].covering.note(aimed.ticks[ray as usize]);
         }
         let most = pulses.objects.len() / pulses.times.len();
         for i in piece.clone() {
             let returns = usize::from(pulses.return_counts[i]).min(most);
             for object in &pulses.objects[most * i..most * i + returns] {
-                let thing = thing_of(*object, things);
-                if thing != NO_THING {
-                    own[thing as usize].returns.note(ticks_of(pulses.times[i]));
+                let instance = instance_of(*object, instances);
+                if instance != NO_INSTANCE {
+                    own[instance as usize].returns.note(ticks_of(pulses.times[i]));
                 }
             }
         }
@@ -185,10 +193,10 @@ impl Task for CoverPiece<'_> {
     }
 }
 
-/// The thing of an object, or `NO_THING` if there is no object.
+/// The instance of an object, or `NO_INSTANCE` if there is no object.
 #[inline(always)]
-fn thing_of(object: i32, things: &[u32]) -> u32 {
-    usize::try_from(object).map_or(NO_THING, |object| things[object])
+fn instance_of(object: i32, instances: &[u32]) -> u32 {
+    usize::try_from(object).map_or(NO_INSTANCE, |object| instances[object])
 }
 
 /// The rays of a piece of the pulses, without known misses.
@@ -199,7 +207,7 @@ struct AimedPulses {
     /// When they are fired, since the start of the frame and as the scene's clock shows, s.
     ticks: Vec<i64>,
     moments: Vec<f64>,
-    /// The thing that each hits first, or `NO_THING`.
+    /// The instance that each hits first, or `NO_INSTANCE`.
     owners: Vec<u32>,
     /// The rays whose first hits are unknown.
     unknown: Vec<u32>,
@@ -244,7 +252,7 @@ impl AimedPulses {
 impl NominalPulses<'_> {
     /// Aims the pulses of a piece, except known misses, which meet nothing at all.
     #[inline(always)]
-    fn aim(&self, pulses: Range<usize>, things: &[u32]) -> AimedPulses {
+    fn aim(&self, pulses: Range<usize>, instances: &[u32]) -> AimedPulses {
         let mut aimed = AimedPulses::with_capacity(pulses.len());
         let (mut fired, mut ticks, mut pose) = (f64::NAN, 0, self.path.at(self.start));
         for i in pulses {
@@ -261,7 +269,7 @@ impl NominalPulses<'_> {
                 (fired, ticks, pose) = (moment, ticks_of(self.times[i]), self.path.at(moment));
             }
             let (origin, direction) = (pose.place(self.origins.of(i)), pose.turn(self.directions[i]));
-            aimed.push(origin, direction, (ticks, moment), thing_of(first, things));
+            aimed.push(origin, direction, (ticks, moment), instance_of(first, instances));
         }
         aimed
     }

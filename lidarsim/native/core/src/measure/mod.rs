@@ -6,7 +6,7 @@
 //! (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the range gate
 //! last. `recording.rs` samples the waveforms themselves, where they are asked for. The rows of a scan are
 //! written to its columns (`columns.rs`), from which `returns.rs` and `points.rs` make a point cloud.
-//! `coverage.rs` tells how much of each thing pulses reach.
+//! `coverage.rs` tells how much of each instance pulses reach.
 
 mod appearance;
 mod backscatter;
@@ -45,7 +45,7 @@ mod weather;
 pub use appearance::{Appearance, Labels, Reflectivity};
 pub use backscatter::Backscatter;
 pub use columns::{Layout, Rows, ScanColumns};
-pub use coverage::{CoverPiece, NominalPulses, Targets, ThingPulses};
+pub use coverage::{CoverPiece, InstancePulses, NominalPulses, Targets};
 pub use frame::{BadPulse, Fault, Frame};
 pub use grain::Grain;
 pub use many::measure_all;

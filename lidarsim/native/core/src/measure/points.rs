@@ -2,7 +2,7 @@
 
 use std::mem::MaybeUninit;
 
-use super::returns::{Field, Piece, Writer};
+use super::returns::{Field, ReturnPiece, Writer};
 use crate::arith::simd::{self, Floats, Isa, Task, lanes};
 use crate::geometry::origins::Origins;
 use crate::geometry::pose::{Motion, Path, Pose};
@@ -127,7 +127,7 @@ pub struct WritePoints<'a, 'b> {
     points: &'b mut [[MaybeUninit<f64>; 3]],
     normals: &'b mut [[MaybeUninit<f32>; 3]],
     source: PointSource<'a>,
-    piece: &'b Piece,
+    piece: &'b ReturnPiece,
 }
 
 impl Task for WritePoints<'_, '_> {

@@ -17,7 +17,7 @@ pub struct ReturnCounts<'a> {
 }
 
 /// Returns of neighbouring pulses, in order: the row that each is in, and its pulse.
-pub struct Piece {
+pub struct ReturnPiece {
     pub(super) most: usize,
     row: Vec<usize>,
     /// None if each pulse has one row: then they are equal.
@@ -25,7 +25,7 @@ pub struct Piece {
 }
 
 /// Writes one field of a piece.
-pub type Writer<'a> = Box<dyn FnOnce(&Piece) + Send + 'a>;
+pub type Writer<'a> = Box<dyn FnOnce(&ReturnPiece) + Send + 'a>;
 
 /// A field that is written piece by piece.
 pub trait Field<'a> {
@@ -58,7 +58,7 @@ impl<'a> ReturnCounts<'a> {
         });
     }
 
-    fn piece(&self, i: usize, count: usize) -> Piece {
+    fn piece(&self, i: usize, count: usize) -> ReturnPiece {
         let first = i * PULSES;
         let counts = &self.counts[first..self.counts.len().min(first + PULSES)];
         let (row, pulse) = if self.most == 1 {
@@ -68,7 +68,7 @@ impl<'a> ReturnCounts<'a> {
             (row, Some(pulse))
         };
         debug_assert_eq!(row.len(), count);
-        Piece { most: self.most, row, pulse }
+        ReturnPiece { most: self.most, row, pulse }
     }
 }
 
@@ -107,7 +107,7 @@ fn rows_and_pulses(first: usize, counts: &[u8], most: usize) -> (Vec<usize>, Vec
     (row, pulse)
 }
 
-impl Piece {
+impl ReturnPiece {
     /// The row and the pulse of each return.
     pub(super) fn rows_and_pulses(&self) -> (&[usize], &[usize]) {
         (&self.row, self.pulse.as_ref().unwrap_or(&self.row))

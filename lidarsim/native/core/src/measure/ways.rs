@@ -40,8 +40,8 @@ pub(super) struct Ways {
     /// The surfaces in the order of their fired rays, and where those of each ray begin.
     order: Vec<u32>,
     starts: Vec<u32>,
-    pub(super) front: Vec<Surface>,
-    pub(super) steps: Vec<Step>,
+    pub(super) front: Vec<PathVertex>,
+    pub(super) steps: Vec<PathSegment>,
     pub(super) origins: Vec<Point>,
     pub(super) directions: Vec<Point>,
     pub(super) times: Vec<f64>,
@@ -51,7 +51,7 @@ pub(super) struct Ways {
 
 /// A surface from which light may go on.
 #[derive(Clone, Copy)]
-pub(super) struct Surface {
+pub(super) struct PathVertex {
     /// Its index in the arrays of rays and hits.
     pub(super) at: u32,
     pub(super) way: Way,
@@ -62,7 +62,7 @@ pub(super) struct Surface {
 
 /// A part of a way that is about to be followed.
 #[derive(Clone, Copy)]
-pub(super) struct Step {
+pub(super) struct PathSegment {
     pub(super) way: Way,
     pub(super) ray: TimedRay,
     pub(super) from: Departure,

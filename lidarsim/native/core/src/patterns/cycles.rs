@@ -21,7 +21,7 @@ pub struct Channels {
 pub struct Cycles<'a> {
     channels: &'a Channels,
     /// With the number of columns up to the end of each.
-    runs: Vec<(usize, Run)>,
+    runs: Vec<(usize, CycleRun)>,
     rate: f64,
     wait: f64,
     start: f64,
@@ -30,7 +30,7 @@ pub struct Cycles<'a> {
 
 /// A run of consecutive cycles, a column each: those of a turn or of a facet.
 #[derive(Clone, Copy, Debug)]
-pub struct Run {
+pub struct CycleRun {
     pub columns: usize,
     /// The first cycle.
     pub cycle: f64,
@@ -80,7 +80,7 @@ impl<'a> Cycles<'a> {
     /// `clock` is the rate and the wait.
     pub fn new(
         channels: &'a Channels,
-        runs: &[Run],
+        runs: &[CycleRun],
         [rate, wait]: [f64; 2],
         [start, speed]: [f64; 2],
     ) -> Self {
@@ -123,7 +123,7 @@ impl<'a> Cycles<'a> {
 
     /// When cycles of a run from this one on start, and at which azimuths.
     #[inline(always)]
-    fn starts(&self, run: &Run, first: usize) -> (Lanes, Lanes) {
+    fn starts(&self, run: &CycleRun, first: usize) -> (Lanes, Lanes) {
         let times = self.times(run.cycle, first, self.wait);
         // Of a run that starts with the frame, they are the same, and divisions are slow.
         let is_whole = (run.since, run.late) == (run.cycle, self.wait);

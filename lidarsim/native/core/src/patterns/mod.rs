@@ -16,7 +16,7 @@ mod rotation;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-pub use cycles::{Channels, Cycles, Run};
+pub use cycles::{Channels, CycleRun, Cycles};
 pub use mid360::Mid360;
 pub use oscillating_mirror::OscillatingMirror;
 pub use palmer::Palmer;
@@ -86,7 +86,7 @@ impl<'a> Arrays<'a> {
 }
 
 /// Consecutive columns of a frame.
-pub struct Piece<'a> {
+pub struct ColumnPiece<'a> {
     formula: Formula<'a>,
     /// The number of the first of them.
     first: usize,
@@ -95,14 +95,14 @@ pub struct Piece<'a> {
 
 /// Writes all pulses of a frame, on all threads. `work` runs a piece. False if a prism reflects a pulse
 /// totally.
-pub fn fire(formula: Formula, mut arrays: Arrays, work: impl Fn(Piece) -> bool + Sync) -> bool {
+pub fn fire(formula: Formula, mut arrays: Arrays, work: impl Fn(ColumnPiece) -> bool + Sync) -> bool {
     let beams = formula.beams();
     let count = arrays.directions.len() / beams.max(1);
     let columns = (MOST / beams.max(1)).max(1).next_multiple_of(LANES);
     let mut pieces = memory::with_capacity(count.div_ceil(columns));
     for first in (0..count).step_by(columns) {
         let arrays = arrays.split_off(columns.min(count - first) * beams);
-        memory::push(&mut pieces, Piece { formula, first, arrays });
+        memory::push(&mut pieces, ColumnPiece { formula, first, arrays });
     }
     let all = AtomicBool::new(true);
     parallel::share(pieces.into_iter(), |piece| {
@@ -113,12 +113,12 @@ pub fn fire(formula: Formula, mut arrays: Arrays, work: impl Fn(Piece) -> bool +
     all.into_inner()
 }
 
-impl Task for Piece<'_> {
+impl Task for ColumnPiece<'_> {
     type Output = bool;
 
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
-        let Piece { formula, first, arrays } = self;
+        let ColumnPiece { formula, first, arrays } = self;
         match formula {
             Formula::Cycles(cycles) => cycles.fire::<I>(first, arrays),
             Formula::Mid360(mid360) => fire_together::<I, _>(mid360, first, arrays),
@@ -241,7 +241,7 @@ mod tests {
         let prisms = [[0.0, 0.31], [0.2, 0.0], [0.0, 0.0]].map(|tilts| Prism { tilts, rotation });
         let angles: Vec<f64> = (0..COLUMNS).map(|i| i as f64 * 0.005 - 2.8).collect();
         let runs = [(40, 0.0, 0.0, 0.25), (0, 0.0, 0.0, 0.0), (COLUMNS - 40, 50.0, 3.0, 0.5)];
-        let runs = runs.map(|(columns, cycle, since, late)| Run { columns, cycle, since, late });
+        let runs = runs.map(|(columns, cycle, since, late)| CycleRun { columns, cycle, since, late });
         let many: Vec<Point> =
             (0..37).map(|i| [0.6, 0.0, 0.8].map(|x: f64| x + f64::from(i) * 1e-17)).collect();
         for (beams, origins) in [(&beams[..], &beams[..]), (&beams[..1], &[]), (&many, &many)] {
@@ -267,7 +267,7 @@ mod tests {
         let mut origins = vec![[f64::NAN; 3]; if turning { pulses } else { 0 }];
         let mut times = vec![f64::NAN; if timed { pulses } else { 0 }];
         let arrays = Arrays { directions: &mut directions, origins: &mut origins, times: &mut times };
-        assert!(dispatch(level, Piece { formula, first, arrays }));
+        assert!(dispatch(level, ColumnPiece { formula, first, arrays }));
         [directions.into_flattened(), origins.into_flattened(), times]
     }
 
@@ -324,7 +324,7 @@ mod tests {
         let beams = [of(0.2, 0.1), of(-0.3, -0.2)];
         // One starts with the frame, one with it but for a part of a cycle, and one at another time.
         let runs = [(40, 0.0, 0.0, 0.25), (60, 45.0, 45.0, 0.5), (COLUMNS - 100, 110.0, 3.0, 0.5)];
-        let runs = runs.map(|(columns, cycle, since, late)| Run { columns, cycle, since, late });
+        let runs = runs.map(|(columns, cycle, since, late)| CycleRun { columns, cycle, since, late });
         // The cycles since the frame and since the run.
         let cycles_to = |pulse: usize| {
             let (mut column, mut run) = (pulse / 2, 0);
@@ -332,7 +332,7 @@ mod tests {
                 column -= runs[run].columns;
                 run += 1;
             }
-            let Run { cycle, since, late, .. } = runs[run];
+            let CycleRun { cycle, since, late, .. } = runs[run];
             [cycle + column as f64 + 0.25, since + column as f64 + late]
         };
         let channels = Channels::new(&beams, &beams, &[0.0, 1e-6]);
@@ -370,7 +370,7 @@ mod tests {
     #[test]
     fn frames_are_shared_among_threads_whole() {
         let beams: Vec<Point> = (0..100).map(|_| [1.0, 0.0, 0.0]).collect();
-        let run = Run { columns: 400, cycle: 0.0, since: 0.0, late: 0.0 };
+        let run = CycleRun { columns: 400, cycle: 0.0, since: 0.0, late: 0.0 };
         let channels = Channels::new(&beams, &[], &[0.0; 100]);
         let cycles = Cycles::new(&channels, &[run], [1e4, 0.0], [3.0, -60.0]);
         let (mut directions, mut times) = (vec![[f64::NAN; 3]; 40_000], vec![f64::NAN; 40_000]);
@@ -443,7 +443,7 @@ mod tests {
         let through = |first: usize, count: usize| {
             let mut directions = vec![[0.0; 3]; count];
             let arrays = Arrays { directions: &mut directions, ..Arrays::default() };
-            dispatch(Level::best(), Piece { formula: Formula::Risley(&risley), first, arrays })
+            dispatch(Level::best(), ColumnPiece { formula: Formula::Risley(&risley), first, arrays })
         };
         let each: Vec<bool> = (0..COLUMNS).map(|column| through(column, 1)).collect();
         for edge in 1..COLUMNS {

@@ -35,7 +35,7 @@ pub struct EightHits<'a> {
 }
 
 /// Hits of four consecutive rays.
-pub struct Run {
+pub struct HitRun {
     pub t: [f64; 4],
     /// The coordinates of the normals, ray by ray.
     pub normals: [[f64; 4]; 3],
@@ -56,7 +56,7 @@ pub trait Sink {
 
     /// Writes the hits of four consecutive rays, the first of index i.
     #[inline(always)]
-    fn write_run(&mut self, i: usize, hits: &Run) {
+    fn write_run(&mut self, i: usize, hits: &HitRun) {
         let normals = hits.normals.as_flattened().as_chunks().0;
         for (k, normal) in normals.iter().enumerate() {
             self.write(
@@ -83,8 +83,12 @@ pub trait Sink {
         for half in 0..2 {
             if runs[half] {
                 let (t, object) = (hits.t.as_chunks().0[half], hits.object.as_chunks().0[half]);
-                let run =
-                    Run { t, normals: normals[half], object, primitive: hits.primitive.as_chunks().0[half] };
+                let run = HitRun {
+                    t,
+                    normals: normals[half],
+                    object,
+                    primitive: hits.primitive.as_chunks().0[half],
+                };
                 self.write_run(rays[4 * half] as usize, &run);
                 written |= 0xf << (4 * half);
             }

@@ -26,7 +26,7 @@ use crate::{memory, parallel};
 
 use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot, meets_what_they_share};
 
-pub use hit::{EightHits, Hit, Run, Sink};
+pub use hit::{EightHits, Hit, HitRun, Sink};
 pub use object::{Geometry, Object, ObjectAt};
 pub use predicates::RootIntervals;
 pub use primitives::{Disks, PrimitiveLeaf, Primitives, Spheres};

@@ -50,7 +50,7 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
 }
 
 /// The middle of the bounds, t minus the middle, and the ray starting at the middle.
-type Step<L, const N: usize> = (DoubleDoubles<L, N>, DoubleDoubles<L, N>, Ray<DoubleDoubles<L, N>>);
+type NewtonStep<L, const N: usize> = (DoubleDoubles<L, N>, DoubleDoubles<L, N>, Ray<DoubleDoubles<L, N>>);
 
 #[inline(always)]
 fn step_from_middle<L: Lanes<N>, const N: usize>(
@@ -59,7 +59,7 @@ fn step_from_middle<L: Lanes<N>, const N: usize>(
     feature: u8,
     bounds: Interval<L::Floats>,
     lanes: L,
-) -> Result<Step<L, N>, Uncertain> {
+) -> Result<NewtonStep<L, N>, Uncertain> {
     let half = L::Floats::splat(0.5);
     let middle = bounds.low.mul(half).add(bounds.high.mul(half));
     let (pad, unit) = (L::Floats::splat(PAD), L::Floats::splat(UNIT));

@@ -1,4 +1,25 @@
 //! Intersections of rays with the planes of triangles, one triangle per lane, by expansions.
+//!
+//! ```text
+//! e₁, e₂, r = b − a, c − a, a − o           exactly, as high + low
+//! n = e₁ × e₂,   A = |e₁|×|e₂|              the sizes of the products in n, without cancellation
+//! num, den = n·r, n·d                       off by less than 320u²·A·|r| and 320u²·A·|d|
+//! T = N/D                                   of the high parts N and D
+//! ρ = ((N − p) − q) + (ν − T·δ)             the residual of T, with p + q = T·D exactly
+//! t = T + ρ/(D + δ)                         off by the error of the sums and 16u·(|ν| + |T·δ| + |ρ|)/|D|
+//! if t ± error rounds to one float64:       that is t, correctly rounded
+//! else:                                     exact arithmetic decides (`triangle_hits.rs`)
+//! ```
+//!
+//! | symbol | meaning | in the code |
+//! |---|---|---|
+//! | a, b, c | corners of the triangle | `corners` |
+//! | o, d | origin and direction of the ray | `o`, `d` |
+//! | n, A | normal; the sizes of its terms | `TrianglePlane::normal`, `size` |
+//! | N, ν; D, δ | high and low part of num; of den | `num`, `den` |
+//! | T, ρ | first quotient; its residual | `first`; `correction` is ρ/(D + δ) |
+//! | R, w | adjugate and determinant of the map that places the triangle | `ExpandedInverse` |
+//! | u | 2⁻⁵³ | `UNIT` |
 
 use crate::arith::error_free::two_product;
 use crate::arith::expansion::{Expansion, LongExpansion, TINY, V};

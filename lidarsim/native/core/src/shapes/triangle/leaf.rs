@@ -1,4 +1,25 @@
 //! Leaves of a mesh: eight triangles as a structure of arrays, with vertices quantized to a grid.
+//!
+//! ```text
+//! edges of the leaf, once per packet:  a, b, c = anchor + grid·scale − reference;  c×b, a×c, b×a;  N·a
+//! for each ray, eight triangles at once:  U, V, W = d·(c×b), d·(a×c), d·(b×a)
+//!     if it starts at o, apart:           U += (b − c)·(o × d), and V, W likewise
+//!     E = |d|₁·m·(64u·m + 12ε) + 12m²·ε_d  what a volume is off by, at most
+//!     if one of them < −E and another > E:  a miss
+//!     else if all > E or all < −E:          a certain hit, with t = a·(c×b)/(U + V + W) within bounds
+//!     else:                                 uncertain: certainly beside the ray, or deferred to exact tests
+//! ```
+//!
+//! | symbol | meaning | in the code |
+//! |---|---|---|
+//! | a, b, c | corners on the grid, relative to the reference | `Edges::vertices` |
+//! | c×b, a×c, b×a | normals of the volumes | `Edges::normals` |
+//! | N | normal of the triangle, (b − a) × (c − a) | `plane_normals` |
+//! | d, o | direction and start of the ray | `LeafRay::direction`, `start` |
+//! | U, V, W | six times the volumes of d with the sides | `volumes` |
+//! | m, s | upper bounds of the coordinates; of the sides | `reach`, `scale` |
+//! | ε, ε_d | error of the grid and the start; of the direction | `Edges::error`, `LeafRay::error` |
+//! | δ, u | error of a coordinate, 4u·m + ε; 2⁻⁵³ | `off`, `UNIT` |
 
 use super::Triangle;
 use crate::arith::number::{Interval, UNIT};

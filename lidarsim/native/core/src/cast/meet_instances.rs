@@ -1,4 +1,4 @@
-//! The things that rays meet, each as if it stood alone.
+//! The instances that rays meet, each as if it stood alone.
 
 use std::ops::Range;
 
@@ -7,42 +7,42 @@ use crate::bvh::Stack;
 use crate::cast::all_hits::roots_in_range;
 use crate::cast::closest_hit::timed_ray;
 use crate::cast::driver::{POLL, PacketSource, SCRATCH};
+use crate::cast::instances_met::{InstancesMet, NO_INSTANCE};
 use crate::cast::ray_query::RayQuery;
-use crate::cast::things::{NO_THING, ThingsMet};
 use crate::cast::traversal::{Advance, Traversal};
 use crate::memory;
 use crate::scene::{Hit, Rays, Scene, Sink, TRange, TimedRay, World};
 use crate::stop;
 
-/// Appends the things that each ray meets with t_min ≤ t ≤ t_max, at the time of the ray: pairs of the
-/// indices of ray and thing, each pair once, in any order. A thing is any number of objects. A ray with a
-/// number that is not finite or a zero direction meets none.
-pub struct MeetThings<'a> {
+/// Appends the instances that each ray meets with t_min ≤ t ≤ t_max, at the time of the ray: pairs of the
+/// indices of ray and instance, each pair once, in any order. An instance is any number of objects. A ray
+/// with a number that is not finite or a zero direction meets none.
+pub struct MeetInstances<'a> {
     pub world: &'a World<'a>,
     pub rays: Rays<'a>,
     pub range: TRange,
-    /// The thing of each object of the scene, or `NO_THING`.
-    pub things: &'a [u32],
-    /// How many things there are.
+    /// The instance of each object of the scene, or `NO_INSTANCE`.
+    pub instances: &'a [u32],
+    /// How many instances there are.
     pub count: usize,
-    /// Per ray, a thing that it is not tested for, or `NO_THING`.
+    /// Per ray, an instance that it is not tested for, or `NO_INSTANCE`.
     pub known: &'a [u32],
     pub pairs: &'a mut Vec<(u32, u32)>,
 }
 
-impl Task for MeetThings<'_> {
+impl Task for MeetInstances<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let MeetThings { world, rays, range, things, count, known, pairs } = self;
+        let MeetInstances { world, rays, range, instances, count, known, pairs } = self;
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let scratch_parts = &mut *scratch;
         let (traversals, surfaces) = (&mut scratch_parts.traversals, &mut scratch_parts.surfaces);
         let mut source = PacketSource::new(world, rays, &mut scratch_parts.ray_sort);
         let mut traversals = traversals.each_mut().map(|scratch| {
             let mut traversal = Traversal::new(world, range, true, scratch);
-            traversal.state.things = Some(ThingsMet::new(things, count));
+            traversal.state.instances = Some(InstancesMet::new(instances, count));
             traversal
         });
         for turn in 0_usize.. {
@@ -51,12 +51,12 @@ impl Task for MeetThings<'_> {
                     let rays = &traversal.state.rays;
                     if rays.count == 0 {
                         let (at, ray) = (rays.at[0], timed_ray(rays, 0));
-                        let query = OfOneRay { scene: world.scene, ray, range, things, found: Vec::new() };
+                        let query = OfOneRay { scene: world.scene, ray, range, instances, found: Vec::new() };
                         query.append(world, traversal.stack(), (at, known[at as usize]), pairs);
                         continue;
                     }
                     let (at, count) = (rays.at, rays.count);
-                    if let Some(met) = &mut traversal.state.things {
+                    if let Some(met) = &mut traversal.state.instances {
                         met.restart(at[..count].iter().map(|ray| known[*ray as usize]));
                     }
                     traversal.make_ready();
@@ -67,7 +67,7 @@ impl Task for MeetThings<'_> {
             }
             let Some(k) = I::call(Advance { traversals: &mut traversals, surfaces }) else { break };
             let state = &mut traversals[k].state;
-            if let Some(met) = &state.things {
+            if let Some(met) = &state.instances {
                 met.append(&state.rays.at, pairs);
             }
         }
@@ -83,17 +83,17 @@ impl Sink for NoHits {
     fn write(&mut self, _: usize, _: Hit) {}
 }
 
-/// The things that one ray meets.
+/// The instances that one ray meets.
 struct OfOneRay<'a> {
     scene: &'a Scene,
     ray: TimedRay,
     range: TRange,
-    things: &'a [u32],
+    instances: &'a [u32],
     found: Vec<u32>,
 }
 
 impl OfOneRay<'_> {
-    /// Appends pairs of a ray, of this index, and the things that it meets but for a known one.
+    /// Appends pairs of a ray, of this index, and the instances that it meets but for a known one.
     fn append(
         mut self,
         world: &World,
@@ -106,9 +106,9 @@ impl OfOneRay<'_> {
             self.range.max = self.range.max.min(f64::MAX);
             self.run(world, stack);
         }
-        for thing in self.found {
-            if thing != known {
-                memory::push(pairs, (at, thing));
+        for instance in self.found {
+            if instance != known {
+                memory::push(pairs, (at, instance));
             }
         }
     }
@@ -132,12 +132,12 @@ impl<'a> RayQuery<'a> for OfOneRay<'a> {
     }
 
     fn visit(&mut self, object: u32, primitive: u32) {
-        let thing = self.things[object as usize];
-        if thing != NO_THING
-            && !self.found.contains(&thing)
+        let instance = self.instances[object as usize];
+        if instance != NO_INSTANCE
+            && !self.found.contains(&instance)
             && roots_in_range(self.scene, &self.ray, self.range, object, primitive).next().is_some()
         {
-            memory::push(&mut self.found, thing);
+            memory::push(&mut self.found, instance);
         }
     }
 }

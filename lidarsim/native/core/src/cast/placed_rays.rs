@@ -1,4 +1,4 @@
-//! Instances: the rays of a packet in the local coordinates of a transformed mesh, with bounds of their
+//! The rays of a packet in the local coordinates of a transformed mesh, with bounds of their
 //! rounding.
 
 use std::cell::Cell;
@@ -12,8 +12,8 @@ use crate::geometry::vector::Point;
 use crate::geometry::vector::of_rays;
 use crate::scene::Object;
 
-/// The rays of an instance visit in local coordinates, possibly of several octants.
-pub struct InstanceRays {
+/// The rays of a visit of an object in local coordinates, possibly of several octants.
+pub struct PlacedRays {
     all: RayPacket,
     /// Rays with a negative direction, by axis.
     backward: [Mask; 3],
@@ -22,9 +22,9 @@ pub struct InstanceRays {
     are_some: bool,
 }
 
-impl InstanceRays {
+impl PlacedRays {
     pub fn new() -> Self {
-        InstanceRays { all: RayPacket::empty(), backward: [0; 3], some: RayPacket::empty(), are_some: false }
+        PlacedRays { all: RayPacket::empty(), backward: [0; 3], some: RayPacket::empty(), are_some: false }
     }
 
     /// Transforms world rays and returns those that fit into packets. `then` holds the per-ray poses of a
@@ -43,7 +43,7 @@ impl InstanceRays {
             Some(inverse) if then.is_none() => self.gather_still::<I>(inverse, world, mask),
             _ => {
                 let placements = Placements { first: object.inverse(), then };
-                placements.dispatch::<I, _>(Gather { world, mask, instance_rays: self }).unwrap_or(0)
+                placements.dispatch::<I, _>(Gather { world, mask, placed_rays: self }).unwrap_or(0)
             }
         };
         let mut left = mask & !held;
@@ -132,7 +132,7 @@ impl InstanceRays {
 struct Gather<'a> {
     world: &'a RayPacket,
     mask: Mask,
-    instance_rays: &'a mut InstanceRays,
+    placed_rays: &'a mut PlacedRays,
 }
 
 impl PlacementTask for Gather<'_> {
@@ -140,7 +140,7 @@ impl PlacementTask for Gather<'_> {
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) -> Mask {
-        let Gather { world, mask, instance_rays } = self;
+        let Gather { world, mask, placed_rays } = self;
         let mut held = 0;
         for i in 0..LANES / N {
             let active = Cell::new(part_of_mask::<N>(mask, i));
@@ -153,20 +153,20 @@ impl PlacementTask for Gather<'_> {
             let ray = Ray { origin, direction: of_rays(d, rays), weight: None };
             let local = placement.part(i).local_rays(ray, rays);
             if let Ok([o, d]) = local.enclose() {
-                held |= Mask::from(instance_rays.store(i, middle(o), middle(d)) & active.get()) << (i * N);
-                for (parallel, d) in instance_rays.all.parallel.iter_mut().zip(&local.direction) {
+                held |= Mask::from(placed_rays.store(i, middle(o), middle(d)) & active.get()) << (i * N);
+                for (parallel, d) in placed_rays.all.parallel.iter_mut().zip(&local.direction) {
                     *parallel |= Mask::from(d.zeros() & active.get()) << (i * N);
                 }
             }
         }
-        for backward in &mut instance_rays.backward {
+        for backward in &mut placed_rays.backward {
             *backward &= held;
         }
         held
     }
 }
 
-impl InstanceRays {
+impl PlacedRays {
     /// Stores part `i` and returns its rays that fit into packets, by the rule of `RayPacket::fits`.
     #[inline(always)]
     fn store<F: Floats<f64, N>, const N: usize>(
@@ -223,7 +223,7 @@ mod tests {
     use crate::scene::TriangleMesh;
     use crate::testing::numbers;
 
-    struct Enter<'a>(&'a Object, &'a RayPacket, &'a mut InstanceRays);
+    struct Enter<'a>(&'a Object, &'a RayPacket, &'a mut PlacedRays);
 
     impl Task for Enter<'_> {
         type Output = Mask;
@@ -285,14 +285,14 @@ mod tests {
                 }
             }
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                let mut instance_rays = InstanceRays::new();
-                assert_eq!(dispatch(level, Enter(&object, &world, &mut instance_rays)), all(64));
+                let mut placed_rays = PlacedRays::new();
+                assert_eq!(dispatch(level, Enter(&object, &world, &mut placed_rays)), all(64));
                 for lane in 0..world.count {
                     let ray = Ray::new(world.origin(lane), world.direction(lane));
                     let truth: Ray<Dyadic> = object.inverse().local(ray);
                     for axis in 0..3 {
                         let is_zero = truth.direction[axis].is_zero() == Ok(true);
-                        let said = instance_rays.all.parallel[axis] >> lane & 1 != 0;
+                        let said = placed_rays.all.parallel[axis] >> lane & 1 != 0;
                         assert!(is_zero || !said, "{level:?}, {linear:?}, {lane}");
                         zeros += usize::from(said);
                         others += usize::from(is_zero && !said);
@@ -316,15 +316,15 @@ mod tests {
                 world.set(lane, [0; 3].map(|_: u8| place + number()), [0; 3].map(|_: u8| number() - 0.5));
             }
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                let mut instance_rays = InstanceRays::new();
-                let mut left = dispatch(level, Enter(&object, &world, &mut instance_rays));
+                let mut placed_rays = PlacedRays::new();
+                let mut left = dispatch(level, Enter(&object, &world, &mut placed_rays));
                 assert_eq!(left, all(64), "{level:?}");
                 while left != 0 {
-                    let mut next = instance_rays.next::<Portable>(left);
+                    let mut next = placed_rays.next::<Portable>(left);
                     left &= !next;
                     while let Some(lane) = take(&mut next) {
                         let (rays, ray) =
-                            (instance_rays.rays(), Ray::new(world.origin(lane), world.direction(lane)));
+                            (placed_rays.rays(), Ray::new(world.origin(lane), world.direction(lane)));
                         let truth: Ray<Dyadic> = object.inverse().local(ray);
                         let weight = truth.weight.clone().unwrap_or(Dyadic::exact(1.0));
                         let given = [
