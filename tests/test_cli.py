@@ -21,6 +21,8 @@ import lidarsim as ls
 from lidarsim._base.shown import plain
 from lidarsim.cli import main
 from lidarsim.cli.printing import _questions
+from lidarsim.run._output import OUTPUTS
+from lidarsim.scan.formats import FORMATS as CLOUDS
 from tests.io.packets.captures import datagrams
 
 ROOT = Path(__file__).parents[1]
@@ -29,8 +31,8 @@ FIELDS = (
     "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, instance, label, "
     "incidence, range_error"
 )
-FORMATS = (
-    ".bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, .npz, .pcap, .pcd, .pcd.bin, .ply, .pts, .ptx, .txt or .xyz"
+FORMATS = " or ".join(
+    ", ".join(sorted({*CLOUDS, *(name for kind in OUTPUTS for name in kind.suffixes)})).rsplit(", ", 1)
 )
 CONFIG = """\
 seed: 3

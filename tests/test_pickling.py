@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conformance.samples import SAMPLES, Move
 
 import lidarsim as ls
 from lidarsim._base import pickling
+from tests.patterns.families import FAMILIES
 
 POSE = np.array([[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 2.5], [0.0, 0.0, 0.0, 1.0]])
 SHEAR = np.array([[1.0, 0.25, 0.0, 3.0], [0.0, 1.0, 0.5, -1.0], [0.0, 0.0, 2.0, 0.1], [0.0, 0.0, 0.0, 1.0]])
@@ -20,32 +22,13 @@ DRIVE = ls.Trajectory([0.0, 1.0, 2.0], np.stack([np.eye(4), POSE, POSE]))
 CURVE = ls.Trajectory([0.0, 1.0, 2.0], np.stack([np.eye(4), POSE, POSE]), interpolation="spline")
 
 
-def shapes() -> list[ls.Shape]:
-    mesh = ls.TriangleMesh.from_heightfield(np.random.default_rng(1).uniform(0, 1, (30, 40)), 0.5)
-    return [
-        ls.Plane((0.1, 0.2, 1.0), -0.3),
-        ls.Plane.from_point((0.1, 0.2, -4.0), (0.0, 0.1, 1.0)),
-        ls.Plane.from_points((0.0, 0.0, -5.0), (1.0, 0.1, -5.0), (0.3, 1.0, -5.1), transform=SHEAR),
-        ls.Sphere((5.1, 0.2, 1.0), 0.7),
-        ls.Ellipsoid((0.0, 6.0, 1.0), (1.0, 0.5, 0.3), np.array(POSE[:3, :3]), transform=SHEAR),
-        ls.Box((1.0, 2.0, 3.0), (-6.0, 0.3, 1.0)),
-        ls.Cylinder((0.0, -6.0, 0.0), (0.5, -6.0, 3.0), 0.4, capped=False),
-        ls.Triangle((3, 3, 0), (4, 3, 0), (3, 4, 2)),
-        ls.Polygon([(-3, -3, 0), (-5, -3, 0), (-5, -5, 0), (-4, -4, 0), (-3, -5, 0)]),
-        mesh,
-        ls.Capsule((0.0, 8.0, 0.0), (0.5, 8.0, 3.0), 0.4, transform=SHEAR),
-        ls.Disk((8.0, 8.0, 1.0), (0.1, 0.2, -3.0), 1.5),
-        ls.Spheres([(-8.0, 8.0, 1.0), (-8.5, 8.0, 1.5)], [0.5, 0.25], transform=SHEAR),
-        ls.Disks([(-8.0, -8.0, 1.0), (-8.5, -8.0, 1.5)], [(0.1, 0.2, -3.0), (1.0, 0.0, 1.0)], 0.5),
-    ]
-
-
 def a_scene() -> ls.Scene:
     scene = ls.Scene(class_names={1: "car", 7: "road"})
-    for i, shape in enumerate(shapes()):
-        scene.add(shape, name=f"thing {i}", label=i, material=ls.Material(reflectivity=0.1 + 0.05 * i))
-    mesh = scene[9].shape
-    assert isinstance(mesh, ls.TriangleMesh)
+    for i, sample in enumerate(SAMPLES):
+        shift = np.array([6.0 * (i % 5) - 12.0, 6.0 * (i // 5) - 6.0, 0.0])
+        material = ls.Material(reflectivity=0.1 + 0.05 * i)
+        scene.add(sample.build(Move(shift=shift)), name=f"thing {i}", label=i, material=material)
+    mesh = ls.TriangleMesh.from_heightfield(np.random.default_rng(1).uniform(0, 1, (30, 40)), 0.5)
     per_face = ls.Material(reflectivity=np.linspace(0.1, 1.0, len(mesh)), per="face")
     scene.add(mesh, label=np.arange(len(mesh)) % 5, material=per_face, transform=SHEAR, instance=77)
     scene.remove(3)
@@ -71,9 +54,9 @@ def everything() -> dict[str, Any]:
     scan_2d = ls.Lidar.preset("sick-lms111").scan(scene)
     foggy = a_scene()
     foggy.atmosphere = ls.Atmosphere.fog(visibility=80.0)
-    prisms = [ls.patterns.Prism(121.57, exit_tilt=0.3), ls.patterns.Prism(-77.73, entry_tilt=0.3)]
     return {
-        **{f"{type(shape).__name__} {i}": shape for i, shape in enumerate(shapes())},
+        **{f"shape {sample.name}": sample.build(transform=SHEAR) for sample in SAMPLES},
+        **{f"pattern {name}": pattern for name, pattern in FAMILIES.items()},
         "Material": ls.Material(reflectivity=[0.1, 0.2], per="face"),
         "Material, textured": ls.Material(reflectivity=ls.Texture([[0.1, 0.2]]), texture_coordinates=np.eye(2)),
         "Texture": ls.Texture([[0.1, 0.2], [0.3, 0.4]], wrap=("clamp", "mirror")),
@@ -105,15 +88,6 @@ def everything() -> dict[str, Any]:
         "ImuSamples": ls.Imu(100.0, gyroscope=ls.ImuErrors(noise_density=1e-4)).measure(CURVE),
         "GnssFixes": ls.Gnss(5.0).measure(DRIVE, ls.Georeference(origin=(0.8, 0.2, 500.0))),
         "Pulses": scan.pulses,
-        "Grid": ls.patterns.Grid([0.0, 0.1], [0.0, 0.1], rate=5.0),
-        "Table": ls.patterns.Table(np.eye(3), times=[0, 0.01, 0.02], rate=10.0),
-        "Risley": ls.patterns.Risley(prisms, refractive_index=1.5, pulse_rate=1e4, rate=10.0),
-        "Mid360": ls.patterns.Mid360(),
-        "OscillatingMirror": ls.patterns.OscillatingMirror(field_of_view=1.0, scan_rate=10.0, pulse_rate=1e4, rate=5.0),
-        "PolygonMirror": ls.patterns.PolygonMirror(
-            sweep=1.0, field_of_view=1.0, line_rate=10.0, pulse_rate=1e4, rate=5.0
-        ),
-        "Palmer": ls.patterns.Palmer(half_angle=0.3, scan_rate=10.0, pulse_rate=1e4, rate=5.0),
         "preset": ls.Lidar.preset("velodyne-vlp16", noise="datasheet"),
     }
 
@@ -409,16 +383,16 @@ def test_pickles_of_formats_that_cannot_be_read_say_so() -> None:
     refused = (
         rf"^pickle of a {{}}: expected format {now} of this version of lidarsim, got format {{}} of {{}} version; "
     )
-    for name in ("Rig", "Scene", "Scan", "Trajectory", "Sphere 3", "Measurement"):
+    for name in ("Rig", "Scene", "Scan", "Trajectory", "shape sphere", "Measurement"):
         thing, kind = THINGS[name], type(THINGS[name]).__name__
         with pytest.raises(pickle.UnpicklingError, match=refused.format(kind, now + 1, "a newer")):
             pickle.loads(of_format(now + 1, thing, set()))  # noqa: S301
-    needed = {"Scene": "next", "Scan": "range", "Trajectory": "recipe", "Sphere 3": "radius", "LaserScan": "ranges"}
+    needed = {"Scene": "next", "Scan": "range", "Trajectory": "recipe", "shape sphere": "radius", "LaserScan": "ranges"}
     for name, missing in needed.items():
         thing, kind = THINGS[name], type(THINGS[name]).__name__
         with pytest.raises(pickle.UnpicklingError, match=refused.format(kind, 1, "an older")):
             pickle.loads(of_format(1, thing, {missing}))  # noqa: S301
-    for name in ("Lidar", "Sphere 3", "Georeference"):
+    for name in ("Lidar", "shape sphere", "Georeference"):
         thing, kind = THINGS[name], type(THINGS[name]).__name__
         with pytest.raises(pickle.UnpicklingError, match=refused.format(kind, 1, "an older")):
             pickle.loads(of_format(1, thing, set(), wings=2))  # noqa: S301

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import json
 import re
 from math import radians
 from pathlib import Path
@@ -11,9 +13,12 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from conformance.samples import SAMPLES, Move, Sample
 
 import lidarsim as ls
+from lidarsim.cli.keys import EXAMPLES
 from lidarsim.config import objects, poses, sensors
+from lidarsim.config.units import argument_of
 from lidarsim.errors import ConfigError
 from lidarsim.lidar import preset_path
 
@@ -183,13 +188,31 @@ def test_surfels_have_the_labels_of_their_cloud(caplog: pytest.LogCaptureFixture
         load(start.replace("5", "90") + "}]")
 
 
-def test_every_shape_and_pattern_has_a_test_or_a_preset() -> None:
-    from lidarsim.config.objects import SHAPES as MODELS
-    from lidarsim.config.sensors import PATTERNS
+@pytest.mark.parametrize(
+    "sample",
+    [sample for sample in SAMPLES if sample.name in objects.SHAPES.keys() - {"mesh"}],
+    ids=lambda sample: sample.name,
+)
+def test_each_sample_of_a_shape_is_the_same_in_yaml(sample: Sample) -> None:
+    own = objects.SHAPES[sample.name].model_fields.keys() - objects.Object.model_fields.keys()
+    keys = {argument_of(key): key for key in own}
+    names = inspect.signature(getattr(ls, sample.kind)).parameters
+    given = {name: value for name, value in zip(names, sample.arguments(Move()), strict=False) if name in keys}
+    assert len(given) >= 1
+    item = {"shape": sample.name} | {keys[name]: np.asarray(value).tolist() for name, value in given.items()}
+    (built,) = load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{json.dumps(item)}]").scene.objects
+    assert built.shape == getattr(ls, sample.kind)(**given)
 
-    assert MODELS.keys() <= SHAPES.keys() | {*ls.worlds.GENERATORS}  # tests/worlds
-    used = {type(ls.Lidar.preset(name).pattern).__name__ for name in ls.Lidar.presets()}
-    assert {model.constructor.__name__ for model in PATTERNS.values()} - used <= {"Grid", "Table"}
+
+def test_every_shape_has_a_case() -> None:
+    assert objects.SHAPES.keys() <= {*SHAPES, *ls.worlds.GENERATORS, *(sample.name for sample in SAMPLES)}
+
+
+@pytest.mark.parametrize("name", sensors.PATTERNS)
+def test_the_example_of_each_pattern_is_built(name: str) -> None:
+    np.savetxt("directions.csv", np.eye(3), delimiter=",", header="x,y,z", comments="")
+    run = load(yaml.safe_dump({"sensor": {"pattern": yaml.safe_load(EXAMPLES[name])}, "scene": []}))
+    assert type(run.lidar.pattern) is sensors.PATTERNS[name].constructor
 
 
 def test_objects_of_one_file_share_their_mesh() -> None:
