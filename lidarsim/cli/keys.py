@@ -90,6 +90,7 @@ GROUPS: dict[str, dict[str, Section]] = {
         "way": Section(poses.Drive, base=poses.Placement),
     },
     "Scenes": {
+        "scene": Section(objects.World),
         "street": Section(objects.StreetKeys, worlds.street),
         "object": Section(objects.Object, materials.Material),
         "motion": Section(poses.Twist),
@@ -138,6 +139,7 @@ EXAMPLES = {
     "strips": "{area_m: [0, 0, 1000, 800], height_m: 600, speed_m_per_s: 60, overlap: 0.3, field_of_view_deg: 60}",
     "stations": "stations: [{position_m: [0, 0, 0]}, {position_m: [12, 5, 0]}]\nposition_m: [0, 0, 1.6]",
     "way": "{way: lanes, number: 0, start_m: 40, speed_m_per_s: 8, position_m: [0, 0, 1.73]}",
+    "scene": "street: {kind: city, seed: 3}\nobjects: [{shape: vehicle, kind: bus, position_m: [0, -1.5, 0]}]",
     "street": "{kind: residential, seed: 3, length_m: 300}",
     "object": "{shape: sphere, center_m: [12, 0, 1], radius_m: 1, name: tank, label: 52, material: painted_metal}",
     "motion": "{linear_m_per_s: [8, 0, 0], angular_deg_per_s: [0, 0, 10]}",
@@ -210,7 +212,7 @@ EXAMPLES = {
 
 NAMES: dict[Any, str] = {bool: "true or false", int: "integer", float: "number", str: "text", NoneType: "null"}
 NAMES |= {section.model: f"[{name}](#{name})" for name, section in SECTIONS.items()}
-NAMES |= {poses.Strips: "[strips](#strips)", objects.World: "a [street](#street) with objects"}
+NAMES |= {poses.Strips: "[strips](#strips)"}
 UNIONS: dict[frozenset[Any], str] = {
     frozenset(kinds.values()): "[object](#object)" for kinds in (objects.SHAPES, _things.KINDS)
 }

@@ -384,8 +384,11 @@ class World(Model):
     """A street, objects that are added to it, and others in the axes of the sensor, which move along with it."""
 
     street: StreetKeys
+    """The street."""
     objects: list[AnyObject] = []
+    """Objects that are added to it."""
     vehicle: list[AnyObject] = []
+    """Objects in the axes of the sensor, which move along with it, as a mast that hides what is behind it."""
 
 
 if TYPE_CHECKING:
