@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 from rich.cells import cell_len
 
 import lidarsim as ls
 from lidarsim._base.shown import plain
 from lidarsim.cli import main
-from lidarsim.cli.printing import _questions
 from lidarsim.run._output import OUTPUTS
 from lidarsim.scan.formats import FORMATS as CLOUDS
 from tests.io.packets.captures import datagrams
@@ -1207,17 +1207,41 @@ def test_a_frame_beyond_memory_is_one_line(
     assert not Path("scan.pcd").exists()
 
 
-def test_numbers_of_sensors_that_may_be_mistaken() -> None:
-    def questions(elevations: list[float], *, rate: float = 10.0, **more: Any) -> list[str]:
-        return [*_questions(ls.Lidar(ls.patterns.Spinning(np.radians(elevations), rate=rate), **more))]
+def stl(path: Path, *size: float) -> None:
+    """Write a box of this size that stands on the ground."""
+    made = trimesh.creation.box(size)
+    made.apply_translation((0.0, 0.0, size[2] / 2))
+    made.export(path)
 
-    assert [found for name in ls.Lidar.presets() for found in _questions(ls.Lidar.preset(name))] == []
-    assert questions([3, 2, 1]) == questions([1, 2, 3]) == []
-    assert questions([-5, -3, 33, -2, -1]) == [
-        "elevations: out of order at channel 2 (33, -2 degrees); a decimal comma?"
-    ]
-    assert questions([-5, -4, -4]) == ["elevations: -4° twice or more, first in channel 1"]
-    assert questions([1], rate=600.0) == ["pattern.rate: 600 turns per second; rpm?"]
-    assert questions([1], max_range=2e5) == ["max_range: 200000 m; mm?"]
-    table = ls.Measurement(range_sigma=[(1, 0.01), (9, 20)])
-    assert questions([1], measurement=table) == ["measurement.range_sigma: 20 m; mm?"]
+
+@pytest.mark.parametrize(
+    ("size", "scale", "question"),
+    [
+        ((4200, 1800, 1500), 1.0, "car.stl: 4,200 × 1,800 × 1,500 m; mm?"),
+        ((0.042, 0.018, 0.015), 1.0, "car.stl: 0.042 × 0.018 × 0.015 m; is it in m?"),
+        ((4200, 1800, 1500), 0.001, ""),
+        ((4.2, 1.8, 1.5), 1.0, ""),
+        ((2000, 3000, 150), 1.0, ""),  # a town
+        ((30e3, 30e3, 900), 1.0, "car.stl: 30,000 × 30,000 × 900 m; mm?"),
+    ],
+)
+@pytest.mark.parametrize("placed", ["mesh", "scene_file", "scattered"])
+@pytest.mark.filterwarnings("default")
+def test_a_model_of_an_unlikely_size_is_asked_about(
+    placed: str, size: tuple[float, float, float], scale: float, question: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stl(Path("car.stl"), *size)
+    shape = f"{{shape: {'scene_file' if placed == 'scene_file' else 'mesh'}, file: car.stl"
+    ground = "{shape: plane, normal: [0, 0, 1], distance_m: -1, name: ground}"
+    sensor = "sensor: {pattern: {type: grid, azimuths_deg: [0], elevations_deg: [-5], rate_hz: 10}}\n"
+    if placed == "scattered":
+        group = f"cars: {{count: 1, on: [ground], area_m: [[9, -1], [11, 1]], scale: {scale}, objects: [{shape}}}]}}"
+        text = f"run: {{scene: [{ground}], {sensor.strip()}}}\nlayout: shards\nsequences: 1\nframes: 1\n"
+        Path("run.yaml").write_text(f"{text}scatter: {{{group}}}\n", encoding="utf-8")
+    else:
+        Path("run.yaml").write_text(f"scene: [{ground}, {shape}, scale: {scale}}}]\n{sensor}", encoding="utf-8")
+    assert lidarsim("check", "run.yaml") == 0
+    printed, asked = capsys.readouterr()
+    assert asked == (f"lidarsim: warning: {question}\n" if question else "")
+    if placed != "scattered":
+        assert " × ".join(f"{length * scale:,.6g}" for length in size) in printed

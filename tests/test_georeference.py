@@ -69,6 +69,14 @@ def test_a_projected_system() -> None:
             world.geodetic([[500_000.0, 5e6, 0.0], far])
 
 
+def test_web_mercator_is_asked_about() -> None:
+    for crs in (3857, "EPSG:3857"):
+        with pytest.warns(UserWarning, match="^crs: WGS 84 / Pseudo-Mercator, where a metre .*; a UTM zone\\?$"):
+            ls.Georeference(crs=crs)
+    for crs in (25832, 2154):  # UTM, and Lambert's projection of France: warnings are errors
+        ls.Georeference(crs=crs)
+
+
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [

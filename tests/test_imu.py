@@ -15,6 +15,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim.errors import FileFormatError
 
+pytestmark = pytest.mark.filterwarnings("ignore:gyroscope")  # large errors show best what they do
+
 GRAVITY = 9.80665
 EARTH = 7.292115e-5
 

@@ -81,7 +81,7 @@ def test_without_effects_the_range_is_the_truth() -> None:
 
 def test_nothing_is_added_to_a_miss() -> None:
     everything = {
-        "range_sigma": 1.0, "range_bias": 1.0, "range_resolution": 0.1, "azimuth_sigma": 0.1, "elevation_sigma": 0.1,
+        "range_sigma": 1.0, "range_bias": 1.0, "range_resolution": 0.1, "azimuth_sigma": 0.01, "elevation_sigma": 0.01,
         "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "power_sigma": 0.5,
         "beam": ls.Beam(0.1), "returns": 3,
     }  # fmt: skip
@@ -1285,10 +1285,10 @@ def furthest(points: Floats, object_id: npt.NDArray[np.int32], away: list[Callab
 STRAYING: dict[str, dict[str, Any]] = {
     "straight": {},
     "noise": {"range_sigma": 0.5, "range_resolution": 0.1, "dropout": 0.3},
-    "jitter": {"azimuth_sigma": 0.05, "elevation_sigma": 0.02},
+    "jitter": {"azimuth_sigma": 0.02, "elevation_sigma": 0.02},
     "beam": {"beam": ls.Beam(0.1, pulse_length=1e-9, rays=19), "returns": 5},
     "all": {
-        "azimuth_sigma": 0.05, "elevation_sigma": 0.02, "range_sigma": 0.5, "dropout": 0.3,
+        "azimuth_sigma": 0.02, "elevation_sigma": 0.02, "range_sigma": 0.5, "dropout": 0.3,
         "beam": ls.Beam(0.1, 0.05, pulse_length=1e-9, rays=37), "returns": "dual",
     },
 }  # fmt: skip

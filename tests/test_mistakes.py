@@ -1,5 +1,6 @@
 """Common mistakes: each error names the argument, the expectation and the value."""
 
+import contextlib
 import dataclasses
 from collections.abc import Callable
 from decimal import Decimal
@@ -215,7 +216,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "pose and scene swapped": (
         lambda: LIDAR.scan(T, SCENE),
         TypeError,
-        "scene: expected a Scene, got an array of shape (4, 4)",
+        "scene: expected a Scene, got an array of shape (4, 4); scan(scene, pose)",
     ),
     "forgotten time on a trajectory": (
         lambda: LIDAR.scan(SCENE, DRIVE, time=5.0),
@@ -686,3 +687,72 @@ def test_real_numbers_of_all_kinds_are_taken(half: Any) -> None:
     assert ls.Measurement(range_bias=-half).range_bias == -0.5
     assert ls.Measurement(range_sigma=half).range_sigma == 0.5
     assert dataclasses.replace(LIDAR, range_offset=half).range_offset == 0.5
+
+
+def spin(*elevations: float, **more: Any) -> ls.patterns.Spinning:
+    return ls.patterns.Spinning(np.radians(elevations), **more)
+
+
+QUESTIONS: dict[str, tuple[Callable[[], Any], str]] = {
+    "a decimal comma": (
+        lambda: spin(-5, -3, 33, -2, -1),
+        "elevations: out of order at elevations[2] (33, -2 degrees); a decimal comma?",
+    ),
+    "a decimal comma at the end": (
+        lambda: spin(1, 2, 3, 33),
+        "elevations: far from the others at elevations[2] (3, 33 degrees); a decimal comma?",
+    ),
+    "a decimal comma of a grid": (
+        lambda: ls.patterns.Grid(np.radians([-2, -1, 5, 0]), [0.0], rate=10.0),
+        "azimuths: out of order at azimuths[2] (5, 0 degrees); a decimal comma?",
+    ),
+    "a channel twice": (
+        lambda: spin(-5, -4, -4),
+        "elevations: -4 degrees twice or more, first at elevations[1]; one too many?",
+    ),
+    "turns per minute": (lambda: spin(0, rate=600.0), "rate: 600 turns per second; rpm?"),
+    "offsets in degrees": (
+        lambda: spin(1, 2, azimuth_offsets=[4.2, -4.2]),
+        "azimuth_offsets: 8.4 rad apart; degrees?",
+    ),
+    "origins in mm": (lambda: spin(0, beam_origins=(15.8, 0, 36.2)), "beam_origins: 36.2 m; mm?"),
+    "range in mm": (lambda: ls.Lidar(LIDAR.pattern, max_range=2e5), "max_range: 200000 m; mm?"),
+    "noise in mm": (
+        lambda: ls.Measurement(range_sigma=[(1, 0.01), (9, 20)]),
+        "range_sigma: 20 m; mm?",
+    ),
+    "noise in degrees": (lambda: ls.Measurement(azimuth_sigma=0.05), "azimuth_sigma: 0.05 rad; degrees?"),
+    "turn in degrees": (
+        lambda: ls.Trajectory.from_twist(np.eye(4), angular=(0, 0, 90)),
+        "angular: 90 rad/s; degrees per second?",
+    ),
+    "gyroscope in degrees": (
+        lambda: ls.Imu(100.0, gyroscope=ls.ImuErrors(noise_density=0.005)),
+        "gyroscope.noise_density: 0.005 rad/s/√Hz; degrees?",
+    ),
+}
+
+
+@pytest.mark.parametrize(("unlikely", "question"), QUESTIONS.values(), ids=QUESTIONS)
+def test_an_unlikely_number_is_asked_about_where_it_is_given(unlikely: Callable[[], Any], question: str) -> None:
+    with pytest.warns(UserWarning, match="[?]$") as caught:
+        unlikely()
+    assert [str(warning.message) for warning in caught] == [question]
+    assert caught[0].filename == __file__
+
+
+def test_usual_numbers_raise_no_question() -> None:
+    """Warnings are errors in these tests."""
+    for name in ls.Lidar.presets():
+        for noise in ("datasheet", "measured"):
+            with contextlib.suppress(ValueError):  # not every preset has both
+                ls.Lidar.preset(name, noise=noise)
+    spin(-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)  # a VLP-16 in firing order
+    spin(*[0.0] * 64)  # to measure noise
+    spin(-1, -1, azimuth_offsets=[0.0, np.pi])  # a scanner with two sides
+    spin(3, 2, 1)
+    spin(-10, 0, 30)
+    ls.patterns.Grid(np.linspace(0, 6.2, 9), [0.1, 0.0], rate=10.0)
+    ls.Measurement(range_sigma=0.3, range_bias=-0.5, azimuth_sigma=0.01)
+    ls.Trajectory.from_twist(np.eye(4), angular=(0, 0, 20))
+    ls.Imu(100.0, gyroscope=ls.ImuErrors(noise_density=np.radians(0.05), bias=np.radians(5)))

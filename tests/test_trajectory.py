@@ -88,6 +88,7 @@ def exact_pose(linear: tuple[float, ...], angular: tuple[float, ...], time: floa
         return np.array([[float(x) for x in row] for row in rows])
 
 
+@pytest.mark.filterwarnings("ignore:angular")  # it asks about so many radians per second
 @pytest.mark.parametrize("exponent", [0, 3, 5, 5.99, 6.01, 7, 9, 12, 16, 22, 50, 154, 200, 280, 300])
 def test_twists_turn_as_far_as_they_should_at_any_time(exponent: float) -> None:
     generator = np.random.default_rng(int(10 * exponent))
@@ -127,6 +128,7 @@ def test_twists_of_whole_turns_are_where_they_began() -> None:
         assert matrix[1, 0] == pytest.approx(expected, abs=4 * EPS if k > 5 else 4 * EPS * time)
 
 
+@pytest.mark.filterwarnings("ignore:angular")
 def test_a_twist_ends_where_float64_does() -> None:
     fast = ls.Trajectory.from_twist(np.eye(4), linear=(0, -1e290, 0), angular=(0, 0, 1e200))
     assert fast.span == (-math.inf, math.inf)

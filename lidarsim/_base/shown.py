@@ -50,6 +50,11 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
+def format_size(lengths: npt.NDArray[Any], *, digits: int = 6) -> str:
+    """Return the edges of a box: "4.2 × 1.8 × 1.5"."""
+    return " × ".join(f"{round(length, 6):,.{digits}g}" for length in lengths.tolist())
+
+
 def html_table(title: str, rows: Iterable[Sequence[str]]) -> str:
     """Return an HTML table with a title and no styling."""
     cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)

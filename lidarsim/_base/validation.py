@@ -5,9 +5,11 @@ Each error states the argument, the expectation and the value; for an array, it 
 
 from __future__ import annotations
 
+import inspect
 import math
 import operator
 import reprlib
+import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -233,6 +235,21 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
         expected = f"numbers from {-at_most:g} to {at_most:g}"
         raise ArgumentValueError(name, expected, f"{name}[{i}] = {values[i]:g}", "degrees?")
     return values
+
+
+def ask(name: str, got: str, question: str) -> None:
+    """Warn, at the caller outside lidarsim, of a legal value that is probably a mistake."""
+    level, frame = 1, inspect.currentframe()
+    while frame and frame.f_back and frame.f_globals["__name__"].startswith("lidarsim."):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(f"{name}: {got}; {question}", stacklevel=level)
+
+
+def ask_above(name: str, values: npt.ArrayLike, most: float, unit: str, question: str) -> None:
+    """Ask if the largest magnitude of some values, in `unit`, exceeds what is usual."""
+    largest = float(np.abs(values).max(initial=0.0))
+    if most < largest < math.inf:
+        ask(name, f"{largest:g} {unit}", question)
 
 
 def as_array(name: str, value: object, expected: str) -> npt.NDArray[Any]:

@@ -58,6 +58,7 @@ from lidarsim.cli.printing import (
     format_times,
     print_depth,
     print_import,
+    print_objects,
     print_others,
     print_sensor,
     print_sent,
@@ -80,6 +81,7 @@ from lidarsim.world.scene import is_scene_file
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
+    from lidarsim.io.scenes import Imported
 
 
 app = typer.Typer(
@@ -632,29 +634,7 @@ def _check_run(config: Path, overrides: list[str] | None) -> None:
         frame = next(run.only(number).measured())
         notes |= dict.fromkeys(scan.summary().note for scan in frame.scans.values())
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
-    meshes = [item.shape for item in run.scene if isinstance(item.shape, ls.TriangleMesh)]
-    degenerate = any(mesh.degenerate_count for mesh in meshes)
-    columns: tuple[str, ...] = ("object", "shape", "name", "label", "reflectivity")
-    columns += ("triangles",) * bool(meshes) + ("degenerate",) * degenerate + ("moves",) * bool(spans)
-    rows = []
-    for item in run.scene:
-        mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
-        triangles: tuple[int | None, ...] = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
-        triangles = triangles[: bool(meshes) + degenerate]
-        label = "by face" if isinstance(item.label, np.ndarray) else item.label
-        moves = (format_times(spans[item.id]) if item.id in spans else None,) if spans else ()
-        rows.append(
-            (
-                item.id,
-                type(item.shape).__name__,
-                plain(item.name, most=NAME),
-                label,
-                item.material.reflectivity if item.material.per == "object" else f"by {item.material.per}",
-                *triangles,
-                *moves,
-            )
-        )
-    table(columns, rows, left=("shape", "name"), whole=("shape", "reflectivity"))
+    print_objects(run.scene)
     for item in run.scene:
         if isinstance(item.shape, ls.TriangleMesh) and item.shape.grid:
             paragraph(describe_terrain(item.id, item.shape))
@@ -688,12 +668,14 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
     made = recipe.load(path, overrides or ())
     count = min(count, made.sequences)
     total, warnings, pictures = Scattered(), [], []
+    imports: list[Imported] = []
     for sequence in track(range(count), count):
         run = made.source.run(sequence, 0)
         run.check_coverage()
         made.layout.check(run)
         made.layout.check_labels(made.class_names, run.scene)
         total += made.source.scattered(sequence)
+        imports += run.imports
         for name, moment in made.source.nearby(sequence).items():
             warnings.append(f"in sequence {sequence}, the sensor meets {plain(name)} of the scene at {moment:.1f} s")
         (scans,) = dataclasses.replace(run, frames=range(run.frames.start, run.frames.start + 1)).scans()
@@ -707,6 +689,8 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
             for name, tally in total.groups.items()
         ]
         table(("group", "asked", "placed", "places refused by"), rows, left=("group", "places refused by"))
+    for file in dict.fromkeys(imports):
+        print_import(file)
     for warning in warnings:
         paragraph(f"warning: {warning}")
     for picture in pictures:

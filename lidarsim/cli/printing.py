@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 import lidarsim as ls
-from lidarsim._base.shown import counted, plain
-from lidarsim._base.terminal import facts, paragraph, print_line
+from lidarsim._base.shown import counted, format_size, plain
+from lidarsim._base.terminal import facts, paragraph, print_line, table
 from lidarsim.io import packets
 from lidarsim.patterns import describe
 from lidarsim.run import Run
@@ -82,19 +82,22 @@ def _sigmas(values: Any) -> str:
     return told[0] if len(set(told)) == 1 else ", ".join(told)
 
 
-LARGEST, SMALLEST = 20e3, 0.01
-"""Sizes of a scene, m, beyond which its unit is probably wrong."""
 MOST_NAMES = 10
 """Maximum names in a line."""
 
 
+OBJECT = ("object", "shape", "name", "label", "reflectivity")
+MORE = ("triangles", "size, m", "degenerate", "moves")
+"""Columns of a table of objects, and those that it has if an object has a value."""
+WHOLE = ("shape", "reflectivity", "size, m")
+"""Columns that are not wrapped."""
+
+
 def print_import(file: Imported) -> None:
     """Print what a scene file brought in, what it did not, and which nodes no rule matched."""
-    low, high = file.bounds
-    size = high - low
     meshes = (item.shape for item in file.objects if isinstance(item.shape, ls.TriangleMesh))
     triangles = counted(sum(map(len, meshes)), "triangle")
-    extent = " × ".join(f"{round(length, 6):,.6g}" for length in size.tolist())
+    extent = format_size(np.ptp(file.bounds, axis=0))
     instances = counted(len({instance for _, instance in file.instances(0)}), "instance")
     paragraph(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
     for what, names in (
@@ -112,9 +115,6 @@ def print_import(file: Imported) -> None:
     if file.without_rule:
         paths = [plain(path, most=NAME) for path in file.without_rule]
         paragraph(f"  no rule matches {counted(len(paths), 'node')}: {format_list(paths)}")
-    if size.max() > LARGEST or size.max() < SMALLEST:
-        wrong = f"larger than {LARGEST / 1e3:g} km" if size.max() > LARGEST else f"smaller than {SMALLEST * 100:g} cm"
-        paragraph(f"  warning: {wrong}; is unit_m right?")
 
 
 def format_list(names: list[str]) -> str:
@@ -152,6 +152,30 @@ def _yaml_line(value: object) -> str:
 def format_times(span: tuple[float, float]) -> str:
     """Return an interval of time, s."""
     return "always" if math.isinf(span[0]) else f"{format_span(span, digits=12)} s"
+
+
+def print_objects(scene: ls.Scene) -> None:
+    """Print a table of the objects of a scene; sizes of meshes are along their own axes."""
+    rows: list[dict[str, object]] = []
+    for item in scene:
+        row: dict[str, object] = {
+            "object": item.id,
+            "shape": type(item.shape).__name__,
+            "name": plain(item.name, most=NAME),
+            "label": "by face" if isinstance(item.label, np.ndarray) else item.label,
+            "reflectivity": item.material.reflectivity if item.material.per == "object" else f"by {item.material.per}",
+        }
+        if isinstance(item.shape, ls.TriangleMesh):
+            scale = np.ones(3) if item.transform is None else np.linalg.norm(item.transform[:3, :3], axis=0)
+            row["triangles"] = len(item.shape)
+            row["size, m"] = format_size(np.ptp(item.shape.bounds, axis=0) * scale)
+            if item.shape.degenerate_count:
+                row["degenerate"] = item.shape.degenerate_count
+        if item.motion:
+            row["moves"] = format_times(item.motion.span)
+        rows.append(row)
+    columns = [*OBJECT, *(name for name in MORE if any(name in row for row in rows))]
+    table(columns, [[row.get(name) for name in columns] for row in rows], left=("shape", "name"), whole=WHOLE)
 
 
 def describe_terrain(number: int, mesh: ls.TriangleMesh) -> str:
@@ -193,43 +217,6 @@ def print_depth(name: str, lidar: ls.Lidar, scene: ls.Scene) -> None:
         paragraph(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")
 
 
-LONGEST_SIGMA, SLOWEST_SCAN, LONGEST_GATE = 1.0, 200.0, (1e3, 1e5)
-"""Errors of ranges, m, rates of turns, Hz, and limits of ranges, m, beyond which the unit is probably another one."""
-
-
-def _questions(lidar: ls.Lidar) -> Iterator[str]:
-    """Yield what may be mistaken in the numbers of a sensor."""
-    errors = lidar.measurement
-    for name in ("range_sigma", "range_sigma_limit", "range_bias", "channel_bias_sigma", "range_resolution"):
-        values = np.atleast_2d(np.asarray(getattr(errors, name), dtype=np.float64))[:, -1]
-        if np.abs(values).max() > LONGEST_SIGMA:
-            yield f"measurement.{name}: {np.abs(values).max():g} m; mm?"
-    for name, value, most in zip(
-        ("min_range", "max_range"), (lidar.min_range, lidar.max_range), LONGEST_GATE, strict=True
-    ):
-        if most < value < np.inf:
-            yield f"{name}: {value:g} m; mm?"
-    if not isinstance(lidar.pattern, ls.patterns.Spinning):
-        return
-    if lidar.pattern.rate > SLOWEST_SCAN:
-        yield f"pattern.rate: {lidar.pattern.rate:g} turns per second; rpm?"
-    if lidar.model and lidar.model in ls.Lidar.presets():
-        return
-    channels = np.column_stack([lidar.pattern.azimuth_offsets, lidar.pattern.elevations])
-    known, first, counts = np.unique(channels, axis=0, return_index=True, return_counts=True)
-    for i in np.flatnonzero(counts > 1):
-        yield f"elevations: {np.degrees(known[i, 1]):g}° twice or more, first in channel {first[i]}"
-    for offset in np.unique(channels[:, 0]):
-        rows = np.flatnonzero(channels[:, 0] == offset)
-        steps = np.diff(channels[rows, 1])
-        rising = int((steps > 0).sum())
-        falling = int((steps < 0).sum())
-        if rising and falling:
-            odd = np.flatnonzero(steps > 0 if rising <= falling else steps < 0)[0]
-            told = ", ".join(f"{value:g}" for value in np.degrees(channels[rows[odd : odd + 2], 1]))
-            yield f"elevations: out of order at channel {rows[odd]} ({told} degrees); a decimal comma?"
-
-
 def print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:
     """Print the properties of a sensor, and what it sees of the air, one per line."""
     does = describe(lidar.pattern)
@@ -255,5 +242,3 @@ def print_sensor(lidar: ls.Lidar, air: ls.Atmosphere | None = None) -> None:
         lines["air"] = f"{air}, {_air(air, lidar)}"
     known = {name: value for name, value in lines.items() if "nan" not in value}
     facts({"sensor": lidar.name or "(no name)", **known})
-    for question in _questions(lidar):
-        paragraph(f"  warning: {question}")

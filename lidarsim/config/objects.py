@@ -14,7 +14,8 @@ from pydantic import Discriminator, Field, create_model
 
 from lidarsim import worlds
 from lidarsim._base.files import load_array
-from lidarsim._base.shown import plain
+from lidarsim._base.shown import format_size, plain
+from lidarsim._base.validation import ask
 from lidarsim.config.factories import (
     FloatOrText,
     Grouping,
@@ -152,9 +153,18 @@ class Mesh(Object):
     file: str
     """PLY, STL, OBJ, OFF, GLB and more; objects with the same file share it."""
 
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the object to `scene`."""
+        super().add_to(scene, place)
+        ask_size(self, place)
+
     def build(self, place: Place) -> Shape:
         """Return the shape."""
         return (place / "file").load(self.file, shapes.TriangleMesh.from_file)
+
+    def bounds(self, place: Place) -> Floats:
+        """Return the bounds before it is placed, m, shape (2, 3)."""
+        return self.build(place).bounds
 
 
 class Heightfield(Object):
@@ -287,6 +297,11 @@ class SceneFile(Object):
             if item.label is not None:
                 more["label"] = item.label
             self._add(item.shape, scene, place, inner=item.transform, material=item.material, **more)
+        ask_size(self, place)
+
+    def bounds(self, place: Place) -> Floats:
+        """Return the bounds before it is placed, m, shape (2, 3)."""
+        return self.load(place).bounds
 
     def load(self, place: Place) -> scenes.Imported:
         """Return what the file holds."""
@@ -297,6 +312,19 @@ class SceneFile(Object):
         with place.refusals({"unit": ("unit_m", "")}):
             options = Options.checked(self.up, self.unit_m, rules, "color" if self.reflectivity == "color" else None)
         return (place / "file").load(self.file, scenes.Load(options))
+
+
+LONGEST, TALLEST, SHORTEST = 20e3, 1e3, 0.1
+"""Sizes of models, m: only those with another unit are longer, or larger in all directions, or shorter."""
+
+
+def ask_size(item: Mesh | SceneFile, place: Place, scale: float = 1.0) -> None:
+    """Ask if a model from a file is so large or so small that its unit is probably another one."""
+    size = np.ptp(item.bounds(place), axis=0) * np.linalg.norm(item.to_matrix(place, item.scale)[:3, :3], axis=0)
+    size *= scale
+    if size.max() > LONGEST or size.min() > TALLEST or size.max() < SHORTEST:
+        question = "mm?" if size.max() > SHORTEST else "is it in m?"
+        ask(plain(item.file, most=60), f"{format_size(size)} m", question)
 
 
 class Generated(Object):

@@ -11,7 +11,7 @@ import numpy as np
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angle, array, real, shown
+from lidarsim._base.validation import Floats, angle, array, ask, real, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 if TYPE_CHECKING:
@@ -139,6 +139,9 @@ def projected(crs: object) -> pyproj.CRS:
         if axis.unit_conversion_factor != 1.0:
             hint = "convert to a system in metres, and the result with pyproj"
             raise ArgumentValueError("crs", "a system in metres", f"{found.name}, in {axis.unit_name}", hint)
+    operation = found.coordinate_operation
+    if operation is not None and "Pseudo Mercator" in operation.method_name:
+        ask("crs", f"{found.name}, where a metre is shorter on the ground, but at the equator", "a UTM zone?")
     return found
 
 

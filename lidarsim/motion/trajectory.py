@@ -13,7 +13,7 @@ from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable
-from lidarsim._base.validation import Floats, Transform, angles, array
+from lidarsim._base.validation import Floats, Transform, angles, array, ask_above
 from lidarsim._base.vectors import gauss_markov, product, sigmas_of_axes
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.motion import strips
@@ -29,6 +29,9 @@ INTERPOLATIONS = ("linear", "spline")
 
 LARGEST = 2.0**980
 """Maximum of coordinates and velocities; up to it, nothing overflows in the core."""
+
+FASTEST_TURN = 30.0
+"""Angular velocity, rad/s, beyond which the unit is probably another one; gyroscopes saturate at 35 rad/s."""
 
 LARGEST_TILT = math.pi / 8
 """Maximum of errors of orientation, rad; those of mounts and navigation systems are far below it."""
@@ -181,6 +184,7 @@ class Trajectory(Immutable):
         velocities = array("linear", linear, (3,)), array("angular", angular, (3,))
         for name, values in ("pose", start[:3, 3]), ("linear", velocities[0]), ("angular", velocities[1]):
             _in_range(name, values)
+        ask_above("angular", velocities[1], FASTEST_TURN, "rad/s", "degrees per second?")
         arguments = start.tolist(), *(velocity.tolist() for velocity in velocities)
         return cls._made(np.zeros(1), ("twist", arguments, ()))
 

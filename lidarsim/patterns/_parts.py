@@ -13,11 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.validation import Floats, array, frozen, integer
+from lidarsim._base.validation import Floats, array, ask, frozen, integer
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns._pulses import Pulses, made_pulses
 
 TURN = 2.0 * math.pi
+
+INTERLEAVED = 8
+"""Fewest channels of which half may be of a second series."""
+
+LAST_STEP = math.radians(10.0)
+"""Largest step, rad, that may be five times all others at the end of a list."""
 
 PULSE_BYTES = 100
 """Memory that a pulse takes: 62 bytes in its frame, and 38 that the frames of its pattern share."""
@@ -32,6 +38,36 @@ def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | 
         one_for_all = False
     values = array(name, value, tail if one_for_all else (channels, *tail))
     return frozen(np.broadcast_to(values, (channels, *tail)))
+
+
+def ask_order(name: str, values: Floats, offsets: Floats | None = None) -> None:
+    """Ask if angles, of channels with these azimuth offsets, occur twice or are neither rising nor falling evenly.
+
+    Angles that are all equal are deliberate, and so are two interleaved series, such as lasers in firing order.
+    """
+    offsets = np.zeros(len(values)) if offsets is None else offsets
+    known, first, counts = np.unique(np.column_stack([offsets, values]), axis=0, return_index=True, return_counts=True)
+    if len(known) > 1 and (twice := np.flatnonzero(counts > 1)).size:
+        i = first[twice].min()
+        ask(name, f"{math.degrees(values[i]):g} degrees twice or more, first at {name}[{i}]", "one too many?")
+    for offset in np.unique(offsets):
+        (rows,) = np.nonzero(offsets == offset)
+        steps = np.diff(values[rows])
+        rising, falling = int((steps > 0).sum()), int((steps < 0).sum())
+        if rising and falling and not (len(rows) >= INTERLEAVED and _interleaved(values[rows])):
+            i, what = np.flatnonzero(steps > 0 if rising <= falling else steps < 0)[0], "out of order"
+        elif len(steps) > 1 and steps[-1] > max(LAST_STEP, 5.0 * np.abs(steps[:-1]).max()):
+            i, what = len(steps) - 1, "far from the others"  # "3,33" at the end of a rising list
+        else:
+            continue
+        told = ", ".join(f"{angle:g}" for angle in np.degrees(values[rows[i : i + 2]]))
+        ask(name, f"{what} at {name}[{rows[i]}] ({told} degrees)", "a decimal comma?")
+
+
+def _interleaved(values: Floats) -> bool:
+    """Return whether every other value is of one of two series that both rise or both fall."""
+    directions = {tuple(np.unique(np.sign(np.diff(values[start::2])))) for start in (0, 1)}
+    return directions in ({(1.0,)}, {(-1.0,)})
 
 
 def rings(name: str, count: int, *, at_least: int = 1) -> int:

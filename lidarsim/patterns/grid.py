@@ -10,9 +10,10 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angles, array, frequency, frozen, integer, real
-from lidarsim.patterns._parts import TURN, directions_of, expect_room, rings
+from lidarsim.patterns._parts import TURN, ask_order, directions_of, expect_room, rings
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -59,6 +60,7 @@ class Grid(Value):
     rate: float
     column_period: float
 
+    @named
     def __init__(
         self, azimuths: npt.ArrayLike, elevations: npt.ArrayLike, *, rate: float, column_period: float = 0.0
     ) -> None:
@@ -67,6 +69,8 @@ class Grid(Value):
         tilts = array("elevations", elevations, ("rings",))
         set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
         rings("elevations", len(self.elevations), at_least=0)
+        for name in ("azimuths", "elevations"):
+            ask_order(name, getattr(self, name))
         set_(self, "rate", frequency("rate", rate))
         longest = 1.0 / self.rate / max(len(self.azimuths), 1)
         set_(self, "column_period", real("column_period", column_period, at_least=0.0, at_most=longest))

@@ -11,12 +11,14 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angle, angles, frequency, frozen, one_or_each
 from lidarsim.patterns._parts import (
     TURN,
     Cycles,
     Ticks,
+    ask_order,
     cycles,
     firing_times_within,
     per_channel,
@@ -100,6 +102,7 @@ class PolygonMirror(Value):
     azimuth_offsets: Floats
     firing_times: Floats
 
+    @named
     def __init__(
         self,
         elevations: npt.ArrayLike = (0.0,),
@@ -124,6 +127,7 @@ class PolygonMirror(Value):
         cycles("pulse_rate", self.pulse_rate, self.rate)
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
+        ask_order("elevations", self.elevations, self.azimuth_offsets)
         set_(self, "firing_times", firing_times_within(1.0 / self.pulse_rate, firing_times, channels))
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import (
     FASTEST,
@@ -139,6 +140,7 @@ class Risley(Value):
     rate: float
     beams: Floats
 
+    @named
     def __init__(
         self,
         prisms: Sequence[Prism],

@@ -12,11 +12,24 @@ import numpy.typing as npt
 
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, Vector, angle, angles, array, frequency, frozen, integer, real
+from lidarsim._base.validation import (
+    Floats,
+    Vector,
+    angle,
+    angles,
+    array,
+    ask,
+    ask_above,
+    frequency,
+    frozen,
+    integer,
+    real,
+)
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import (
     TURN,
     Cycles,
+    ask_order,
     firing_times_within,
     per_channel,
     rings,
@@ -24,6 +37,9 @@ from lidarsim.patterns._parts import (
     wait,
 )
 from lidarsim.patterns._pulses import Pulses
+
+FASTEST_TURN, FARTHEST_BEAM = 200.0, 1.0
+"""Turns per second, Hz, and distance of a beam from the centre, m, beyond which the unit is probably another one."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -127,7 +143,11 @@ class Spinning(Value):
         channels = rings("elevations", len(self.elevations))
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
+        ask_order("elevations", self.elevations, self.azimuth_offsets)
+        if np.ptp(self.azimuth_offsets) > TURN:
+            ask("azimuth_offsets", f"{np.ptp(self.azimuth_offsets):g} rad apart", "degrees?")
         set_(self, "rate", frequency("rate", rate))
+        ask_above("rate", self.rate, FASTEST_TURN, "turns per second", "rpm?")
         if columns is not None and column_period is not None:
             raise ArgumentValueError("columns, column_period", "one of them", f"{columns!r} and {column_period!r}")
         if columns is None and column_period is None:
@@ -143,6 +163,7 @@ class Spinning(Value):
         set_(self, "firing_times", firing_times_within(cycle, firing_times, channels))
         origins = np.zeros(3) if beam_origins is None else beam_origins
         set_(self, "beam_origins", per_channel("beam_origins", origins, channels, width=3))
+        ask_above("beam_origins", self.beam_origins, FARTHEST_BEAM, "m", "mm?")
         if not isinstance(clockwise, bool | np.bool_):
             raise ArgumentTypeError("clockwise", "True or False", repr(clockwise))
         set_(self, "clockwise", bool(clockwise))

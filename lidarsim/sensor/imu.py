@@ -111,6 +111,10 @@ class ImuErrors(Value):
         object.__setattr__(self, "range", limit)
 
 
+_USUAL = ("noise_density", 2e-3, "rad/s/√Hz"), ("bias", 0.3, "rad/s"), ("misalignment", 0.1, "rad")
+"""Largest usual errors of gyroscopes."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu(Value):
     """Inertial measurement unit: three gyroscopes and three accelerometers, sampled at a fixed rate.
@@ -173,6 +177,8 @@ class Imu(Value):
         for name in ("gyroscope", "accelerometer"):
             if not isinstance(getattr(self, name), ImuErrors):
                 raise ArgumentTypeError(name, "ImuErrors", validation.shown(getattr(self, name)))
+        for name, most, unit in _USUAL:
+            validation.ask_above(f"gyroscope.{name}", getattr(self.gyroscope, name), most, unit, "degrees?")
         set_(self, "gravity", validation.real("gravity", self.gravity, at_least=0.0))
         if self.latitude is not None:
             quarter = math.pi / 2

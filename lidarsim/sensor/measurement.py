@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable
-from lidarsim._base.validation import angle, array, beam_angle, integer, is_several, real, share
+from lidarsim._base.validation import angle, array, ask_above, beam_angle, integer, is_several, real, share
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = ["Beam", "Detection", "Measurement", "Response"]
@@ -85,6 +85,7 @@ class Detection(Immutable):
         object.__setattr__(self, "range", real("range", self.range, above=0.0))
 
 
+@named
 @dataclass(frozen=True)
 class Beam(Immutable):
     """A diverging beam, sampled by sub-rays over its footprint.
@@ -398,6 +399,8 @@ class Measurement(Immutable):
             raise ArgumentTypeError("response", "a Response or None", repr(self.response))
         object.__setattr__(self, "depth", integer("depth", self.depth, at_least=1, at_most=255))
         object.__setattr__(self, "returns", _returns(self.returns))
+        for name, (most, unit, question) in _USUAL.items():
+            ask_above(name, np.atleast_2d(getattr(self, name))[:, -1], most, unit, question)
 
     @property
     def max_returns(self) -> int:
@@ -406,6 +409,14 @@ class Measurement(Immutable):
             return 1
         return self.returns if isinstance(self.returns, int) else 2 if self.returns == "dual" else 1
 
+
+_USUAL = {
+    **dict.fromkeys(
+        ("range_sigma", "range_sigma_limit", "range_bias", "channel_bias_sigma", "range_resolution"), (1.0, "m", "mm?")
+    ),
+    **dict.fromkeys(("azimuth_sigma", "elevation_sigma"), (0.02, "rad", "degrees?")),
+}
+"""Largest usual error, its unit, and the question about a larger one, by name."""
 
 _NUMBERS = {
     "range_sigma": math.inf,

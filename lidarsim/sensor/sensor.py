@@ -12,7 +12,7 @@ import numpy as np
 from lidarsim import _native
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import short, text_table
-from lidarsim._base.validation import array, is_several, real
+from lidarsim._base.validation import array, ask_above, is_several, real
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns import Pattern
 from lidarsim.patterns._pulses import check_pattern, pulses_of
@@ -21,6 +21,9 @@ from lidarsim.sensor.imu import sensor_name
 from lidarsim.sensor.measurement import Measurement
 
 __all__ = ["Sensor"]
+
+FARTHEST = {"min_range": 1e3, "max_range": 1e5}
+"""Limits of ranges, m, beyond which the unit is probably another one."""
 
 MOST_ROWS = 14  # maximum lines of a repr below its title
 
@@ -49,6 +52,8 @@ class Sensor(Pickled):
         object.__setattr__(self, "model", self.model or self.name)
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
+        for name, most in FARTHEST.items():
+            ask_above(name, getattr(self, name), most, "m", "mm?")
         if self.measurement.false_returns > 0.0 and self.max_range == math.inf:
             raise ArgumentValueError(
                 "max_range", "a finite number with false_returns", "inf", "they are uniform over the range gate"

@@ -420,7 +420,7 @@ def test_a_metre_of_the_projection_is_one_on_the_ground(tmp_path: Path) -> None:
     assert ls.TriangleMesh.from_raster(path).crs == "EPSG:3857"
 
 
-@pytest.mark.parametrize("number", [-9999, -32768, 32767, float(np.finfo(np.float32).min), 1e20])
+@pytest.mark.parametrize("number", [-9999, -999, -32768, 32767, float(np.finfo(np.float32).min), 1e20, 1e38])
 @pytest.mark.parametrize("declared", [None, 1.0])
 def test_no_data_that_is_not_declared(number: float, declared: float | None, tmp_path: Path) -> None:
     z = heights(holes=0.0)

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from lidarsim._base.validation import Floats
 from lidarsim.config.factories import Model, either
-from lidarsim.config.objects import Generated
+from lidarsim.config.objects import Generated, Mesh, SceneFile, ask_size
 from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
 from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, steps, turns_of
 from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of
@@ -177,6 +177,8 @@ class Scatter(Model):
             self._check_number(key, place / key)
         for index, item in enumerate(self.objects):
             _check_thing(item, place / "objects" / index)
+            if isinstance(item, Mesh | SceneFile):
+                ask_size(item, place / "objects" / index, _usual(self.scale))
 
     def _check_path(self, points: Sequence[Any], place: Place) -> None:
         for index, (point, after) in enumerate(pairwise(points)):
@@ -223,6 +225,13 @@ def _check_thing(item: AnyThing, place: Place) -> None:
         size = np.abs(built.bounds).max()
         if not size <= FAR:
             raise place.error(f"expected an object within {FAR:g} m of its origin, got one of {size:g} m")
+
+
+def _usual(value: float | Draw) -> float:
+    """Return a number, or the middle of those that may be drawn."""
+    if not isinstance(value, Draw):
+        return value
+    return float(np.mean(value.ends or (value.normal or ())[:1]))
 
 
 def _expect(key: str, value: float, place: Place) -> None:

@@ -510,23 +510,26 @@ class TriangleMesh(Shape):
         return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{crs}{placed})"
 
 
-NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 65535.0, 1e20, float(np.float32(1e20)), float(np.finfo(np.float32).max))
-"""Numbers that programs write, with either sign, where there is no height."""
+NO_DATA = (999.0, 9999.0, 99999.0, 32767.0, 32768.0, 65535.0)
+"""Numbers that programs write, with either sign, where there is no height; larger ones are beyond `HIGHEST`."""
 
-FAR = 1000.0
+HIGHEST = 12_000.0
+"""Height that nothing on Earth exceeds, up or down, m."""
+
+FAR = 900.0
 """Distance from all other heights, m, beyond which such a number is hardly a height."""
 
 
 def find_no_data(heights: Floats, stored: Callable[[float], float] = float) -> tuple[int, int] | None:
     """Return row and column of the first height that seems to stand for no data, if there is one.
 
-    It is the lowest or the highest, one of `NO_DATA` as ``stored(number)`` returns it in the unit of the heights, and
-    `FAR` from all others.
+    It is the lowest or the highest, `FAR` from all others, and either beyond `HIGHEST` or one of `NO_DATA` as
+    ``stored(number)`` returns it in the unit of the heights.
     """
     usual = {stored(sign * number) for number in NO_DATA for sign in (1.0, -1.0)}
     for extreme in (np.fmin, np.fmax):
         value = float(extreme.reduce(heights, axis=None))
-        if value in usual:
+        if value in usual or abs(value) > HIGHEST:
             alike = heights == value
             nearest = float(extreme.reduce(heights[~alike], axis=None, initial=np.nan))
             if not abs(nearest - value) <= FAR:

@@ -184,6 +184,7 @@ def test_wrong_yaml(text: str, message: str, town: Path) -> None:
     assert message in str(caught.value)
 
 
+@pytest.mark.filterwarnings("default")
 def test_check_says_what_came_in(town: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from lidarsim.cli import main
 
@@ -194,10 +195,10 @@ def test_check_says_what_came_in(town: Path, capsys: pytest.CaptureFixture[str])
     with pytest.raises(SystemExit) as ended:
         main(["check", str(town.with_name("run.yaml"))])
     assert ended.value.code == 0
-    printed = capsys.readouterr().out
+    printed, asked = capsys.readouterr()
     assert f"{town}: 5 objects, 2 instances, 5 triangles, 30,000 × 0 × 5,000 m\n" in printed
     assert "  materials: paint (2), glass (2), asphalt (1)\n" in printed
     assert "  labels: 2 (2)\n" in printed
     assert "  skipped by rules: 2 parts\n" in printed
     assert "  no rule matches 1 node: road\n" in printed
-    assert "  warning: larger than 20 km; is unit_m right?\n" in printed
+    assert asked == "lidarsim: warning: town.glb: 30,000 × 0 × 5,000 m; mm?\n"
