@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
+from lidarsim._base import names
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angle, array, as_array, frozen, in_order, one_of, real, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -280,6 +281,7 @@ class Material(Value):
         "_variation",
     )
 
+    @names.named
     def __init__(
         self,
         *,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from lidarsim._base import validation
+from lidarsim._base.names import AnsweringABC, named
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.validation import Floats, Instances, Transform, frames, integer, items, real, short
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -49,7 +50,7 @@ class RigSensor(NamedTuple):
     offset: float = 0.0
 
 
-class Rig(Pickled, Mapping[str, RigSensor]):
+class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
     """Named sensors on one body: a mapping from the names of the lidars to `RigSensor`.
 
     IMUs and GNSS receivers of the rig are in `imus` and `receivers`. The name in the rig replaces that of the sensor,
@@ -95,6 +96,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
     array([0.     , 0.     , 9.80665])
     """
 
+    @named
     def __init__(self, sensors: Mapping[str, Part]) -> None:
         if not isinstance(sensors, Mapping):
             raise ArgumentTypeError("sensors", "a mapping from names to sensors", type(sensors).__name__)

@@ -29,6 +29,30 @@ def test_a_class_name_is_compared_with_every_label() -> None:
     assert not (cloud(ring=range(5))[:1].label == "car").any()  # known, though no point has it
 
 
+def test_isin_takes_class_names() -> None:
+    label: Any = cloud().label
+    for names in (["car"], ("car",), {"car"}, "car", np.array(["car"])):
+        np.testing.assert_array_equal(np.isin(label, names), CARS)
+        np.testing.assert_array_equal(np.isin(label, names, invert=True), ~CARS)
+    np.testing.assert_array_equal(np.isin(label, ["car", "road"]), [True, True, True, True, False])
+    with pytest.raises(ValueError, match=r"^label: expected one of the class names road, car, got 'van'$"):
+        np.isin(label, ["car", "van"])
+    for compare in (label.__eq__, label.__ne__):
+        for names in (["car", "road"], np.array(["car"] * 5), b"car"):
+            with pytest.raises(TypeError, match=r"^label: expected one class name, got .*; np.isin\(label, names\)$"):
+                compare(names)
+
+
+def test_a_status_compares_with_its_names() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Sphere((5, 0, 0), 1.0))
+    status: Any = ls.Lidar(ls.patterns.Grid([0.0, 1.0, 2.0], [0.0], rate=10.0)).scan(scene).status
+    assert (status == "hit").tolist() == [True, False, False]
+    assert (status != "miss").tolist() == np.isin(status, ["hit", "dropped"]).tolist() == [True, False, False]
+    with pytest.raises(ValueError, match=r"^status: expected one of the class names hit, miss, .*, got 'missed'$"):
+        _ = status == "missed"
+
+
 def test_scans_boxes_and_what_is_made_of_them_know_the_names() -> None:
     scene = ls.Scene(class_names={40: "road", 10: "car"})
     scene.add(ls.Plane((0, 0, 1), -1.8), label=40)

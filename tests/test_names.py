@@ -27,8 +27,16 @@ SCENE: Any = scene()
 LIDAR: Any = ls.Lidar(ls.patterns.Grid([0.0], [-0.5], rate=10.0))
 SCAN: Any = LIDAR.scan(SCENE)
 CLOUD: Any = SCAN.point_cloud()
+MESH: Any = ls.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 EXAMPLES: dict[str, Any] = {
     "lidarsim": ls,
+    "Labels": CLOUD.label,
+    "Boxes": SCAN.boxes(),
+    "Hits": SCENE.cast([[0, 0, 0]], [[1, 0, 0]]),
+    "TriangleMesh": MESH,
+    "Shape": BOX,
+    "SceneObject": SCENE[0],
+    "Rig": ls.Rig({"top": (LIDAR, POSE)}),
     "PointCloud": CLOUD,
     "Scan": SCAN,
     "Scene": SCENE,
@@ -52,6 +60,8 @@ def test_each_other_name_of_an_argument_is_answered_and_free(whose: str) -> None
     called: Any = {
         "Scene.add": SCENE.add,
         "Lidar.scan": LIDAR.scan,
+        "Scan.point_cloud": SCAN.point_cloud,
+        "Grid": ls.patterns.Grid,
         "Table": ls.patterns.Table,
         "Spinning": ls.patterns.Spinning,
     }.get(whose) or getattr(ls, whose)
@@ -88,6 +98,16 @@ def test_each_other_name_of_an_argument_is_answered_and_free(whose: str) -> None
          "Plane: expected the arguments normal, distance, transform, got missing a required argument: 'distance'"),
         (lambda: LS.Spinning, "module 'lidarsim' has no attribute 'Spinning'; it is lidarsim.patterns.Spinning"),
         (lambda: LS.Pointcloud, "module 'lidarsim' has no attribute 'Pointcloud'; did you mean PointCloud?"),
+        (lambda: LS.PointCloud.read, "type object 'PointCloud' has no attribute 'read'; use PointCloud.load(path)"),
+        (lambda: LS.Scene.from_fle, "type object 'Scene' has no attribute 'from_fle'; did you mean from_file?"),
+        (lambda: LS.Rig.__nothing__, "type object 'Rig' has no attribute '__nothing__'"),
+        (lambda: BOX.position, "'Box' object has no attribute 'position'; use scene.add(shape, transform=…)"),
+        (lambda: LS.Material("asphalt"), ("Material: expected the arguments reflectivity, per, texture_coordinates, "
+                                          "roughness, specular, specular_width, transmission, mirror, variation, "
+                                          "grain, got too many positional arguments; lidarsim.materials has "
+                                          "those of the library, as materials.ASPHALT")),
+        (lambda: CLOUD["x"], "index: expected indices, a mask or a slice, got 'x'; use cloud.xyz[:, 0]"),
+        (lambda: CLOUD["label"], "index: expected indices, a mask or a slice, got 'label'; a field is cloud.label"),
         (lambda: SCAN.ranges, "'Scan' object has no attribute 'ranges'; did you mean range?"),
         (lambda: SCAN.nonsense, "'Scan' object has no attribute 'nonsense'"),
         (lambda: SCENE.__array_interface__, "'Scene' object has no attribute '__array_interface__'"),
@@ -121,3 +141,18 @@ def test_an_error_within_a_property_is_shown_as_it_is() -> None:
 def test_copies_and_pickles_ask_for_nothing_that_is_missing() -> None:
     for value in (SCENE, SCAN, CLOUD, LIDAR, EXAMPLES["Trajectory"]):
         assert type(pickle.loads(pickle.dumps(value))) is type(copy.deepcopy(value)) is type(value)  # noqa: S301 - our own
+
+
+def test_a_scene_knows_its_objects_by_id_and_name() -> None:
+    made = ls.Scene()
+    number = made.add(BOX, name="car")
+    assert number in made
+    assert "car" in made
+    assert made[number] in made
+    assert not {7, "bus", BOX} & {item for item in (7, "bus", BOX) if item in made}
+
+
+def test_sum_adds_clouds() -> None:
+    np.testing.assert_array_equal(sum([CLOUD, CLOUD, CLOUD]).xyz, np.vstack([CLOUD.xyz] * 3))
+    with pytest.raises(TypeError):
+        _ = 1 + CLOUD

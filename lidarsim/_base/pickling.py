@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import numpy as np
 
-from lidarsim._base.names import instead
+from lidarsim._base.names import Answering, instead
 from lidarsim._base.shown import short
 
 FORMAT = 3
@@ -22,7 +22,7 @@ A pickle of an older format has the defaults of what its class gained since; one
 SHORT = 64  # maximum size of an array whose numbers are hashed
 
 
-class Pickled:
+class Pickled(metaclass=Answering):
     """Base of the public classes: a pickle holds the result of `_contents`, by default the fields of a dataclass.
 
     Arrays are not copied, so that protocol 5 can transfer their buffers out of band.
@@ -62,7 +62,7 @@ class Pickled:
                 object.__getattribute__(self, name)  # the error of Python, or that of a property
             except AttributeError as error:
                 known = [] if name.startswith("_") else [other for other in dir(type(self)) if other[0] != "_"]
-                hint = instead(type(self).__name__, name, known) if known and name not in known else ""
+                hint = instead(type(self), name, known) if known and name not in known else ""
                 raise AttributeError(f"{error}; {hint}" if hint else str(error), name=name, obj=self) from None
 
     def __repr__(self) -> str:

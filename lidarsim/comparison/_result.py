@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, overload
 
 from lidarsim._base.files import PathLike, atomic_writer, check_suffix
+from lidarsim._base.names import AnsweringABC
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.shown import counted, text_table
 from lidarsim._base.validation import shown
@@ -134,7 +135,7 @@ class Side(Immutable):
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Immutable, Sequence[Measure]):
+class Comparison(Immutable, Sequence[Measure], metaclass=AnsweringABC):
     """Measures of real point clouds beside the same of simulated ones; a sequence of `Measure`.
 
     Attributes

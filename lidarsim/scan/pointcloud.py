@@ -216,7 +216,7 @@ class PointCloud(Pickled, Plotted):
 
     def __getattr__(self, name: str) -> npt.NDArray[Any]:
         """Raise an error that names the existing fields; called only for a missing one."""
-        hint = "" if name.startswith("_") else instead("PointCloud", name, [*self.fields, *dir(PointCloud)])
+        hint = "" if name.startswith("_") else instead(PointCloud, name, [*self.fields, *dir(PointCloud)])
         problem = f"this point cloud has no {name!r}{hint and f': {hint}'}"
         raise AttributeError(f"{problem}; its fields are {', '.join(self.fields)}", name=name, obj=self)
 
@@ -243,7 +243,9 @@ class PointCloud(Pickled, Plotted):
     def __getitem__(self, index: int | slice | npt.ArrayLike) -> PointCloud:
         """Return the cloud of the points selected by a slice, a mask, an array of indices or one index."""
         if isinstance(index, str):
-            raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), f"a field is cloud.{index}")
+            hint = "" if index in self.fields else instead(PointCloud, index, [*self.fields])
+            hint = hint or f"a field is cloud.{index}"
+            raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), hint)
         if isinstance(index, tuple):
             raise ArgumentTypeError("index", "one index", len(index), "a field such as cloud.xyz takes two")
         chosen: Any = index
@@ -356,6 +358,10 @@ class PointCloud(Pickled, Plotted):
     def __add__(self, other: object) -> PointCloud:
         """Return the points of both clouds, as `concatenate` does."""
         return PointCloud.concatenate([self, other]) if isinstance(other, PointCloud) else NotImplemented
+
+    def __radd__(self, other: object) -> PointCloud:
+        """Return the cloud itself for 0, with which `sum` begins."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
 
     @classmethod
     def concatenate(cls, clouds: Iterable[PointCloud]) -> PointCloud:

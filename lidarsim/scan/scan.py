@@ -18,6 +18,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base import validation
 from lidarsim._base.labels import Labels, labels_of
+from lidarsim._base.names import named
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import extent, html_table, text_table
 from lidarsim._base.validation import Floats, Instances, Transform, as_array, instances, integer, one_of, real, shown
@@ -241,8 +242,9 @@ class Scan(Pickled, Plotted):
     """How its pulses were fired."""
 
     def __post_init__(self) -> None:
-        """Let labels compare with class names."""
+        """Let labels and statuses compare with names."""
         object.__setattr__(self, "label", Labels(self.label, self.class_names))
+        object.__setattr__(self, "status", Labels(self.status, {status: status.name for status in Status}, "status"))
 
     def _contents(self) -> dict[str, Any]:
         contents = Pickled._contents(self)  # `super()` fails in a dataclass with slots
@@ -313,6 +315,7 @@ class Scan(Pickled, Plotted):
         still = _native.Path.still(self.pose.tolist()).at(np.zeros(1))  # orthonormalised, as for the cast
         return np.broadcast_to(still[0], (len(self), 4, 4))
 
+    @named
     def point_cloud(
         self,
         frame: Literal["sensor", "world"] = "sensor",
@@ -801,7 +804,7 @@ def scan(
         If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
     """
     if not isinstance(scene, Scene):
-        raise ArgumentTypeError("scene", "a Scene", shown(scene))
+        raise ArgumentTypeError("scene", "a Scene", shown(scene), "scan(scene, pose)")
     time = real("time", time)
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
@@ -883,7 +886,7 @@ def check_coverage(
         is of an instance to ignore.
     """
     if not isinstance(scene, Scene):
-        raise ArgumentTypeError("scene", "a Scene", shown(scene))
+        raise ArgumentTypeError("scene", "a Scene", shown(scene), "scan(scene, pose)")
     where = _where(pose)
     check_sensor(scene.atmosphere, lidar)
     world, period = scene._snapshot(), 1.0 / lidar.pattern.rate

@@ -860,6 +860,10 @@ class Scene(Pickled, Plotted):
         """Return an object by its id."""
         return self._item(object_id)
 
+    def __contains__(self, item: object) -> bool:
+        """Return whether there is an object of this id or name, or this object."""
+        return any(item in (each.id, each.name) or item is each for each in self)
+
     def __iter__(self) -> Iterator[SceneObject]:
         """Iterate over the objects as they are now, in the order of their ids."""
         return iter(self.objects)
