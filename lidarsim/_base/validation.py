@@ -246,9 +246,9 @@ def ask(name: str, got: str, question: str) -> None:
 
 
 def ask_above(name: str, values: npt.ArrayLike, most: float, unit: str, question: str) -> None:
-    """Ask if the largest magnitude of some values, in `unit`, exceeds what is usual."""
+    """Ask if the largest magnitude of some values, in `unit`, exceeds what is usual, though not beyond other units."""
     largest = float(np.abs(values).max(initial=0.0))
-    if most < largest < math.inf:
+    if most < largest < 1e4 * most:
         ask(name, f"{largest:g} {unit}", question)
 
 

@@ -804,7 +804,9 @@ def scan(
         If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
     """
     if not isinstance(scene, Scene):
-        raise ArgumentTypeError("scene", "a Scene", shown(scene), "scan(scene, pose)")
+        raise ArgumentTypeError(
+            "scene", "a Scene", shown(scene), "scan(scene, pose)" if isinstance(pose, Scene) else ""
+        )
     time = real("time", time)
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
@@ -886,7 +888,7 @@ def check_coverage(
         is of an instance to ignore.
     """
     if not isinstance(scene, Scene):
-        raise ArgumentTypeError("scene", "a Scene", shown(scene), "scan(scene, pose)")
+        raise ArgumentTypeError("scene", "a Scene", shown(scene))
     where = _where(pose)
     check_sensor(scene.atmosphere, lidar)
     world, period = scene._snapshot(), 1.0 / lidar.pattern.rate
