@@ -350,6 +350,11 @@ def class_coloring(labels: Iterable[int], known: Known, theme: Theme) -> Colorin
     return _categorical("label", named, names, known.objects, theme)
 
 
+def instance_coloring(names: Mapping[int, str], theme: Theme) -> Coloring:
+    """Return the colours of instances with these names, for surfaces."""
+    return _categorical("instance", names, names, {}, theme)
+
+
 def _categorical(
     name: str, values: Iterable[int], names: Mapping[int, str], objects: Mapping[int, str], theme: Theme
 ) -> Coloring:

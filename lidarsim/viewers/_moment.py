@@ -12,8 +12,17 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.scan.scan import moment_and_pose
 from lidarsim.viewers._boxes import moved
-from lidarsim.viewers._colors import CATEGORIES, DARK, Coloring, Known, Style, class_coloring, coloring
-from lidarsim.viewers._show import objects_by_label
+from lidarsim.viewers._colors import (
+    CATEGORIES,
+    DARK,
+    Coloring,
+    Known,
+    Style,
+    class_coloring,
+    coloring,
+    instance_coloring,
+)
+from lidarsim.viewers._show import names_by_instance, objects_by_label
 from lidarsim.viewers._surfaces import Surface, surfaces
 
 if TYPE_CHECKING:
@@ -167,6 +176,8 @@ class Painter:
         self._color_by = color_by
         self._known = Known(names, others, objects)
         self._labels = others.get("label", set())
+        alike = {} if scene is None or color_by == "label" else names_by_instance(scene, names["label"])
+        self._instances = instance_coloring(alike, DARK)
         self._style = Style(DARK)
         self._scene = scene if surfaces else None
         self._movers: list[Painted] = []
@@ -223,9 +234,11 @@ class Painter:
     def _painted(self, surface: Surface) -> list[Painted]:
         classes = self._classes()
         label = surface.item.label
+        own = f"{surface.object_id} {surface.item.name}".rstrip()
+        if (instance := surface.item.instance) in self._instances.names:
+            return [Painted(own, self._instances.color(instance), surface)]
         parts = list(surface.parts(surface.labels)) if isinstance(label, np.ndarray) else [(label, surface)]
         moves = surface.item.motion is not None
-        own = f"{surface.object_id} {surface.item.name}".rstrip()
         return [
             Painted(own if moves else classes.names.get(label, "other"), self._color(classes, label), part)
             for label, part in parts

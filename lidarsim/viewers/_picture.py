@@ -115,6 +115,8 @@ class Picture:
         Frame rate, Hz.
     classes : Coloring
         Colours of boxes and surfaces by their labels.
+    instances : Coloring
+        Colours of surfaces by their instances, if no object has a label.
     theme : Theme
         Colours of what is not data.
     of_points : bool
@@ -128,6 +130,7 @@ class Picture:
     camera: Camera | Floats
     rate: float
     classes: Coloring = NO_CLASSES
+    instances: Coloring = NO_CLASSES
     theme: Theme = DARK
     of_points: bool = True
 
@@ -318,12 +321,15 @@ def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
 def colored(surface: Surface, picture: Picture) -> list[tuple[str, Surface]]:
     """Split a surface into parts of one colour: by object or instance if the points are coloured so, else by label.
 
+    If no object has a label, it is by instance unless the points are coloured by label.
     If points are coloured by height, each viewer colours surfaces by height itself.
     """
     item, colors = surface.item, picture.colors
     if colors.field in {"object_id", "instance"}:
         category = surface.object_id if colors.field == "object_id" else item.instance
         return [(colors.color(category), surface)]
+    if item.instance in picture.instances.names and colors.field != "label":
+        return [(picture.instances.color(item.instance), surface)]
     if isinstance(item.label, np.ndarray):
         return [(picture.class_color(label), part) for label, part in surface.parts(surface.labels)]
     return [(picture.class_color(item.label), surface)]

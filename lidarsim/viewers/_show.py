@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -34,7 +35,16 @@ from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._boxes import moved
-from lidarsim.viewers._colors import MAPS, THEMES, Known, Style, checked_limits, class_coloring, coloring
+from lidarsim.viewers._colors import (
+    MAPS,
+    THEMES,
+    Known,
+    Style,
+    checked_limits,
+    class_coloring,
+    coloring,
+    instance_coloring,
+)
 from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
@@ -45,6 +55,9 @@ Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan] | Mapping[str, PointCl
 
 KINDS = "point clouds, scans or a scene"
 """What can be shown, as errors name it."""
+
+MOST_COLORS = 40
+"""Most instances without labels that have a colour each."""
 
 SUFFIXES = (".png", ".jpg", ".gif", ".mp4", ".html")
 
@@ -79,15 +92,16 @@ def show(
         GIF, MP4 and HTML play all of them.
     scene : Scene, optional
         Surfaces to show with the points, which must be in world coordinates. They are translucent, and coloured by
-        object, instance or height if the points are, else by label; labels without a name are grey then. Moving objects
-        are shown at their poses at the start of each frame.
+        object, instance or height if the points are, else by label; labels without a name are grey then. If no object
+        has a label, each instance has a colour. Moving objects are shown at their poses at the start of each frame.
     boxes : Boxes or sequence of Boxes, optional
         Boxes to show with the points of the frame, or one per frame (None: without), as from `Scan.boxes`: in world
         coordinates with scans (``scan.boxes(frame="world")``), and in those of the points with clouds. They are
         coloured by label, have the names of their classes, and an arrow head on the roof points where they head.
     color_by : str, optional
         Scalar field to colour the points by, ``"height"``, or ``"sensor"`` of mappings. Default: the intensity if there
-        is one; the label for a scene alone. Points whose value is not finite are grey, with a note in the legend.
+        is one; for a scene alone the label, or the instance if no object has a label. Points whose value is not finite
+        are grey, with a note in the legend.
     class_names : mapping of int to str, optional
         Class names by label, for the legend. Default: those of the scene, the boxes and the clouds; then the names of
         the objects with the label. Classes with the names of SemanticKITTI, nuScenes and LAS have the colours of these
@@ -440,8 +454,10 @@ def _picture(
         objects = objects_by_label(scene)
     names["label"] = labels if class_names is None else named_labels("class_names", class_names)
     others["label"] = used
+    instances = {} if scene is None else names_by_instance(scene, names["label"])
+    names["instance"] = instances
     if color_by is None and scene is not None and not any(map(len, points)):
-        color_by = "label"
+        color_by = "instance" if instances else "label"
     found: list[Surface] = []
     if scene is not None:
         found = surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=starts[0] if starts else 0.0)
@@ -462,8 +478,18 @@ def _picture(
         camera,
         rate,
         class_coloring(used, known, style.theme),
+        instance_coloring(instances, style.theme),
         style.theme,
     )
+
+
+def names_by_instance(scene: Scene, names: Mapping[int, str]) -> dict[int, str]:
+    """Return the names of the instances if all objects have label 0, without a name in `names`; else none."""
+    labels = {label for item in scene for label in np.unique(item.label).tolist()}
+    found: dict[int, str] = {}
+    for item in scene:
+        found.setdefault(item.instance, re.sub(r"/\d+$", "", item.name))  # of a geom, the name of its body
+    return found if labels == {0} and 0 not in names and 1 < len(found) <= MOST_COLORS else {}
 
 
 def objects_by_label(scene: Scene) -> dict[int, str]:

@@ -364,6 +364,23 @@ def test_a_legend_keeps_off_the_surfaces_on_an_orbit(tmp_path: Path) -> None:
     assert np.ptp(across) > 150
 
 
+@pytest.mark.parametrize(("label", "alike"), [(0, False), (3, True)])
+def test_objects_without_labels_are_told_apart(label: int, alike: bool, tmp_path: Path) -> None:
+    """As the bodies and the floor of a MuJoCo model, whose geoms have no labels."""
+    scene = ls.Scene()
+    for name, x in (("floor", -6.0), ("robot/0", 0.0), ("robot/1", 3.0), ("arm/0", 8.0)):
+        instance = {"robot/0": 7, "robot/1": 7}.get(name)
+        scene.add(ls.Box((2, 4, 1), center=(x, 0, 0)), name=name, label=label, instance=instance)
+    image = picture(tmp_path / "a.png", scene, camera=[(0, 0, 60), (0, 0, 0), (0, 1, 0)]).astype(float)
+    scale = SIZE[1] / 2 / 60 / np.tan(np.radians(15))  # pixels per m, seen from 60 m with an angle of 30°
+    colors = [image[SIZE[1] // 2, round(SIZE[0] / 2 + x * scale)] for x in (-6, 0, 3, 8)]
+    hues = [color / np.linalg.norm(color) for color in colors]
+    assert min(map(np.linalg.norm, colors)) > 60  # they are seen
+    apart = [np.abs(hues[i] - hues[j]).max() > 0.1 for i, j in ((0, 1), (1, 3), (0, 3))]
+    assert apart == [not alike] * 3
+    assert np.abs(hues[1] - hues[2]).max() < 0.05  # one instance
+
+
 def test_relief_is_seen_from_above(tmp_path: Path) -> None:
     """Ground that falls to the north-west faces the light, and ground that falls to the south-east is darker."""
     scene = ls.Scene()
