@@ -98,8 +98,8 @@ struct AllPulseArrays<'py> {
 
 /// The fields of `lidarsim.PointCloud`, one entry per return. `frame` is "sensor" or "world". `moment` is the
 /// time, on the clock of the path, whose sensor frame all points use; `None` for raw points. `fields` are the
-/// names of those to compute besides "xyz", of which a scan may lack some; `None` for all. `movers` are the
-/// scene, the object of each row, negative where its point stays, and the moment: points on moving objects are
+/// names of those to compute besides "xyz", of which a scan may lack some; `None` for all. `movers` are a
+/// scene, the object of each row, negative where its point stays, and a moment: points on moving objects are
 /// moved to where they are on these at that moment.
 #[pyfunction]
 pub fn points_of<'py>(
