@@ -68,6 +68,7 @@ HEAVY = (
 def state() -> dict[str, Any]:
     """What threads share, as far as Python and the packages in use tell."""
     import matplotlib as mpl
+    import mujoco
     import open3d
     import plotly.io
     from vtkmodules.vtkCommonCore import vtkLogger
@@ -95,6 +96,7 @@ def state() -> dict[str, Any]:
         "plotly": (plotly.io.templates.default, plotly.io.renderers.default),
         "vtk": (vtkLogger.GetCurrentVerbosityCutoff(), vtkTextRenderer.GetInstance().GetDefaultBackend()),
         "open3d": open3d.utility.get_verbosity_level(),
+        "mujoco": mujoco.get_mju_user_warning(),
     }
 
 

@@ -41,9 +41,9 @@ SUFFIXES = (".asc", ".tif", ".tiff")
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """Signatures of TIFF and BigTIFF, in both byte orders."""
 
-FEW, MOST = 1 << 24, 1 << 26
-"""Maximum number of nodes of a mesh, in a file that may hold none of its blocks and in one with a byte for every
-`EXPANSION` of the nodes' heights in float64; the latter is also that of pixels of a block of the file.
+FEW, MOST = 3612**2, 1 << 26
+"""Maximum number of nodes of a mesh: the first, a square degree in steps of a second of arc, in any file, since one may
+hold none of its blocks; the second in one of a hundredth of the bytes of the heights. It also limits pixels of a block.
 
 A node takes up to 122 bytes while it is read, and `NODE` while the hierarchy over its two triangles is built.
 """

@@ -22,6 +22,7 @@ from xml.parsers import expat
 from lidarsim._base.files import beside
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
+from lidarsim.io._records import EXPANSION
 from lidarsim.io.scenes.others import refusal
 
 DEPTH = 256
@@ -38,8 +39,9 @@ naming a file again; what the files themselves hold has no limit."""
 PER_KEY = 7
 """Numbers of a keyframe for each element: a free body has 13, and is two elements, the body and its joint."""
 
-PER_VERTEX = 50
-"""Numbers that MuJoCo makes for a vertex of a mesh of its own, with its faces and its hull."""
+PER_VERTEX, PER_HEIGHT = 100, 16
+"""Numbers that are made of a vertex of a built-in mesh of MuJoCo, with its faces and its hull, and of a height of a
+height field."""
 
 RANGE_FIELDS, CONTACT_FIELDS = 14, 17
 """Numbers of a pixel of a range finder and of a contact, if all their data are asked for."""
@@ -124,7 +126,7 @@ class Closed:
     contents : dict of Path to bytes
         What the files of geometry hold, read once.
     repeated : dict of str to int
-        Numbers of each name of a file that other elements name as well, and of each image.
+        Numbers of each name of a file that other elements name as well, and of each image beyond what its bytes allow.
     pixels, vertices : int
         Most pixels of a camera, and most vertices of a mesh.
     keys : int
@@ -341,11 +343,13 @@ class _Model:
         files = self._files
         path = self._find(document, element, name, places)[0]
         new = files.new_name(name)
-        if path in files.contents:
-            files.repeated[new] = len(files.contents[path]) // VERTEX
+        again = path in files.contents
         content = files.assets[new] = files.contents.setdefault(path, path.read_bytes())
         if content.startswith(PNG):
-            files.repeated[new] = int.from_bytes(content[16:20]) * int.from_bytes(content[20:24])
+            heights = int.from_bytes(content[16:20]) * int.from_bytes(content[20:24])
+            files.repeated[new] = max(0, PER_HEIGHT * heights - (0 if again else EXPANSION * len(content)))
+        elif again:
+            files.repeated[new] = len(content) // VERTEX
         files.vertices = max(files.vertices, len(content) // VERTEX)
         return new
 
@@ -433,7 +437,7 @@ class _Model:
                 counts = (value for key, value in attributes.items() if key not in {"memory", "nstack"})
                 numbers = sum(_counts(" ".join(counts)))
             case "hfield":
-                numbers = product("nrow", "ncol")
+                numbers = PER_HEIGHT * product("nrow", "ncol")
             case "mesh":
                 numbers = PER_VERTEX * _built_in(attributes)
             case "numeric":

@@ -17,6 +17,7 @@ import logging
 from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,6 +44,8 @@ GROUPS = 6
 
 MAXVAL = 1e10
 """Largest number that MuJoCo takes for valid (``mjMAXVAL``)."""
+
+_turn = Lock()
 
 SHOWN = (0, 1, 2)
 """Groups that MuJoCo's viewers show by default."""
@@ -87,14 +90,18 @@ def load(path: PathLike) -> tuple[MjModel, list[str]]:
 
 @contextmanager
 def _warnings_logged(mujoco: ModuleType, path: Path) -> Iterator[None]:
-    """Log warnings of MuJoCo, which else writes them to MUJOCO_LOG.TXT in the working folder."""
-    before = mujoco.get_mju_user_warning()
+    """Log warnings of MuJoCo, which else writes them to MUJOCO_LOG.TXT in the working folder.
+
+    MuJoCo has one handler for all threads: they take turns, so that the last one leaves that of the program.
+    """
     logger = logging.getLogger("lidarsim")
-    mujoco.set_mju_user_warning(lambda text: logger.warning("%s: MuJoCo: %s", path, text))
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(before)
+    with _turn:
+        before = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda text: logger.warning("%s: MuJoCo: %s", path, text))
+        try:
+            yield
+        finally:
+            mujoco.set_mju_user_warning(before)
 
 
 def read(path: Path, *, rules: tuple[Rule, ...] = (), reflectivity: Appearance = None) -> Scene:

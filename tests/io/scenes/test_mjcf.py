@@ -207,8 +207,8 @@ def test_models_without_geoms_are_no_scenes(content: str, message: str, tmp_path
     assert len(ls.Scene.from_file(everything, rules=[ls.Rule(skip=True)])) == 0
 
 
-TACTILE = "<asset><mesh name='m' builtin='sphere' params='600'/></asset><sensor>{}</sensor>".format(
-    "<tactile geom='g' mesh='m'/>" * 3
+TACTILE = "<asset><mesh name='m' builtin='sphere' params='400'/></asset><sensor>{}</sensor>".format(
+    "<tactile geom='g' mesh='m'/>" * 10
 )
 
 OUTSIDE = "only regular files beside or below "
@@ -290,7 +290,7 @@ def test_refusals(content: str, message: str, tmp_path: Path, monkeypatch: pytes
         (GEOM * 40, "<size nkey='1000000'/>"),
         (GEOM * 400, f"<keyframe>{'<key/>' * 9000}</keyframe>"),
         (f"{GEOM * 4000}<geom size='1' user='{'1 ' * 9000}'/>", ""),
-        (GEOM, "<asset><hfield name='h' nrow='4000' ncol='4000' size='1 1 1 1'/></asset>" * 2),
+        (GEOM, "<asset><hfield name='h' nrow='900' ncol='900' size='1 1 1 1'/></asset>" * 2),
         (GEOM, "<asset><mesh name='m' builtin='supersphere' params='400 1 1'/></asset>" * 3),
         (f"<replicate count='9000'>{GEOM}</replicate>", "<size nuser_geom='9000'/>"),
         ('<geom name="g" size="1"/>', TACTILE),
@@ -302,7 +302,7 @@ def test_counts_of_a_whole_document_are_limited(body: str, head: str, tmp_path: 
 
 def test_heights_of_images_count_together(tmp_path: Path) -> None:
     """A picture of one colour takes a few kilobytes."""
-    PIL.Image.new("L", (4000, 4000)).save(tmp_path / "h.png")
+    PIL.Image.new("L", (900, 900)).save(tmp_path / "h.png")
     fields = "".join(f'<hfield name="h{k}" file="h.png" size="1 1 1 1"/>' for k in range(2))
     assert "expected at most 20,000,000 numbers, got more" in refusal(
         write(tmp_path, model(GEOM, f"<asset>{fields}</asset>"))
