@@ -11,7 +11,9 @@ import pytest
 
 from lidarsim.cli import keys
 from lidarsim.config import document, loader, objects, sensors
+from lidarsim.config.schema import Config
 from lidarsim.datasets.layouts import LAYOUTS
+from lidarsim.datasets.recipe import Settings
 from lidarsim.errors import ConfigError
 from lidarsim.scan.formats import FORMATS
 
@@ -61,6 +63,32 @@ def test_each_example_is_valid(name: str, tmp_path: Path) -> None:
         wrong = document.replace(node, ["nothing"], next(iter(found.values()))[1])
         with pytest.raises(ConfigError, match="unknown key"):
             loader.checked(model, wrong)
+
+
+def snippets() -> list[str]:
+    """The pieces of YAML on the pages about configurations and tasks, each pose by itself."""
+    texts = [page.read_text(encoding="utf-8") for page in sorted(ROOT.glob("*/*.md")) if page.name != "REFERENCE.md"]
+    blocks = re.findall(r"^```yaml\n(.*?)^```$", "\n".join(texts), re.DOTALL | re.MULTILINE)
+    return [part for block in blocks for part in re.split(r"^(?=pose:)", block, flags=re.MULTILINE) if part]
+
+
+@pytest.mark.parametrize("text", snippets())
+def test_the_yaml_of_the_pages_is_valid(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "snippet.yaml"
+    path.write_text(f"scene:\n{text}" if text.startswith("-") else text, encoding="utf-8")
+    node = document.read(path)
+    found = document.entries(node)
+    if "layout" in found:
+        loader.checked(Settings, document.without(node, "run"))
+        return
+    for key, value in {"scene": "[]", "sensor": "{preset: ouster-os1-64}"}.items():
+        if key not in found and not (key == "sensor" and "rig" in found):
+            path.write_text(path.read_text(encoding="utf-8") + f"\n{key}: {value}\n", encoding="utf-8")
+    loader.checked(Config, loader.whole(document.read(path)))
+
+
+def test_there_are_snippets() -> None:
+    assert len(snippets()) > 8
 
 
 def test_each_format_has_its_row() -> None:
