@@ -750,6 +750,7 @@ def test_usual_numbers_raise_no_question() -> None:
     spin(-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)  # a VLP-16 in firing order
     spin(*[0.0] * 64)  # to measure noise
     spin(-1, -1, azimuth_offsets=[0.0, np.pi])  # a scanner with two sides
+    spin(-1, 1, -1, 1, firing_times=[0, 1e-6, 2e-6, 3e-6])  # lasers that fire twice a cycle
     spin(3, 2, 1)
     spin(-10, 0, 30)
     ls.patterns.Grid(np.linspace(0, 6.2, 9), [0.1, 0.0], rate=10.0)

@@ -40,11 +40,14 @@ def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | 
     return frozen(np.broadcast_to(values, (channels, *tail)))
 
 
-def ask_order(name: str, values: Floats, offsets: Floats | None = None) -> None:
+def ask_order(name: str, values: Floats, offsets: Floats | None = None, times: Floats | None = None) -> None:
     """Ask if angles, of channels with these azimuth offsets, occur twice or are neither rising nor falling evenly.
 
-    Angles that are all equal are deliberate, and so are two interleaved series, such as lasers in firing order.
+    Angles that are all equal are deliberate, and so are two interleaved series, such as lasers in firing order. No
+    question about channels with firing times of their own: a decimal comma would make more channels than times.
     """
+    if times is not None and len(times) and np.ptp(times) > 0.0:
+        return
     offsets = np.zeros(len(values)) if offsets is None else offsets
     known, first, counts = np.unique(np.column_stack([offsets, values]), axis=0, return_index=True, return_counts=True)
     if len(known) > 1 and (twice := np.flatnonzero(counts > 1)).size:

@@ -127,8 +127,8 @@ class PolygonMirror(Value):
         cycles("pulse_rate", self.pulse_rate, self.rate)
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
-        ask_order("elevations", self.elevations, self.azimuth_offsets)
         set_(self, "firing_times", firing_times_within(1.0 / self.pulse_rate, firing_times, channels))
+        ask_order("elevations", self.elevations, self.azimuth_offsets, self.firing_times)
 
     @property
     def shape(self) -> tuple[int, int]:

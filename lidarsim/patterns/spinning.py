@@ -143,7 +143,6 @@ class Spinning(Value):
         channels = rings("elevations", len(self.elevations))
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
-        ask_order("elevations", self.elevations, self.azimuth_offsets)
         if np.ptp(self.azimuth_offsets) > TURN:
             ask("azimuth_offsets", f"{np.ptp(self.azimuth_offsets):g} rad apart", "degrees?")
         set_(self, "rate", frequency("rate", rate))
@@ -161,6 +160,7 @@ class Spinning(Value):
             raise ArgumentValueError(name, f"at most {1 << 32} columns a turn", f"{self.columns_per_turn:g}")
         cycle = 1.0 / (self.columns_per_turn * self.rate)
         set_(self, "firing_times", firing_times_within(cycle, firing_times, channels))
+        ask_order("elevations", self.elevations, self.azimuth_offsets, self.firing_times)
         origins = np.zeros(3) if beam_origins is None else beam_origins
         set_(self, "beam_origins", per_channel("beam_origins", origins, channels, width=3))
         ask_above("beam_origins", self.beam_origins, FARTHEST_BEAM, "m", "mm?")
