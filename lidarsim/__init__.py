@@ -2,7 +2,8 @@
 
 A `Scene` holds shapes, and a `Lidar` scans it. The `Scan` says what happened to each pulse; `Scan.point_cloud` returns
 the points with their truth, a `PointCloud`, and `Scan.plot` shows them. `config.load` reads a configuration, such as
-``"demo"``, `generate` makes a data set, and `compare` holds simulated points against real ones.
+``"demo"``, `generate` makes a data set, `compare` holds simulated points against real ones, and `fit` fits a sensor to
+real ones.
 
 Pages by task are in ``examples/`` of the repository. ``configs/README.md`` documents configurations, recipes and the
 layouts of data sets, and ``lidarsim/io/README.md`` file formats.
@@ -74,7 +75,7 @@ from lidarsim.world.shapes import (
 )
 
 if TYPE_CHECKING:
-    from lidarsim.comparison import Comparison, compare
+    from lidarsim.comparison import Comparison, compare, fit
     from lidarsim.live import stream
 
 __all__ = [
@@ -128,6 +129,7 @@ __all__ = [
     "config",
     "datasets",
     "errors",
+    "fit",
     "generate",
     "io",
     "materials",
@@ -146,7 +148,7 @@ __all__ = [
 
 
 if not TYPE_CHECKING:  # type checkers know all names
-    _RARE = {"Comparison": "comparison", "compare": "comparison", "stream": "live"}
+    _RARE = {"Comparison": "comparison", "compare": "comparison", "fit": "comparison", "stream": "live"}
     """Modules by name, imported for the name when it is first used."""
 
     def __getattr__(name: str) -> object:

@@ -1,4 +1,4 @@
-"""The command line: ``lidarsim new | scan | generate | stream | view | compare | sensors | check | bench``."""
+"""The command line: ``lidarsim new | scan | generate | stream | view | compare | fit | sensors | check | bench``."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from rich.progress import Progress
 import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import check_folder, check_suffix
+from lidarsim._base.files import atomic_writer, check_folder, check_suffix
 from lidarsim._base.shown import counted, plain
 from lidarsim._base.terminal import paragraph, print_line, print_markdown, table, without_native_logs
 from lidarsim._base.validation import integer
@@ -52,6 +52,7 @@ from lidarsim.cli.printing import (
     NAME,
     Item,
     describe_terrain,
+    format_fit,
     format_list,
     format_measured,
     format_span,
@@ -65,7 +66,7 @@ from lidarsim.cli.printing import (
     track,
 )
 from lidarsim.config import starter
-from lidarsim.errors import LidarsimError
+from lidarsim.errors import ArgumentError, ArgumentValueError, LidarsimError
 from lidarsim.io import packets, raster
 from lidarsim.lidar import preset_path
 from lidarsim.patterns import describe
@@ -570,6 +571,63 @@ def _counted(items: Iterable[Item], tell: Callable[[], None]) -> Iterator[Item]:
     for item in items:
         yield item
         tell()
+
+
+@app.command()
+def fit(
+    real: Annotated[
+        Path,
+        typer.Argument(metavar="REAL", help="Points of your unit: a file, a bag, or a folder.", parser=parse_path),
+    ],
+    *,
+    output: Annotated[Path, make_file_option("--output -o", "YAML", "Write the sensor.")],
+    preset: Annotated[
+        str | None, make_option("--preset", "NAME", "Preset to start from; default: whose beams the points are on.")
+    ] = None,
+    ground: Annotated[
+        str | None, make_option("--ground", "MATERIAL", "What the ground is made of, such as asphalt.")
+    ] = None,
+) -> None:
+    """Fit a sensor to point clouds of your own unit.
+
+    REAL holds points in the sensor frame, as drivers give them. The table has each value of the preset, the fitted one
+    with its 95 % interval, and the number of samples; values that the points do not tell are those of the preset, and
+    the table says why. A run takes the file as its sensor: --set 'sensor={file: SENSOR.yaml}'.
+    """
+    from lidarsim.comparison import fit_source, recognised, sensor_of, source, values
+
+    check_suffix(output, {".yaml", ".yml"})
+    check_folder(output)
+    try:
+        material = None if ground is None else ls.materials.named(ground)
+    except ArgumentError as error:
+        raise ArgumentValueError("--ground", error.expected, error.got, error.hint) from None
+    frames = source("real", real)
+    if preset is None:
+        frames, preset = recognised(frames)
+    start, noise = sensor_of(preset)
+    with (
+        without_native_logs(),
+        Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
+    ):
+        task = progress.add_task("fitting", total=frames.count)
+        counting = dataclasses.replace(frames, frames=_counted(frames.frames, lambda: progress.advance(task)))
+        lidar, comparison = fit_source(counting, start, material)
+    paragraph(f"real {comparison.real}")
+    paragraph(f"sensor {preset}" + (f", noise {noise}" if noise else ""))
+    columns = ("value", "preset", "fitted", "unit", "samples")
+    rows = [
+        (measure.name, *values(measure)[::-1], measure.unit, f"{measure.n_real:,}")
+        if measure.verdict != "not measured"
+        else (measure.name, "", f"left: {measure.why}", "", "")
+        for measure in comparison
+    ]
+    table(columns, rows, left=columns[:4], whole=("value",))
+    for note in comparison.notes:
+        paragraph(f"note: {note}")
+    with atomic_writer(output) as file:
+        file.write(format_fit(start, lidar, comparison, {"preset": preset, "noise": noise or "none"}).encode())
+    print_line(output)
 
 
 CHECKED = 3

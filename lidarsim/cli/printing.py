@@ -16,12 +16,14 @@ from rich.progress import Progress
 import lidarsim as ls
 from lidarsim._base.shown import counted, format_size, plain
 from lidarsim._base.terminal import facts, paragraph, print_line, table
+from lidarsim.config.units import argument_of
 from lidarsim.io import packets
 from lidarsim.patterns import describe
 from lidarsim.run import Run
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
+    from lidarsim.comparison import Contrast, Measure
     from lidarsim.io.scenes import Imported
 
 
@@ -147,6 +149,48 @@ def _yaml_line(value: object) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_yaml_line(item)}" for key, item in value.items()) + "}"
     return str(value)
+
+
+def format_fit(start: ls.Lidar, lidar: ls.Lidar, comparison: ls.Comparison, base: Mapping[str, str]) -> str:
+    """Return a fitted sensor as YAML: what it starts from, and the values that differ, with their intervals."""
+    measures = {measure.name: measure for measure in comparison}
+    lines = [
+        f"# {start.name}, fitted to {comparison.real}. In comments: 95 % intervals, numbers of samples.",
+        *(f"{key}: {value}" for key, value in base.items()),
+    ]
+    if lidar.measurement != start.measurement:
+        lines += ["measurement:", *_differences(start.measurement, lidar.measurement, measures, "")]
+    if lidar.min_range != start.min_range:
+        lines.append(f"min_range_m: {lidar.min_range:.6g}{_interval(measures['min_range'])}")
+    left = [f"# Left: {measure.name}: {measure.why}." for measure in comparison if measure.verdict == "not measured"]
+    return "\n".join([*lines, *left]) + "\n"
+
+
+def _differences(old: Any, new: Any, measures: Mapping[str, Measure], above: str) -> Iterator[str]:
+    """Yield the lines of the values of a measurement, or a part of it, that differ."""
+    indent = "  " * (above.count(".") + 1)
+    for key in type(new).configuration:
+        name = argument_of(key)
+        before, after = getattr(old, name, None), getattr(new, name)
+        if before == after:
+            continue
+        if hasattr(after, "configuration"):
+            yield f"{indent}{key}:"
+            yield from _differences(before, after, measures, f"{above}{name}.")
+        else:
+            measure = measures.get(above + name)
+            told = measure is not None and measure.verdict != "not measured"
+            if measure is not None and isinstance(after, tuple):
+                yield f"{indent}{key}:"
+                for (at, value), cell in zip(after, measure.cells, strict=True):
+                    yield f"{indent}- [{at!r}, {value!r}]{_interval(cell)}"
+            else:
+                yield f"{indent}{key}: {after!r}{_interval(measure) if measure and told else ''}"
+
+
+def _interval(of: Contrast) -> str:
+    """Return the interval of a value, and the number of its samples, as a comment."""
+    return "  # {:.4g} to {:.4g}; {:,}".format(*of.real_interval, of.n_real)
 
 
 def format_times(span: tuple[float, float]) -> str:

@@ -22,6 +22,7 @@ import numpy as np
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import shown
 from lidarsim.comparison import _report as _report  # registers the page
+from lidarsim.comparison._fit import fit_source, recognised, sensor_of
 from lidarsim.comparison._frame import Frame
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
 from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, Verdict, reasons, values
@@ -39,6 +40,7 @@ from lidarsim.comparison._statistics import (
 )
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.lidar import Lidar
+from lidarsim.materials import Material
 from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan
 
@@ -50,7 +52,11 @@ __all__ = [
     "Side",
     "compare",
     "compare_sources",
+    "fit",
+    "fit_source",
     "reasons",
+    "recognised",
+    "sensor_of",
     "source",
     "values",
 ]
@@ -115,6 +121,65 @@ def compare(real: Given, simulated: Given, *, sensor: SensorLike = None) -> Comp
     'alike'
     """
     return compare_sources(source("real", real), source("simulated", simulated), sensor)
+
+
+def fit(
+    real: Given, sensor: str | os.PathLike[str] | Lidar, *, ground: Material | None = None
+) -> tuple[Lidar, Comparison]:
+    """Fit a sensor to real frames of one's own unit.
+
+    Parameters
+    ----------
+    real : PointCloud, Scan, path-like, or iterable of these
+        Frames in the sensor frame, as `compare` takes them.
+    sensor : str, path-like or Lidar
+        The sensor to start from: a preset by its name, with measured noise if it has that, else with noise of the
+        datasheet; a file that `Lidar.from_file` reads; or a sensor.
+    ground : Material, optional
+        What the ground of the frames is made of. Default: `materials.ASPHALT` for the detection limit, and intensities
+        by range are not fitted.
+
+    Returns
+    -------
+    lidar : Lidar
+        The sensor with the values that the frames tell; all others are as they were.
+    comparison : Comparison
+        A measure for each value, by its name in `Measurement`, such as "range_sigma" or "response.limit", or in
+        `Lidar`, "min_range": the fitted value with its 95 % interval as `real`, that of `sensor` as `simulated`,
+        `n_real` samples. "not measured" are values that the frames do not tell, which stay as they were; `why` has the
+        reason. Tables have a cell for each row, and what differs between rings one for each ring.
+
+    Raises
+    ------
+    FileFormatError, OSError
+        If a file cannot be read.
+    TypeError, ValueError
+        If an argument is none of these, there are too few points, or they are not of the sensor: their rings are not
+        told, more than it has, or not where its beams are.
+
+    Notes
+    -----
+    Values are those that simulate such frames, in the model of `Measurement`: `range_sigma` is the noise of all
+    surfaces on planes, weak echoes included, and replaces `range_sigma_slope` and `range_sigma_limit`;
+    `channel_bias_sigma` is how much rings differ, not the bias of each, which depends on the seed. `detection` and
+    `power_sigma` rest on the reflectivity of the ground: of twice that, the range of the limit is 0.7 times as far.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> scene = ls.Scene()
+    >>> _ = scene.add(ls.Plane((0, 0, 1), -1.8)), scene.add(ls.Box((16, 12, 8)))
+    >>> unit = ls.Lidar(ls.Lidar.preset("velodyne-vlp16").pattern, measurement=ls.Measurement(range_sigma=0.02))
+    >>> lidar, comparison = ls.fit(unit.frames(scene, None, 2), "velodyne-vlp16")
+    >>> round(lidar.measurement.range_sigma, 3)
+    0.02
+    >>> comparison["detection.range"].why
+    'the ground returns most pulses wherever it is seen'
+    """
+    lidar, _ = sensor_of(sensor)
+    if ground is not None and not isinstance(ground, Material):
+        raise ArgumentTypeError("ground", "a Material or None", shown(ground))
+    return fit_source(source("real", real), lidar, ground)
 
 
 def compare_sources(real: Source, simulated: Source, sensor: SensorLike) -> Comparison:

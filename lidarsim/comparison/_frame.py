@@ -402,7 +402,7 @@ class Planes:
         u = 1/range is linear in the direction d: on the plane w·x = 1, u = w·d. A deviation of the range is r²(w·d − u)
         to first order.
         """
-        rows, columns = _tile(image)
+        rows, columns = tile_shape(image)
         high, wide = image.reach.shape
         down, across = -(-high // rows), -(-wide // columns)
         padding = ((0, down * rows - high), (0, across * columns - wide))
@@ -492,7 +492,7 @@ def _deviations(plane: Floats, d: Floats, u: Floats, square: Floats, seen: Mask)
     return np.where(seen, away, np.nan)
 
 
-def _tile(image: Image) -> tuple[int, int]:
+def tile_shape(image: Image) -> tuple[int, int]:
     """Return rows and columns of a tile."""
     rise = np.arcsin(np.clip(np.nanmedian(image.direction[:, :, 2], axis=1), -1.0, 1.0))
     gap = float(np.median(np.diff(rise))) if len(rise) > 1 else math.inf

@@ -65,7 +65,7 @@ def rings_of(sensor: Sensor | None, xyz: Floats) -> tuple[Indices, str]:
     """
     if sensor is None:
         raise NoRingsError("have no rings; the argument sensor tells them")
-    beams = _Beams.of(sensor)
+    beams = Beams.of(sensor)
     turn = _turns(xyz, len(beams.ring))
     if turn is not None:
         return beams.ring[beams.of_turns(xyz, turn)][turn], ORDER
@@ -76,7 +76,7 @@ def rings_of(sensor: Sensor | None, xyz: Floats) -> tuple[Indices, str]:
 
 
 @dataclass(frozen=True)
-class _Beams:
+class Beams:
     """The beams of a sensor that turns about z: a line for each ring, which turns with the head.
 
     Attributes
@@ -96,7 +96,7 @@ class _Beams:
     height: Floats
 
     @classmethod
-    def of(cls, sensor: Sensor) -> _Beams:
+    def of(cls, sensor: Sensor) -> Beams:
         pulses = pulses_of(sensor.pattern, 0)
         x, y, z = pulses.directions.T
         level = np.hypot(x, y)
@@ -116,6 +116,13 @@ class _Beams:
         along = np.sqrt(np.maximum(x * x + y * y - self.aside[beam] ** 2, 0.0)) - self.ahead[beam]
         up = z - self.height[beam]
         return np.where(along * cos + up * sin > 0.0, up * cos - along * sin, np.inf)
+
+    def range(self, beam: int, xyz: Floats) -> Floats:
+        """Return the distance of each point from the origin of a beam, m."""
+        x, y, z = xyz.T
+        along = np.sqrt(np.maximum(x * x + y * y - self.aside[beam] ** 2, 0.0)) - self.ahead[beam]
+        reach: Floats = np.hypot(along, z - self.height[beam])
+        return reach
 
     def nearest(self, xyz: Floats) -> tuple[Indices, Floats]:
         """Return the nearest beam of each point, and its distance in units of that between the nearest two."""

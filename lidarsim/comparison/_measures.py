@@ -195,7 +195,7 @@ def _bins(what: str, edges: Floats, unit: str) -> Cells:
     return Cells(what, tuple(label(*ends) for ends in itertools.pairwise(edges)))
 
 
-def _place(values: npt.NDArray[np.floating], edges: Floats) -> Indices:
+def bin_of(values: npt.NDArray[np.floating], edges: Floats) -> Indices:
     """Return the bin of each value, the last edge included; -1 outside and of nan."""
     place = np.searchsorted(edges, values, "right") - 1
     place[values == edges[-1]] = len(edges) - 2
@@ -237,7 +237,7 @@ def _intensity(frame: Frame) -> Floats:
 @measure("points by range", "share", Share(), BY_RANGE, least=0.01)
 def points_by_range(frame: Frame) -> Samples:
     """Share of the points in each bin of range."""
-    return Samples(_place(frame.reach, RANGES), frame.block, frame.reach)
+    return Samples(bin_of(frame.reach, RANGES), frame.block, frame.reach)
 
 
 @measure("points by ring", "share", Share(), BY_RING, "ring", relative=0.05)
@@ -266,14 +266,14 @@ def return_rate_by_range(frame: Frame) -> Samples:
     met a surface count.
     """
     reach, _, returned, block = _returned(frame)
-    return Samples(_place(reach, RANGES), block, returned)
+    return Samples(bin_of(reach, RANGES), block, returned)
 
 
 @measure("return rate by incidence", "share", Rate(), BY_COSINE, "column", least=0.02)
 def return_rate_by_incidence(frame: Frame) -> Samples:
     """Share of the pulses at a plane that return, by the cosine of the angle of incidence."""
     _, cosine, returned, block = _returned(frame)
-    return Samples(_place(cosine, COSINES), block, returned)
+    return Samples(bin_of(cosine, COSINES), block, returned)
 
 
 SIGMA = Histogram(_logarithmic(1e-5, 1.0), robust_sigma())
@@ -294,15 +294,15 @@ def range_noise(frame: Frame) -> Samples:
     on, steep = image.planes.on, image.planes.cosine
     whole = on[:, 3:] & on[:, 2:-1] & on[:, 1:-2] & on[:, :-3] & ~(steep[:, 1:-2] < 0.5)
     reach = image.reach[:, 1:-2][whole]
-    cell = _place(reach, RANGES)
+    cell = bin_of(reach, RANGES)
     bright = len(INTENSITIES) - 1
     if frame.intensity is None:
         cell = np.where(cell >= 0, cell * bright + bright - 1, -1)
     else:
         cell = np.where(
-            cell >= 0, cell * bright + _place(_intensity(frame)[image.point[:, 1:-2][whole]], INTENSITIES), -1
+            cell >= 0, cell * bright + bin_of(_intensity(frame)[image.point[:, 1:-2][whole]], INTENSITIES), -1
         )
-    return Samples(cell, image.block[:, 1:-2][whole], np.abs(third[whole]) * reach**2 / math.sqrt(20.0))
+    return Samples(cell, image.block[:, 1:-2][whole], np.abs(third[whole]) * reach**2 / math.sqrt(20.0), other=reach)
 
 
 @measure("ring bias", "m", Mean(), BY_RING, "column", least=2e-3, centred=True)
@@ -369,7 +369,7 @@ class _Edges:
         # A clean edge is met twice: with its last pixel before the jump in the middle, and with the first behind it.
         weight = np.where(clean[told], 0.5, 1.0)
         return cls(
-            cell=_place(jump[told], JUMPS),
+            cell=bin_of(jump[told], JUMPS),
             block=image.block[middle][told],
             mixed=mixed[told].astype(np.float64),
             lost=lost[told].astype(np.float64),
@@ -403,14 +403,19 @@ def dual_at_edges(frame: Frame) -> Samples:
 def holes(frame: Frame) -> Samples:
     """Share of the pulses that do not return between two neighbours on either side that agree in range."""
     image = _image(frame)
+    agree = smooth(image)
+    lost = image.lost[:, 2:-2][agree].astype(np.float64)
+    return Samples(bin_of(image.reach[:, 1:-3][agree], RANGES), image.block[:, 2:-2][agree], lost)
+
+
+def smooth(image: Image) -> Mask:
+    """Return which pulses have two neighbours on either side that agree in range, shape (R, C - 4)."""
     r = image.reach
     before, a, _, b, behind = (r[:, i : r.shape[1] - 4 + i] for i in range(5))
-    lost = image.lost[:, 2:-2]
     with np.errstate(invalid="ignore"):
         near = ROUGH + 0.01 * np.minimum(a, b)
         agree = (np.abs(b - a) < near) & (np.abs(a - before) < near) & (np.abs(behind - b) < near)
-    agree &= image.fired[:, 2:-2]
-    return Samples(_place(a[agree], RANGES), image.block[:, 2:-2][agree], lost[agree].astype(np.float64))
+    return agree & image.fired[:, 2:-2]
 
 
 @measure("runs of missing pixels", "share", Share(), BY_RUN, "column", least=0.02)
@@ -419,7 +424,7 @@ def runs_of_missing(frame: Frame) -> Samples:
     image = _image(frame)
     row, column = np.nonzero(image.point >= 0)
     length = np.where(np.diff(row) == 0, np.diff(column) - 1, 0).astype(np.float64)
-    return Samples(_place(length, RUNS), image.block[row[:-1], column[:-1]], length)
+    return Samples(bin_of(length, RUNS), image.block[row[:-1], column[:-1]], length)
 
 
 @measure("isolated points", "share", Rate(), BY_RANGE, "column", least=2e-3)
@@ -438,7 +443,7 @@ def isolated_points(frame: Frame) -> Samples:
             with np.errstate(invalid="ignore"):
                 alone &= ~(np.abs(padded[down : down + high, across : across + wide] - reach) <= near)
     seen = np.isfinite(reach)
-    return Samples(_place(reach[seen], RANGES), _image(frame).block[seen], alone[seen].astype(np.float64))
+    return Samples(bin_of(reach[seen], RANGES), _image(frame).block[seen], alone[seen].astype(np.float64))
 
 
 BRIGHTNESS = Histogram(_logarithmic(1e-4, 10.0), trimmed(0.1, 0.9))
@@ -447,7 +452,7 @@ BRIGHTNESS = Histogram(_logarithmic(1e-4, 10.0), trimmed(0.1, 0.9))
 @measure("intensity by range", "1", BRIGHTNESS, BY_RANGE, "intensity", least=5e-3, relative=0.1)
 def intensity_by_range(frame: Frame) -> Samples:
     """Mean intensity, without the lowest and the highest tenth, by range."""
-    return Samples(_place(frame.reach, RANGES), frame.block, _intensity(frame))
+    return Samples(bin_of(frame.reach, RANGES), frame.block, _intensity(frame))
 
 
 @measure("intensity by incidence", "1", BRIGHTNESS, BY_COSINE, "column", "intensity", least=5e-3, relative=0.1)
@@ -455,7 +460,7 @@ def intensity_by_incidence(frame: Frame) -> Samples:
     """Mean intensity of points on planes, without the lowest and the highest tenth, by the cosine of the incidence."""
     image = _image(frame)
     on = image.planes.on
-    return Samples(_place(image.planes.cosine[on], COSINES), image.block[on], _intensity(frame)[image.point[on]])
+    return Samples(bin_of(image.planes.cosine[on], COSINES), image.block[on], _intensity(frame)[image.point[on]])
 
 
 @measure(
@@ -480,7 +485,7 @@ def scatter_of_intensity(frame: Frame) -> Samples:
     a, b, c = bright[:, :-2][whole], bright[:, 1:-1][whole], bright[:, 2:][whole]
     mean = (a + b + c) / 3.0
     scatter = np.divide(np.abs(a - 2.0 * b + c), mean, out=np.full(len(mean), np.nan), where=mean > 0.0)
-    cell = np.where(mean > 0.0, _place(image.reach[:, 1:-1][whole], RANGES), -1)
+    cell = np.where(mean > 0.0, bin_of(image.reach[:, 1:-1][whole], RANGES), -1)
     return Samples(cell, image.block[:, 1:-1][whole], 1.4826 * scatter / math.sqrt(6.0))
 
 
@@ -545,7 +550,7 @@ def range_offset(pair: Pair) -> Samples:
     with np.errstate(divide="ignore"):
         offset = frame.reach[chosen] - 1.0 / facing
     fits: Mask = (away < 0.3 + 0.02 * frame.reach[chosen]) & (facing > 0.0) & (np.abs(offset) < 0.5)
-    return Samples(_place(frame.reach[chosen][fits], RANGES), frame.block[chosen][fits], offset[fits])
+    return Samples(bin_of(frame.reach[chosen][fits], RANGES), frame.block[chosen][fits], offset[fits])
 
 
 @measure("density-aware Chamfer distance", "1", Mean(), ONE, "scene", "frames", least=0.02, upwards=True)

@@ -128,7 +128,9 @@ class Side(Immutable):
     rings: int
 
     def __str__(self) -> str:
-        """Return the numbers."""
+        """Return the numbers; of a sensor without frames its name."""
+        if not self.frames:
+            return self.name
         rings = f", {self.rings} rings" if self.rings else ""
         name = f"{self.name}: " if self.name else ""
         return f"{name}{counted(self.frames, 'frame')}, {self.points:,} points{rings}"

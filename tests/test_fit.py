@@ -1,0 +1,278 @@
+"""Fits of a sensor: what simulated captures were made with comes back, or is left with a reason."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+from lidarsim.cli import main
+
+ELEVATIONS = np.radians(np.linspace(-24.0, 15.0, 40))
+GROUND = ls.Material(reflectivity=0.25)
+FRAMES = 3
+
+
+def scene() -> ls.Scene:
+    """A level ground with boxes on it, one so near that a part of it is nearer than any least range here."""
+    made = ls.Scene()
+    made.add(ls.Plane((0, 0, 1), -1.8), material=GROUND)
+    for x, y, reflectivity in ((6, 4, 0.6), (-7, 5, 0.4), (-5, -9, 0.7), (9, -8, 0.5), (14, 3, 0.8)):
+        made.add(ls.Box((3, 4, 3), (x, y, -0.3)), material=ls.Material(reflectivity=reflectivity))
+    made.add(ls.Box((3, 0.5, 2.5), (0, -1, -0.5)), material=ls.Material(reflectivity=0.4))
+    return made
+
+
+def unit(seed: int) -> ls.Lidar:
+    """A sensor with values drawn at random; the power fluctuates, and the ground fades, in every second draw."""
+    rng = np.random.default_rng(seed)
+    step, fades = float(rng.choice([0.001, 0.002, 0.004, 0.005])), seed % 2 == 0
+    response = ls.Response(
+        range=[(2.0, rng.uniform(0.2, 0.6)), (10.0, rng.uniform(0.4, 1.0))],
+        sigma=rng.uniform(0.03, 0.15),
+        ring_sigma=rng.uniform(0.03, 0.2),
+        resolution=float(rng.choice([1 / 255, 0.01, 1 / 1023])),
+        limit=float(rng.choice([1.0, 0.6])),
+    )
+    sigma = rng.uniform(0.6 * step + 0.002, 0.03)
+    measurement = ls.Measurement(
+        range_sigma=[(3.0, 0.008), (12.0, 0.02)] if seed % 5 == 4 else sigma,
+        range_resolution=step,
+        channel_bias_sigma=rng.uniform(0.003, 0.02),
+        dropout=rng.uniform(0.001, 0.03),
+        detection=ls.Detection(0.1, rng.uniform(25.0, 70.0)) if fades else None,
+        power_sigma=rng.uniform(0.2, 0.9) if fades else 0.0,
+        response=response,
+    )
+    pattern = ls.patterns.Spinning(ELEVATIONS, columns=1024)
+    near = rng.uniform(0.6, 1.2)
+    return ls.Lidar(pattern, measurement=measurement, min_range=near, max_range=120.0, name=f"unit {seed}")
+
+
+def start(of: ls.Lidar) -> ls.Lidar:
+    """What a data sheet says of a unit: the same model, with other values."""
+    response = ls.Response(resolution=of.measurement.response.resolution if of.measurement.response else 0.0)
+    detection = None if of.measurement.detection is None else ls.Detection(0.1, 80.0)
+    sheet = ls.Measurement(range_sigma=0.02, detection=detection, response=response)
+    return replace(of, measurement=sheet, min_range=0.5)
+
+
+def clouds(of: ls.Lidar, seed: int = 0, count: int = FRAMES) -> list[ls.PointCloud]:
+    return [scan.point_cloud() for scan in of.frames(scene(), None, count, seed=seed)]
+
+
+def true_value(of: ls.Lidar, name: str) -> Any:
+    value: Any = of if hasattr(of, name) else of.measurement
+    for part in name.split("."):
+        value = getattr(value, part, None)
+    return value
+
+
+def at(value: Any, cell: ls.comparison.Cell) -> float:
+    """A number, or a table at the range of a cell."""
+    return float(value) if isinstance(value, float) else float(np.interp(float(cell.label[:-2]), *np.transpose(value)))
+
+
+def held(seed: int) -> list[tuple[str, bool]]:
+    """Names of the values that frames of a unit tell, one for each row of a table, and whether each interval holds."""
+    of = unit(seed)
+    fitted, comparison = ls.fit(clouds(of, seed), start(of), ground=GROUND)
+    unknown_fade = of.measurement.power_sigma > 0.0 and comparison["power_sigma"].verdict == "not measured"
+    found = []
+    for measure in comparison:
+        if measure.verdict == "not measured":
+            assert measure.why
+            assert true_value(fitted, measure.name) == true_value(start(of), measure.name)
+            continue
+        if measure.name in {"response.sigma", "dropout"} and unknown_fade:  # they rest on what the sheet says of it
+            continue
+        value = true_value(of, measure.name)
+        if measure.by == "range":
+            ends = [(at(value, cell), *cell.real_interval) for cell in measure.cells]
+        elif isinstance(value, float):
+            ends = [(value, *measure.real_interval)]
+        else:
+            ends = [(value[0][1], -np.inf, -np.inf)]  # one number for a table
+        # Steps and limits of intensities, which are float32, are exact to 6 digits, and a limit to the step.
+        slack = (1e-6 + true_value(of, "response.resolution") * measure.name.endswith("limit")) * (
+            "res" in measure.name
+        )
+        found += [(measure.name, bool(low - slack <= it <= high + slack)) for it, low, high in ends]
+    return found
+
+
+def test_what_was_put_in_comes_back(slow: bool) -> None:
+    """Intervals of 95 % hold in 95 % of the cases, by chance seldom in fewer than `least` says.
+
+    Of n independent cases each holds with probability 0.95, so their number is binomial; fewer than its quantile of
+    1/1000 are no chance. Rows of one table are independent enough: they are of other points.
+    """
+    from scipy.stats import binom
+
+    told: Counter[str] = Counter()
+    inside: Counter[str] = Counter()
+    for seed in range(40) if slow else (6, 7):
+        for name, holds in held(seed):
+            told[name] += 1
+            inside[name] += holds
+    assert set(told) >= {"range_sigma", "channel_bias_sigma", "range_resolution", "dropout", "min_range"}
+    assert set(told) >= {"detection.range", "power_sigma", "response.range", "response.ring_sigma", "response.sigma"}
+    assert set(told) >= {"response.resolution", *(["response.limit"] if slow else [])}
+    for name, count in told.items():
+        assert inside[name] >= binom.ppf(1e-3, count, 0.95), f"{name}: {inside[name]} of {count}"
+    assert sum(inside.values()) >= binom.ppf(1e-3, told.total(), 0.95), f"{inside} of {told}"
+
+
+def test_intervals_are_narrow() -> None:
+    """The intervals that hold are of use: noise to 5 %, the limit of detection to 10 %, drop-out to a half."""
+    of = unit(6)
+    _, comparison = ls.fit(clouds(of), start(of), ground=GROUND)
+    for name, most in {"range_sigma": 0.05, "detection.range": 0.1, "power_sigma": 0.3, "dropout": 0.5}.items():
+        low, high = comparison[name].real_interval
+        assert 0.0 < high - low < 2.0 * most * comparison[name].real, name
+        assert comparison[name].verdict == "differs"
+    assert len(comparison["channel_bias_sigma"].cells) == len(ELEVATIONS)
+
+
+def test_the_fitted_sensor_is_alike_where_the_sheet_differs() -> None:
+    of = unit(7)
+    told, kept = clouds(of, count=2), clouds(of, count=4)[2:]
+    fitted, _ = ls.fit(told, start(of), ground=GROUND)
+    names = ("range noise", "holes in smooth rings", "scatter of intensity", "range step")
+    before, after = (ls.compare(kept, clouds(each, seed=9, count=2)) for each in (start(of), fitted))
+    assert {before[name].verdict for name in names} == {"differs"}
+    assert {after[name].verdict for name in names} <= {"alike", "cannot tell"}
+
+
+def without(cloud: ls.PointCloud, *left_out: str, **changes: Any) -> ls.PointCloud:
+    kept = {name: getattr(cloud, name) for name in ("xyz", "intensity", "ring", "column") if name not in left_out}
+    return ls.PointCloud(kept | changes)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda cloud: without(cloud, "intensity"), {"response.limit": "the clouds have no intensity"}),
+        (
+            lambda cloud: without(cloud, intensity=np.zeros(len(cloud), np.float32)),
+            {"response.sigma": "all intensities are 0", "response.ring_sigma": "all intensities are 0"},
+        ),
+        (
+            lambda cloud: without(cloud[cloud.xyz[:, 2] > -1.5]),
+            {"detection.range": "no ground is seen: no level plane of 500 points or more below the sensor"},
+        ),
+        (
+            lambda cloud: without(
+                cloud, xyz=cloud.xyz + np.random.default_rng(len(cloud)).normal(0, 3e-3, (len(cloud), 3))
+            ),
+            {"range_resolution": "ranges are no multiples of a common step from 0.5 to 50 mm"},
+        ),
+    ],
+    ids=["no intensity", "dark", "no ground", "no step"],
+)
+def test_what_is_not_told_is_left(change: Callable[[ls.PointCloud], ls.PointCloud], why: dict[str, str]) -> None:
+    of = unit(6)
+    sheet = start(of)
+    fitted, comparison = ls.fit(map(change, clouds(of, count=2)), sheet)
+    for name, reason in why.items():
+        assert comparison[name].verdict == "not measured"
+        assert comparison[name].why == reason
+        assert true_value(fitted, name) == true_value(sheet, name)
+    assert comparison["range_sigma"].verdict == "differs"
+    assert comparison["response.exponent"].why == "this takes targets of known reflectivities"
+
+
+def test_bad_input_is_one_line() -> None:
+    of = unit(2)
+    (cloud,) = clouds(of, count=1)
+    few = without(cloud[:999])
+    turned = without(cloud, ring=(len(ELEVATIONS) - 1 - cloud.ring).astype(np.uint16))
+    for real, sensor, message in (
+        (cloud, "hesai-xt32", "real: expected frames of hesai-xt32 with 32 rings, got ring 39"),
+        (turned, of, "real: expected frames of unit 2, got points "),
+        (few, of, "real: expected 1,000 points or more, got 999"),
+        (cloud, 3, "sensor: expected a Lidar, the name of a preset or a file, got 3"),
+        (cloud, "hesai-xt33", "preset: expected the name of a sensor, got 'hesai-xt33'"),
+        (without(cloud, "ring"), ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0)), "real: expected frames of the"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=f"^{re.escape(message)}"):
+            ls.fit(real, sensor)
+    with pytest.raises(TypeError, match=r"^ground: expected a Material or None, got 'asphalt'"):
+        ls.fit(cloud, of, ground="asphalt")  # type: ignore[arg-type]
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as left:
+        main([*map(str, arguments)])
+    return int(left.value.code or 0)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    lidar = ls.Lidar.preset("velodyne-vlp16", noise="measured")
+    noisy = replace(lidar, measurement=replace(lidar.measurement, range_sigma=0.03))
+    (tmp_path / "real").mkdir()
+    for i, cloud in enumerate(clouds(noisy, count=2)):
+        cloud.save(tmp_path / "real" / f"{i}.pcd")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_command_writes_a_sensor(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("fit", "real", "-o", "mine.yaml", "--ground", "asphalt") == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "sensor velodyne-vlp16, noise measured" in printed.out
+    assert re.search(r"range_sigma +0\.008 +0\.0\d+ \[0\.0\d+, 0\.0\d+\] +m +[\d,]+\n", printed.out)
+    assert re.search(r"response\.exponent +left: this takes targets of known reflectivities", printed.out)
+    text = Path("mine.yaml").read_text(encoding="utf-8")
+    assert re.search(r"range_sigma_m: 0\.0\d+  # 0\.0\d+ to 0\.0\d+; [\d,]+\n", text)
+    assert "# Left: response.exponent: this takes targets of known reflectivities.\n" in text
+    fitted, _ = ls.fit("real", "velodyne-vlp16", ground=ls.materials.ASPHALT)
+    assert ls.Lidar.from_file("mine.yaml").measurement == fitted.measurement
+    assert abs(fitted.measurement.range_sigma - 0.03) < 0.002  # type: ignore[operator]
+    assert run("scan", "demo", "-o", "a.pcd", "--set", "sensor={file: mine.yaml}") == 0
+
+
+def test_tables_are_written_row_by_row() -> None:
+    from lidarsim.cli.printing import format_fit
+
+    of = replace(unit(4), name="velodyne-vlp16")
+    fitted, comparison = ls.fit(clouds(of), start(of), ground=GROUND)
+    text = format_fit(start(of), fitted, comparison, {})
+    rows = re.findall(r"^  - (\[.+\])  # .+ to .+; [\d,]+$", text.split("channel_bias")[0], re.MULTILINE)
+    assert rows == [str([*row]) for row in fitted.measurement.range_sigma]  # type: ignore[union-attr]
+    assert len(rows) >= 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("real", "-o", "mine.pdf"), "mine.pdf: unknown extension '.pdf', expected .yaml or .yml"),
+        (("nowhere.npz", "-o", "mine.yaml"), "nowhere.npz: no such file"),
+        (("real", "-o", "a.yaml", "--preset", "vlp17"), "preset: expected the name of a sensor, got 'vlp17'"),
+        (("real", "-o", "a.yaml", "--preset", "hesai-xt32"), "real: expected frames of hesai-xt32, got points"),
+        (("real", "-o", "a.yaml", "--ground", "tarmac"), "--ground: expected the name of a material, got 'tarmac'"),
+        (("flat.npz", "-o", "a.yaml"), "preset: expected the name of a sensor, got none; no preset has beams"),
+        (("real",), "Missing option"),
+    ],
+)
+def test_the_command_explains_a_mistake_in_a_line(
+    folder: Path, arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ls.PointCloud({"xyz": np.ones((2000, 3)), "ring": np.zeros(2000, np.uint16)}).save("flat.npz")
+    assert run("fit", *arguments) == 2
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert not list(folder.glob("*.yaml"))
