@@ -68,6 +68,10 @@ ground-based measurements in Gothenburg, Sweden, Urban Forestry & Urban Greening
 HEDGE_DEPTH = 0.4
 """Half the thickness of a hedge over its height."""
 
+FILL = 0.55
+"""Share of a disk that its bunch of leaves fills: with full disks, the median intensity of vegetation is 0.49, and 0.34 in
+SemanticKITTI 00 and 08."""
+
 TUFTS = 2.0
 """Width of a patch of grass tufts, m."""
 
@@ -135,8 +139,7 @@ def tree(
     at = twigs[rng.integers(len(twigs), size=count)] + rng.normal(0.0, bunch, (count, 3)) * (1, 1, 0.7)
     at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, 1.1 * habit.leaf), max(tall, clear + 0.5))
     at = at[at[:, 2] >= clear + 2 * habit.leaf * bool(clear)]
-    material = materials.CONIFER if kind == "conifer" else materials.FOLIAGE
-    leaves = _leaves(rng, at, habit.leaf, material)
+    leaves = _leaves(rng, at, habit.leaf, materials.CONIFER if kind == "conifer" else materials.FOLIAGE)
     if not habit.girth:
         return Asset((leaves,))
     trunk, *branches = _wood(rng, twigs, habit.girth * tall, foot, (0.95 if kind == "conifer" else 0.7) * tall)
@@ -148,7 +151,9 @@ def tree(
 def _leaves(rng: np.random.Generator, at: Floats, radius: float, material: Material, label: int = VEGETATION) -> Part:
     """Return leaves that face all ways alike."""
     normals = rng.normal(size=(len(at), 3))
-    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.8, 1.2, len(at))), label, material)
+    looks = {key: value for key, value in material._contents().items() if key != "reflectivity"}
+    filled = Material(reflectivity=FILL * np.asarray(material.reflectivity), **looks)
+    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.8, 1.2, len(at))), label, filled)
 
 
 def _twigs(kind: TreeKind, rng: np.random.Generator, foot: float, tall: float, radius: float) -> Floats:
