@@ -69,8 +69,8 @@ HEDGE_DEPTH = 0.4
 """Half the thickness of a hedge over its height."""
 
 FILL = 0.55
-"""Share of a disk that its bunch of leaves fills: with full disks, the median intensity of vegetation is 0.49, and 0.34 in
-SemanticKITTI 00 and 08."""
+"""Share of a disk that its bunch of leaves fills: with full disks, vegetation has a median intensity of 0.49, and
+of 0.34 in SemanticKITTI 00 and 08."""
 
 TUFTS = 2.0
 """Width of a patch of grass tufts, m."""
