@@ -13,7 +13,7 @@ from distributed import Client, LocalCluster
 
 import lidarsim as ls
 
-SMALL = {"sequences": 4, "frames": 3, "shard_frames": 2, "pictures": 0}
+SMALL = {"sequences": 2, "frames": 1, "shard_frames": 1, "pictures": 0}
 
 
 def checksums(folder: str) -> list[str]:

@@ -4,6 +4,9 @@ Run by hand, from anywhere: ``python tests/mutations.py [--only WORDS] [--target
 per mutant. The working tree is not changed: the core is copied to a temporary folder, patched there and built without
 optimisation.
 
+Most mutants halve the factor of a bound, which tools such as cargo-mutants leave alone: they replace operators and
+what functions return.
+
 A mutant replaces a text in the core's sources; `tests/test_mutations.py` checks that the text occurs exactly once. The
 unit tests of the core run first. If they pass, mutants that concern whole casts are also tested by tests of the Python
 package with the patched core. The exit code is 1 if a mutant passes all tests and states no reason for it.

@@ -5,6 +5,8 @@ so an error always names the place where the offending value was written. Scalar
 ``1e-3`` is a number, ``no`` is text, ``010`` is ten and ``0o10`` eight. Keys are words, and a mapping has each at most
 once.
 
+PyYAML scans and parses; ruamel.yaml takes twice as long, and merging, overriding and naming places would stay here.
+
 `parse` checks the entire document, so that the other functions only see values that `plain` can return.
 """
 

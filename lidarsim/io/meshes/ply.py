@@ -1,5 +1,7 @@
 """PLY files (``.ply``) in any encoding: vertices, their colours, faces and triangle strips; all else is skipped.
 
+plyfile, which `lidarsim.io.ply` takes for lists in clouds, makes an array of each face: it takes eight times as long.
+
 Format: Greg Turk, The PLY Polygon File Format (http://paulbourke.net/dataformats/ply).
 """
 
