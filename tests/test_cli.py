@@ -570,7 +570,7 @@ def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("check", "run.yaml", "--set", "scene.1={shape: mesh, file: flat.obj, name: flat}") == 0
     printed = capsys.readouterr().out
     rows = [line.split() for line in printed.splitlines()]
-    assert ["1", "TriangleMesh", "flat", "0", "1", "2", "1"] in rows
+    assert ["1", "TriangleMesh", "flat", "0", "1", "2", *["2", "×", "1", "×", "0"], "1"] in rows
     assert ["sensor", "velodyne-vlp16"] in rows
     assert printed.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
 

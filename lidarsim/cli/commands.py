@@ -860,7 +860,7 @@ def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCl
     places: dict[str, Any] = {"pose": poses, "time": times}
     if count > 1:
         places["title"] = tuple(
-            frame_title(number, run.numbers.index(number) + 1, count, time)
+            frame_title(number, run.numbers.index(number) + 1, count, time - run.time(run.numbers[0]))
             for number, time in zip(numbers, times, strict=True)
         )
     return clouds, places, count

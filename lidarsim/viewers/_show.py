@@ -227,7 +227,7 @@ def _style(limits: tuple[float, float] | None, color_map: str | None, background
 
 
 def frame_title(number: int | None, place: int, count: int | None, time: float | None) -> str:
-    """Return the title of a frame: its number, which one of them it is, counting from 1, and its time."""
+    """Return the title of a frame: its number, its place among all, from 1 on, and the time from the first start, s."""
     name = f"frame {place} of {count}" if number is None else f"frame {number}"
     which = f" ({place} of {count})" if count and number is not None else ""
     return f"{name}{which}" + ("" if time is None else f", {time:.2f} s")
@@ -235,7 +235,7 @@ def frame_title(number: int | None, place: int, count: int | None, time: float |
 
 def together_title(count: int, times: Sequence[float]) -> str:
     """Return the title of several frames in one picture."""
-    return counted(count, "frame") + (f", {min(times):.2f} to {max(times):.2f} s" if len(times) > 1 else "")
+    return counted(count, "frame") + (f", 0.00 to {max(times) - min(times):.2f} s" if len(times) > 1 else "")
 
 
 def _titles(
@@ -246,7 +246,7 @@ def _titles(
     if title is None and count > 1:
         first = [next(iter(what.values()), None) if isinstance(what, Mapping) else what for what in given]
         numbers = [scan.frame if isinstance(scan, Scan) else None for scan in first]
-        times: Sequence[float | None] = starts or [None] * count
+        times = [time - starts[0] for time in starts] if starts else [None] * count
         title = [
             frame_title(number, place, count, time)
             for place, (number, time) in enumerate(zip(numbers, times, strict=True), 1)

@@ -404,10 +404,10 @@ def test_frames_accumulate_in_the_world(scans: list[ls.Scan], monkeypatch: pytes
 def test_frames_say_which_they_are(scans: list[ls.Scan], monkeypatch: pytest.MonkeyPatch) -> None:
     pictures = pictures_of(monkeypatch)
     clouds = [scan.point_cloud("world") for scan in scans[1:]]
-    later = [replace(scan, time=time) for scan, time in zip(scans[1:], (0.1, 0.3), strict=True)]
+    later = [replace(scan, time=time) for scan, time in zip(scans[1:], (1.7e9, 1.7e9 + 0.2), strict=True)]
     for what in (later, [{"top": scan} for scan in later], clouds, scans[0]):
         ls.show(what, save="a.gif")
-    numbered = ["frame 1 (1 of 2), 0.10 s", "frame 2 (2 of 2), 0.30 s"]
+    numbered = ["frame 1 (1 of 2), 0.00 s", "frame 2 (2 of 2), 0.20 s"]  # from the first on
     titles = [[frame.title for frame in picture.frames] for picture in pictures]
     assert titles == [numbered, numbered, ["frame 1 of 2", "frame 2 of 2"], [""]]
 
