@@ -59,6 +59,7 @@ HEAVY = (
     "pyvista",
     "rasterio",
     "rerun",
+    "rich.console",
     "rosbags.rosbag2",
     "vtkmodules.vtkRenderingFreeType",
 )
