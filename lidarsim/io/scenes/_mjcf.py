@@ -399,7 +399,8 @@ class _Model:
         elif tag == "model":  # which MuJoCo parses again for each
             included = [other for other in self._files.models.values() if other.name == file]
         else:
-            return 1, self._numbers(element) + self._files.repeated.get(file or "", 0)
+            elements = 2 if tag == "flexcomp" else 1  # a point is a body with joints
+            return elements, self._numbers(element) + self._files.repeated.get(file or "", 0)
         return 1 + sum(other.weight for other in included), sum(other.numbers for other in included)
 
     def _survey(self, document: Document) -> None:

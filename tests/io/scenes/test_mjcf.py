@@ -242,6 +242,7 @@ OUTSIDE = "only regular files beside or below "
             "expected at most 20,000 copies of elements, got more",
         ),
         (model('<flexcomp name="a" type="grid" count="999 999 999"/>'), "expected at most 20,000 copies of elements"),
+        (model('<flexcomp name="a" type="grid" count="26 26 16"/>'), "expected at most 20,000 copies of elements"),
         (model(f'<replicate count="{" " * 2000}30000">{GEOM}</replicate>'), "expected at most 20,000 copies"),
         (
             model("", '<asset><hfield name="h" nrow="99999" ncol="99999" size="1 1 1 1"/></asset>'),
