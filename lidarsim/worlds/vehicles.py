@@ -151,8 +151,8 @@ LABELS: dict[VehicleKind, int] = {
 
 PAINTS: tuple[tuple[float, float], ...] = ((0.34, 0.2), (0.21, 0.01), (0.19, 0.027), (0.08, 0.15), (0.18, 0.04))
 """Share and reflectivity of white, black, grey, silver and coloured cars. Shares: Axalta, 2022, Global Automotive Color
-Popularity Report. Reflectivities: a third (white, silver) to a fifth of those in `lidarsim.materials.SOURCES`, as lacquer
-and flakes throw most of the light ahead: half of the points on cars in SemanticKITTI 00 and 08 read 0."""
+Popularity Report. Reflectivities: a third to a fifth of those in `lidarsim.materials.SOURCES`, since lacquer and flakes
+throw most of the light ahead: half of the points on cars in SemanticKITTI 00 and 08 read 0."""
 
 PLATE = Material(reflectivity=220.0)
 """Sheeting of type I, 70 cd/lx/m² (ASTM D4956), times π for a white diffuser's 1/π."""
