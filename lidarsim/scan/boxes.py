@@ -295,9 +295,9 @@ class _Things:
     instance, label : ndarray of uint32, shape (m,)
         As in `Boxes`.
     axes : ndarray of float64, shape (m, 3, 3)
-        Axes of each box before any motion, in columns.
+        Axes of each box before any motion, in columns; nan until `measure` has been called.
     extent : ndarray of float64, shape (m, 2, 3)
-        Lowest and highest coordinates along the axes, before any motion; nan if parts move apart.
+        Lowest and highest coordinates along the axes, before any motion; nan, too, if parts move apart.
     moves : ndarray of bool, shape (m,)
         Whether any part moves.
     scenes : dict
@@ -324,8 +324,17 @@ class _Things:
             self.scenes[labels] = _native.Scene([item for thing in which for item in self.parts[thing]]), of_object
         return self.scenes[labels]
 
+    def measure(self, which: npt.NDArray[np.intp]) -> None:
+        """Find the axes and extents of some things, once."""
+        for thing in which[np.isnan(self.axes[which, 0, 0])].tolist():
+            parts, axes = self.parts[thing], _axes(self.parts[thing][0])
+            if all(item.motion is parts[0].motion for item in parts):
+                self.extent[thing] = _extent(parts, axes.T @ np.eye(3, 4), None)
+            self.axes[thing] = axes  # last: it says that the rest is there
+
     def boxes(self, which: npt.NDArray[np.intp], time: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return centre, size, rotation and velocity of some boxes in the world, each at its time, s."""
+        self.measure(which)
         axes, extent = self.axes[which], self.extent[which]
         body = np.tile(np.eye(4), (len(which), 1, 1))
         linear, angular = np.zeros((2, len(which), 3))
@@ -362,18 +371,13 @@ def _things_in(world: Snapshot) -> _Things:
     for thing, places in enumerate(things):
         of_object[places] = thing
     parts = [[world.items[place] for place in places] for places in things]
-    axes = np.array([_axes(own[0]) for own in parts]).reshape(-1, 3, 3)
-    extent = np.full((len(things), 2, 3), np.nan)
-    for thing, own in enumerate(parts):
-        if all(item.motion is own[0].motion for item in own):
-            extent[thing] = _extent(own, axes[thing].T @ np.eye(3, 4), None)
     made = _KNOWN[world] = _Things(
         of_object=of_object,
         parts=parts,
         instance=np.array([own[0].instance for own in parts], np.uint32),
         label=np.array([_label(own[0]) for own in parts], np.uint32),
-        axes=axes,
-        extent=extent,
+        axes=np.full((len(things), 3, 3), np.nan),
+        extent=np.full((len(things), 2, 3), np.nan),
         moves=np.array([any(item.motion is not None for item in own) for own in parts], bool),
     )
     return made
