@@ -69,6 +69,8 @@ FEWEST_STEPS = 5.0
 """Steps of the intensity from which its mean is right beside the rounding."""
 GROUND = 0.15
 """Greatest height of ground points over their plane near the sensor, m."""
+APPROACHES = np.geomspace(0.01, 100.0, 922)
+"""Edges of the bins of the range, m, 1 % wide."""
 EDGES = 20
 """Surfaces cut off by the least range that tell it."""
 SEEN = 0.995
@@ -345,6 +347,8 @@ class _Captures:
         self.level_counts: Indices = np.zeros(0, np.intp)
         self.least, self.cuts = math.inf, np.zeros(0)
         """Least range, and ranges, rising, at which surfaces end that come nearer, m."""
+        self.approaches = np.zeros((len(APPROACHES) - 1, 2))
+        """How often surfaces that come nearer are seen at a range, and how often they end there."""
         self._unit: float | None = None
         self._last: tuple[Image, Floats] | None = None
         self._cosines = np.linspace(0.0, 1.0, 257)
@@ -360,6 +364,12 @@ class _Captures:
         except UntoldError:
             low = high = self.lidar.measurement.power_sigma
         return low, self.lidar.measurement.power_sigma, high
+
+    @property
+    def ground_rate(self) -> float:
+        """Greatest share of the pulses that the ground returns at a range; 0 if none is known."""
+        found = self.estimate("ground by range")
+        return float(found.value[(found.count >= 100) & (found.units >= 4)].max(initial=0.0))
 
     @cached_property
     def fade(self) -> Fade:
@@ -494,18 +504,17 @@ class _Captures:
         return intensity
 
     def _add_cuts(self, image: Image, ranges: Floats) -> None:
-        """Add the ranges at which surfaces end that come nearer along a ring: there the sensor may be blind."""
-        found = [self.cuts]
-        u = 1.0 / image.reach
-        seen = image.point >= 0
+        """Add at which ranges surfaces that come nearer along a ring end, and at which they go on."""
         for ahead in (slice(None), slice(None, None, -1)):
-            near, near_seen, lost = u[:, ahead], seen[:, ahead], image.lost[:, ahead]
-            a, b, c = near[:, 1:-2], near[:, 2:-1], near[:, 3:]
+            point, lost = image.point[:, ahead], image.lost[:, ahead][:, :-3]
+            near = np.where(point >= 0, ranges[point], np.nan)
+            a, b, c = (1.0 / near[:, k : near.shape[1] - 3 + k] for k in (1, 2, 3))
             with np.errstate(invalid="ignore"):
-                smooth = (np.abs(a - 2.0 * b + c) < 0.02 * a) & (a > b) & (b > c)
-            end = lost[:, :-3] & near_seen[:, 1:-2] & smooth
-            found.append(ranges[image.point[:, ahead][:, 1:-2][end]])
-        self.cuts = np.sort(np.concatenate(found))[:10_000]
+                smooth = (np.abs(a - 2.0 * b + c) < 0.02 * a) & (a > b) & (b > c) & image.fired[:, ahead][:, :-3]
+            last = 1.0 / a
+            self.cuts = np.sort(np.concatenate([self.cuts, last[smooth & lost]]))[:10_000]
+            for k, chosen in enumerate((smooth, smooth & lost)):
+                self.approaches[:, k] += np.histogram(last[chosen], APPROACHES)[0]
 
     def _add_flicker(self, image: Image, shining: Floats) -> None:
         """Add by how much intensities differ from those of the frame before, if the sensor stands still."""
@@ -759,6 +768,8 @@ def _ring_spread(captures: _Captures, name: str, how: str) -> Found:
     each = noise / freedom
     value = math.sqrt(max(squares / freedom - each, 0.0))
     low, high_end = (math.sqrt(max(squares / float(chdtri(freedom, share)) - each, 0.0)) for share in (0.025, 0.975))
+    if not high_end:
+        raise UntoldError("the errors of the rings hide it")
     return Found(value, (low, high_end), count, f"{how}, {len(rows)} rings", tuple(rows))
 
 
@@ -820,6 +831,8 @@ def _dropout(captures: _Captures) -> Found:
     bright = limit + 0.5 * errors.power_sigma**2 + max(FAINT * errors.power_sigma, 0.5)
     enough = bright < POWERS
     captures.estimate("holes")
+    if len(captures.units["ground by range"]) and captures.ground_rate < 0.8:
+        raise UntoldError("the ground does not return most pulses, so that the detection limit is not known")
     sums = captures.units["holes"].sums(len(POWERS))[:, enough].sum(axis=1)
     n, lost = sums[:, 1], sums[:, 2]
     if n.sum() < FEWEST_POINTS:
@@ -926,7 +939,14 @@ def _min_range(captures: _Captures) -> Found:
     if len(captures.cuts) < EDGES:
         raise UntoldError("no surfaces come so near")
     first, last = captures.cuts[0], captures.cuts[EDGES - 1]
-    if captures.least < first - 0.01 or last > 1.1 * first + 0.05:
+    middle = np.sqrt(APPROACHES[1:] * APPROACHES[:-1])
+    near, far = (
+        captures.approaches[(middle > start * first) & (middle < end * first)].sum(axis=0)
+        for start, end in ((0.99, max(last / first, 1.02)), (1.1, 1.5))
+    )
+    # Where the sensor is blind, more of them end than farther away, where pulses are lost as anywhere.
+    often = near[1] * max(far[0], 1.0) > 3.0 * max(far[1], 1.0) * near[0]
+    if not often or captures.least < first - 0.01 or last > 1.1 * first + 0.05:
         raise UntoldError("no surfaces are cut off at the least range")
     # The least of n numbers that are even from an unknown start on is beyond it by more than three mean gaps in 5 %.
     start = first - math.log(20.0) * (last - first) / (EDGES - 1) - captures.lidar.measurement.range_resolution
@@ -968,7 +988,7 @@ def _fade(captures: _Captures) -> Fade:
 
     by_range = captures.estimate("ground by range")
     rates = by_range.value[(by_range.count >= 100) & (by_range.units >= 4)]
-    if not len(rates) or rates.max() < 0.8:
+    if captures.ground_rate < 0.8:
         raise UntoldError("the ground does not return most pulses at any range")
     if rates.min() > 0.5:
         raise UntoldError("the ground returns most pulses wherever it is seen")
