@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim.errors import ArgumentError
+from lidarsim.scan.formats import FORMATS
 
 T = np.eye(4)
 T[:3, 3] = (1, 2, 3)
@@ -507,10 +508,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "unknown suffix": (
         lambda: CLOUD.save("scan.pcb"),
         ls.errors.FileFormatError,
-        (
-            "scan.pcb: unknown extension '.pcb', expected .bin, .csv, .db3, .e57, .label, .las, .laz, .mcap, "
-            ".npz, .pcd, .pcd.bin, .ply, .pts, .ptx, .txt or .xyz"
-        ),
+        f"scan.pcb: unknown extension '.pcb', expected {' or '.join(', '.join(sorted(FORMATS)).rsplit(', ', 1))}",
     ),
     "fields as text": (
         lambda: CLOUD.save("scan.npz", fields="label"),

@@ -441,6 +441,7 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Scan.point_cloud.frame": lambda _: "world",
     "Scan.boxes.frame": lambda _: "world",
     "Scan.boxes.min_points": lambda _: 1,
+    "Scan.boxes.labels": lambda _: [1, "ball"],
     "Scan.point_cloud.deskew": lambda _: "middle",
     "Scan.point_cloud.deskew_movers": lambda _: True,
     "Boxes.contain.xyz": lambda _: np.zeros((2, 3)),
