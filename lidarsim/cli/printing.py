@@ -171,7 +171,7 @@ def _differences(old: Any, new: Any, measures: Mapping[str, Measure], above: str
     indent = "  " * (above.count(".") + 1)
     for key in type(new).configuration:
         name = argument_of(key)
-        before, after = getattr(old, name, None), getattr(new, name)
+        before, after = getattr(type(new) if old is None else old, name, None), getattr(new, name)
         if before == after:
             continue
         if hasattr(after, "configuration"):
