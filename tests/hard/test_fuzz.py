@@ -36,6 +36,7 @@ LEFT_OUT = {
     "register_": "change what later calls do",
     "show": "opens windows; tests/viewers",
     "generate": "makes folders; tests/datasets",
+    "fit": "scans for each step of a fit; tests/test_fit.py",
     "stream": "opens viewers; tests/test_live.py",
     "datasets.": "the same",
     "materials.Material": "Material, by its other name",
