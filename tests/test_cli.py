@@ -110,11 +110,17 @@ def test_several_frames_are_numbered() -> None:
 def test_a_bag_holds_all_frames(suffix: str, capsys: pytest.CaptureFixture[str]) -> None:
     path = Path(f"drive{suffix}")
     assert lidarsim("scan", "run.yaml", "-o", str(path), "--frames", "3", "--frame", "5") == 0
-    assert sorted(Path().iterdir()) == [path, Path("run.yaml")]
+    names = [path.name, "drive_poses.tum", "drive_times.txt", "run.yaml"]
+    assert sorted(file.name for file in Path().iterdir()) == sorted(names)
     assert capsys.readouterr().out.endswith(f" s: {path}\n")
     run = ls.config.load("run.yaml", ["first_frame=5", "frames=3"])
     messages = list(ls.io.rosbag.read(path))
     assert [message.stamp - messages[0].stamp for message in messages] == [0, 100_000_000, 200_000_000]
+    for times in (
+        ls.Trajectory.load("drive_poses.tum").times,
+        np.loadtxt("drive_times.txt"),
+    ):  # Unix times, as in the bag
+        assert np.abs(times - [message.stamp * 1e-9 for message in messages]).max() < 1e-6
     for message, frame in zip(messages, run.frames, strict=True):
         cloud = run.scan(frame).point_cloud()
         assert message.frame_id == "lidar"
@@ -694,6 +700,23 @@ def test_a_sensor_is_described(capsys: pytest.CaptureFixture[str]) -> None:
     assert "pattern.elevations_deg" in printed
 
 
+def test_a_sensor_of_ones_own_is_described_and_drawn(capsys: pytest.CaptureFixture[str]) -> None:
+    file = str(ROOT / "configs" / "sensors" / "city-lidar.yaml")
+    assert lidarsim("sensors", file, "--screenshot", "pattern.png") == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"^ sensor +city-lidar$.*^ rings, columns +128, 1,024$", printed, re.MULTILINE | re.DOTALL)
+    assert Path("pattern.png").stat().st_size > 1000
+    assert "source" not in printed  # it cites none
+
+
+@pytest.mark.parametrize("key", ["preset: ouster-os1-64", "pattern: {type: spinning}", "name: mine"])
+def test_the_file_of_a_sensor_is_no_configuration(key: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("mine.yaml").write_text(key, encoding="utf-8")
+    assert lidarsim("check", "mine.yaml") == 2
+    name = key.partition(":")[0]
+    assert capsys.readouterr().err == f"lidarsim: mine.yaml:1: {name}: unknown key; did you mean sensor.{name}?\n"
+
+
 def test_a_sensor_is_printed_to_start_from(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("sensors", "ouster-os1-64", "--yaml") == 0
     Path("mine.yaml").write_text(capsys.readouterr().out, encoding="utf-8")
@@ -799,6 +822,7 @@ MISTAKES = {
         "preset: expected the name of a sensor, got 'velodyne-vlp17'; "
         "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
     ),
+    "sensors mine.yaml": "mine.yaml: cannot read the file: No such file or directory",
     "sensors --yaml": "--yaml, --screenshot: expected the NAME of a sensor with them, got none",
 }
 

@@ -172,7 +172,7 @@ def test_fixes_of_a_receiver_are_written_beside_the_clouds_or_into_a_bag() -> No
     np.testing.assert_array_equal(fixes.time, [0.0, 0.05, 0.1])  # 0.1 s are three frames of the faster lidar
     (again,) = run.fixes().values()
     np.testing.assert_allclose(fixes.latitude, again.latitude, rtol=2 * 2.0**-52)
-    assert run.write("drive/", max_duration=0.05) == [Path("drive")]
+    assert run.write("drive/", max_duration=0.05)[0] == Path("drive")
     with Reader(Path("drive")) as bag:
         counts = {connection.topic: connection.msgcount for connection in bag.connections}
         assert len(bag.storage.files) == 3  # the last has what is at 0.1 s
@@ -235,6 +235,21 @@ def test_las_files_of_a_run_are_on_one_clock_and_in_one_system(tmp_path: Path) -
     assert ls.PointCloud.load(tmp_path / "a_0002.npz").time.max() < 1 / 10  # since the start of the scan, as ever
 
 
+def test_an_imu_drives_along_a_way_on_a_spline() -> None:
+    Path("way.yaml").write_text(
+        "rig: {top: {sensor: {preset: velodyne-vlp16}}, imu: {imu: {rate_hz: 100}}}\n"
+        "scene: {street: {kind: rural, length_m: 100}}\npose: {way: lanes, speed_m_per_s: 8}\nframes: 5\n",
+        encoding="utf-8",
+    )
+    linear, spline = (ls.config.load("way.yaml", [f"pose.interpolation={name}"]) for name in ("linear", "spline"))
+    with pytest.raises(ValueError, match="expected one of continuous velocity"):
+        linear.samples()
+    assert len(spline.samples()["imu"].time) > 50
+    times = np.linspace(0, 0.5, 51)
+    a, b = (run.pose.at(times).translation for run in (linear, spline) if isinstance(run.pose, ls.Trajectory))
+    assert np.abs(a - b).max() < 0.05
+
+
 def test_bags_and_packets_of_a_run_are_on_its_clock(tmp_path: Path) -> None:
     """Unix time, unlike GPS time, does not count the 18 leap seconds since 1980."""
     zero = 1_777_622_400 * 10**9 + 1000  # `date -u -d 2026-05-01T08:00:00 +%s`, and 1 µs
@@ -250,6 +265,8 @@ def test_bags_and_packets_of_a_run_are_on_its_clock(tmp_path: Path) -> None:
                 stamp = message.clock if connection.topic == "/clock" else message.header.stamp
                 stamps.setdefault(connection.topic, []).append(stamp.sec * 10**9 + stamp.nanosec - zero)
     assert stamps["/low/points"] == [0, 20_000_000, 40_000_000]
+    track = ls.Trajectory.load(tmp_path / "a_low_poses.tum")
+    assert np.abs(track.times - zero * 1e-9 - [0, 0.02, 0.04]).max() < 1e-6
     assert stamps["/gnss/fix"] == [0, 50_000_000, 100_000_000]
     assert stamps["/clock"] == list(range(0, 100_000_001, 10_000_000))
     assert min(recorded) == 0
@@ -385,7 +402,7 @@ def test_other_formats_hold_a_frame_of_a_strip_each(strips: Path) -> None:
     assert written[0] == "a_1_0000.npz"
     assert len(written) == len(run.numbers) + 2
     assert f"a_2_{run.legs[1].frames.start:04}.npz" in written
-    assert [path.name for path in run.write("b.mcap")] == ["b_1.mcap", "b_2.mcap"]
+    assert [path.name for path in run.write("b.mcap")] == ["b_1.mcap", "b_2.mcap", "b_poses.tum", "b_times.txt"]
 
 
 def test_the_command_line_counts_strips(strips: Path, capsys: pytest.CaptureFixture[str]) -> None:

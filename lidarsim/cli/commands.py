@@ -157,9 +157,10 @@ def scan(
 
     With several frames, each frame gets its own numbered file, and the sensor poses (OUT_poses.tum) and the start times
     of the frames (OUT_times.txt) are written next to them. Each pose is that at the start of its frame, or at the time
-    to which the points are deskewed. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all of
-    this in one file. Packets (.pcap), as the sensors send them, are in one file too; next to it are the poses, the
-    times and what decoders need. Strips and stations are numbered; a strip is one LAS or LAZ file.
+    to which the points are deskewed. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all
+    frames in one file; the times next to it are Unix times, as its stamps are. Packets (.pcap), as the sensors send
+    them, are in one file too, with what decoders need next to it. Strips and stations are numbered; a strip is one LAS
+    or LAZ file.
     """
     place = checked_output(output)
     given = {name: outputs.options()[name].parse(value) for name, value in options.items() if value is not None}
@@ -345,8 +346,8 @@ def view(
         Path,
         typer.Argument(
             metavar="PATH",
-            help="Point cloud, bag, data set (SemanticKITTI, nuScenes, KITTI detection, shards), folder of these, "
-            "configuration, recipe, or scene file: GLB, MJCF, GeoTIFF, …; or a packaged configuration: demo.",
+            help="Point cloud, bag, data set of any layout, folder of these, configuration, recipe, or scene file: "
+            "GLB, MJCF, GeoTIFF, …; or a packaged configuration: demo.",
             parser=parse_path,
         ),
     ],
@@ -759,11 +760,13 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
 
 @app.command()
 def sensors(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Preset; default: list all.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Preset, or file of a sensor; default: list all.")
+    ] = None,
     yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, a template for your own.")] = False,
     screenshot: Annotated[Path | None, make_file_option("--screenshot", "PNG|SVG", "Draw the scan pattern.")] = None,
 ) -> None:
-    """List the sensor presets, or describe one."""
+    """List the sensor presets, or describe one, or a sensor of your own."""
     if name is None:
         if yaml or screenshot:
             raise LidarsimError("--yaml, --screenshot: expected the NAME of a sensor with them, got none")
@@ -780,18 +783,19 @@ def sensors(
 
         paragraph(f"Presets with measured noise: {', '.join(measured())}.")
         return
-    path = preset_path(name)
+    path = Path(name) if Path(name).suffix else preset_path(name)
+    lidar = ls.Lidar.from_file(path)
     if screenshot:
-        pattern.draw(ls.Lidar.preset(name), screenshot)
+        pattern.draw(lidar, screenshot)
     if yaml:
         for line in path.read_text(encoding="utf-8").splitlines():
             print_line(line)
     else:
         from lidarsim.config.document import plain, read
 
-        preset = plain(read(path))
+        preset = plain(read(path)) if path.suffix in (".yaml", ".yml") else {}
         paragraph(preset.get("description", ""))
-        print_sensor(ls.Lidar.preset(name))
+        print_sensor(lidar)
         for key in ("modes", "datasheet_noise"):
             if key in preset:
                 paragraph(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
@@ -800,7 +804,8 @@ def sensors(
             rows = [(key, value, sources.pop(f"measured.{key}", "")) for key, value in values.items()]
             names = ("measured", "value", "source")
             table(names, rows, left=names, whole=("measured",))
-        table(("value", "source"), list(sources.items()), left=("value", "source"), whole=("value",))
+        if sources:
+            table(("value", "source"), list(sources.items()), left=("value", "source"), whole=("value",))
 
 
 @app.command(context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []})

@@ -190,6 +190,8 @@ class Drive(Placement):
     """Where on the way the sensor is at time 0."""
     speed_m_per_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     """Speed."""
+    interpolation: Literal["linear", "spline"] = "linear"
+    """Between the points of the way; an IMU needs `spline`."""
 
     def build(self, place: Place, ways: worlds.Ways | None) -> Trajectory:
         """Return the trajectory from time 0 to the end of the way."""
@@ -209,7 +211,8 @@ class Drive(Placement):
         poses = np.tile(np.eye(4), (len(at), 1, 1))
         poses[:, :3, :3] = _rotations("ZY", np.stack(turns, axis=1))
         poses[:, :3, 3] = points
-        return Trajectory((at - self.start_m) / self.speed_m_per_s, poses) @ build_rigid(self, place)
+        drive = Trajectory((at - self.start_m) / self.speed_m_per_s, poses, interpolation=self.interpolation)
+        return drive @ build_rigid(self, place)
 
 
 def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> Floats | Trajectory:

@@ -16,7 +16,7 @@ from lidarsim._base import validation
 from lidarsim.config.factories import Finite, Model, construct
 from lidarsim.config.objects import AnyScene
 from lidarsim.config.poses import Pose, PoseOfRun
-from lidarsim.config.sensors import AnySensor, Mounted
+from lidarsim.config.sensors import AnySensor, Mounted, Sensor
 from lidarsim.motion.georeference import Georeference as OnEarth
 from lidarsim.motion.georeference import gps_time, projected
 from lidarsim.run import CloudArguments
@@ -180,3 +180,8 @@ class Config(Model):
     """How points are written."""
     georeference: Georeference = Georeference()
     """Where and when the run is. GNSS receivers need it."""
+
+    @classmethod
+    def nearest(cls, key: str) -> list[str]:
+        """Return the keys that `key` may stand for: one of a sensor, whose file is not a run, or a misspelt one."""
+        return [f"sensor.{key}"] if key in {*Sensor.model_fields, "preset"} else super().nearest(key)

@@ -87,7 +87,7 @@ class Output(ABC):
     cloud: ClassVar[CloudArguments | None] = None
     """Coordinates of the points that it needs. Default: those of the run."""
     complete: ClassVar[bool] = False
-    """Whether it holds poses, times and samples, too: otherwise files next to it do."""
+    """Whether it holds samples, too, and all times are Unix times: otherwise files next to it do, in s of the run."""
 
     def __init__(self, path: Path, **given: Any) -> None:
         self.path = path

@@ -40,13 +40,13 @@ class Run(Frames):
         that decoders need. Both hold what the sensors measure, whatever `cloud` is. Otherwise each point cloud gets its
         own file, numbered if there are several frames, and with the sensor's name if there is a rig. With several
         frames, the poses of each sensor at its moments (OUTPUT_poses.tum) and the start times of its scans
-        (OUTPUT_times.txt) are written next to all but bags. The samples of an IMU and the fixes of a GNSS receiver are
-        messages of the bag, or a file of their own (OUTPUT_NAME.csv, as `ImuSamples.save` and `GnssFixes.save`).
+        (OUTPUT_times.txt) are written next to them, in Unix time next to a bag, whose stamps are. The samples of an IMU
+        and the fixes of a GNSS receiver are messages of the bag, or a file of their own (OUTPUT_NAME.csv, as
+        `ImuSamples.save` and `GnssFixes.save`).
 
-        With `legs`, the number of the strip or station precedes these in the names, and each gets a bag, or a file
-        of packets, of its own. A
-        strip is one file in LAS and LAZ, in which its number is the point_source_id. LAS and LAZ files of points in
-        world coordinates have the fields of `lidarsim.io.las.flight_fields` if the sensor moves.
+        With `legs`, the number of the strip or station precedes these in the names, and each gets a bag, or a file of
+        packets, of its own. A strip is one file in LAS and LAZ, in which its number is the point_source_id. LAS and LAZ
+        files of points in world coordinates have the fields of `lidarsim.io.las.flight_fields` if the sensor moves.
 
         Parameters
         ----------
@@ -86,6 +86,7 @@ class Run(Frames):
         written: dict[Path, None] = {}
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
         place = Place(path)
+        zero = self.clock.timestamp() if to.complete else 0.0
         with place.errors_as_given():
             parts = [(number, part, file, part.samples()) for number, part, file in self._legs(place.path)]
             for number, part, file, samples in parts:
@@ -94,10 +95,9 @@ class Run(Frames):
                         written.update(dict.fromkeys(_save_samples(samples, file)))
                     for frame in part.measured():
                         written.update(dict.fromkeys(save(frame)))
-                        if not to.complete:
-                            for name, scan in frame.scans.items():
-                                track = scan.time, frame.moments[name], frame.poses[name]
-                                tracks.setdefault(name, []).append(track)
+                        for name, scan in frame.scans.items():
+                            track = zero + scan.time, zero + frame.moments[name], frame.poses[name]
+                            tracks.setdefault(name, []).append(track)
                         if each:
                             each(frame)
             if len(self.frames) > 1:
@@ -206,7 +206,7 @@ class Run(Frames):
             if not to.complete:
                 found += [_samples_path(place, name) for name in [*self.imus, *self.receivers]]
             found += to.files(part, place, frames)
-        if len(self.frames) > 1 and not to.complete:
+        if len(self.frames) > 1:
             found += [path for name in self.lidars for path in _track_paths(output, name)]
         return found
 
