@@ -404,9 +404,14 @@ class _Stage:
                 continue
             centre = vertices.mean(axis=0)
             shared = _shaded(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
+            first = self._add(shared, **look)
             for surface in group:
-                ((color, _),) = colored(surface, self.picture)
-                actor = self._add(shared, color=color, **look)
+                actor = first
+                if surface is not group[0]:  # PyVista takes longer to add an actor the more there are
+                    actor = first.copy(deep=False)
+                    actor.prop = first.prop.copy()
+                    self.plotter.renderers[0].AddActor(actor)
+                ((actor.prop.color, _),) = colored(surface, self.picture)
                 matrix = surface.matrix.copy()
                 matrix[:3, 3] += matrix[:3, :3] @ centre - self.middle
                 actor.user_matrix = matrix

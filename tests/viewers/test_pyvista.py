@@ -177,10 +177,14 @@ def test_instances_of_a_mesh_stand_where_each_is(tmp_path: Path) -> None:
         scene = ls.Scene()
         for y in (-3, 3):
             mesh = ball if whole else ls.TriangleMesh(ball.vertices, ball.faces)
-            scene.add(mesh, transform=[[1, 0, 0, 10], [0, 1, 0, y], [0, 0, -1, 0], [0, 0, 0, 1]])
+            scene.add(
+                mesh, transform=[[1, 0, 0, 10], [0, 1, 0, y], [0, 0, -1, 0], [0, 0, 0, 1]], label=40 if y < 0 else 70
+            )
         images.append(picture(tmp_path / "a.png", scene))
     assert (images[0] != images[1]).any(axis=-1).mean() < 0.01
     assert (~near(images[0], BACKGROUND)).mean() > 0.05
+    left, right = (half[~near(half, BACKGROUND)].mean(axis=0) for half in np.array_split(images[0], 2, axis=1))
+    assert np.abs(left - right).max() > 20  # each in its colour
 
 
 def surfaces_of_a_ball(least: int) -> ls.TriangleMesh:
