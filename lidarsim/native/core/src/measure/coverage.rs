@@ -98,7 +98,8 @@ pub struct Targets<'a> {
     pub world: &'a World<'a>,
     /// The instance of each object of the scene, or `NO_INSTANCE`.
     pub instances: &'a [u32],
-    /// A scene of the objects of these instances, and perhaps others, which hide nothing; and its `instances`.
+    /// A scene of the objects of these instances, perhaps with others, which hide nothing; and its
+    /// `instances`.
     pub asked: (&'a World<'a>, &'a [u32]),
     /// How many instances there are.
     pub count: usize,
