@@ -38,8 +38,11 @@ from lidarsim.patterns._parts import (
 )
 from lidarsim.patterns._pulses import Pulses
 
-FASTEST_TURN, FARTHEST_BEAM = 200.0, 1.0
-"""Turns per second, Hz, and distance of a beam from the centre, m, beyond which the unit is probably another one."""
+PER_MINUTE = 300.0, 1500.0
+"""The usual turns of heads, 5 to 25 a second, in turns per minute."""
+
+FARTHEST_BEAM = 1.0
+"""Distance of a beam from the centre, m, beyond which the unit is probably another one."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -146,7 +149,8 @@ class Spinning(Value):
         if np.ptp(self.azimuth_offsets) > TURN:
             ask("azimuth_offsets", f"{np.ptp(self.azimuth_offsets):g} rad apart", "degrees?")
         set_(self, "rate", frequency("rate", rate))
-        ask_above("rate", self.rate, FASTEST_TURN, "turns per second", "rpm?")
+        if PER_MINUTE[0] <= self.rate <= PER_MINUTE[1]:
+            ask("rate", f"{self.rate:g} turns per second", "rpm?")
         if columns is not None and column_period is not None:
             raise ArgumentValueError("columns, column_period", "one of them", f"{columns!r} and {column_period!r}")
         if columns is None and column_period is None:

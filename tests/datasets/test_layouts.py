@@ -540,7 +540,7 @@ def test_bags_have_the_samples_of_all_sensors_and_metadata(tmp_path: Path) -> No
         "  pose: {linear_m_per_s: [3, 0, 0]}\n"
         "  georeference: {origin: {latitude_deg: 48, longitude_deg: 11}}\n"
         "  rig: {top: {sensor: {pattern: {type: grid, azimuths_deg: [0, 5], elevations_deg: [-9, -4], rate_hz: 10}}},\n"
-        "    box: {imu: {rate_hz: 100, gyroscope: {bias_deg_per_s: 1, noise_density_deg_per_s_per_sqrt_hz: 1}}},\n"
+        "    box: {imu: {rate_hz: 100, gyroscope: {bias_deg_per_s: 1, noise_density_deg_per_s_per_sqrt_hz: 0.1}}},\n"
         "    roof: {gnss: {rate_hz: 5, position_sigma_m: 1}}}\n"
         "frames: 5\nshard_frames: 2\nsequences: 2\nlayout: bags\n"
     )
