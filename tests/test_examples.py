@@ -120,7 +120,7 @@ def test_the_notebook_shows_what_it_makes(tmp_path: Path) -> None:
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     results = [output["data"] for cell in cells for output in cell.outputs if output.output_type == "execute_result"]
     shown = [data.get("text/html", data["text/plain"]) for data in results]
-    expected = ["Scene: ", "Scan of ", "PointCloud: ", "<iframe", "Boxes of ", "range noise", "'xyz'"]
+    expected = ["<caption>Scene: ", "Scan of ", "PointCloud: ", "<iframe", "Boxes of ", "range noise", "'xyz'"]
     for text, start in zip(shown, expected, strict=True):
         assert start in text
     assert (tmp_path / "scan.pcd").exists()

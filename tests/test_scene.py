@@ -518,3 +518,21 @@ def test_a_copy_shares_the_hierarchy_until_either_changes() -> None:
     scene.remove(balls[0])
     assert np.array_equal(scene.cast(*down).hit, [False] + [True] * 7)
     assert other.cast(*down).hit.all()
+
+
+def test_a_scene_shows_its_objects_as_text_and_as_a_table() -> None:
+    scene = ls.Scene(class_names={3: "<car>"})
+    for k in range(1200):
+        scene.add(ls.Sphere((k, 0.0, 0.0), 1.0), label=3)
+    for label in range(100, 140):
+        scene.add(ls.Box((1, 1, 1)), label=label)
+    scene.atmosphere = ls.Atmosphere.fog(visibility=80.0)
+    title, air, cars, *kinds, others = str(scene).split("\n")
+    assert title == "Scene: 1,240 objects, bounds (-1, -1, -1) to (1200, 1, 1) m"
+    assert air == f"  {scene.atmosphere}"
+    assert cars == "   1,200 × Sphere, <car>"
+    assert {line[:14] for line in kinds} == {"       1 × Box,"[:14]}
+    assert others == f"  {40 - len(kinds):6} × others"
+    table = scene._repr_html_()
+    assert table.count("<tr>") == 3 + len(kinds)
+    assert "<td>1,200 ×</td><td>Sphere, &lt;car&gt;</td>" in table

@@ -18,7 +18,7 @@ from lidarsim import _native as core
 from lidarsim._base.files import PathLike, check_regular
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable, Pickled
-from lidarsim._base.shown import plain
+from lidarsim._base.shown import html_table, plain
 from lidarsim._base.validation import (
     UINT32,
     Floats,
@@ -936,6 +936,15 @@ class Scene(Pickled, Plotted):
 
     def __repr__(self) -> str:
         """Return the number of objects of each shape and label, and the bounds."""
+        title, rows = self._facts()
+        return "\n".join([title, *(f"  {count:>8} {what}" if count else f"  {what}" for count, what in rows)])
+
+    def _repr_html_(self) -> str:
+        """Return a small HTML table for notebooks."""
+        return html_table(*self._facts())
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        """Return a title with the bounds, and rows of a number of objects and what they are."""
         kinds: dict[str, int] = {}
         for item in self:
             label = item.label if isinstance(item.label, int) else None
@@ -943,17 +952,16 @@ class Scene(Pickled, Plotted):
             what = f"{type(item.shape).__name__}, {named}"
             kinds[what] = kinds.get(what, 0) + 1
         shown = sorted(kinds.items(), key=lambda kind: -kind[1])[:MOST_LINES]
-        lines = [f"  {count:6,} × {what}" for what, count in shown]
-        if self._atmosphere:
-            lines.insert(0, f"  {self._atmosphere}")
+        rows = [("", str(self._atmosphere))] if self._atmosphere else []
+        rows += [(f"{count:,} ×", what) for what, count in shown]
         if len(kinds) > len(shown):
-            lines.append(f"  {sum(kinds.values()) - sum(count for _, count in shown):6,} others")
+            rows.append((f"{sum(kinds.values()) - sum(count for _, count in shown):,} ×", "others"))
         extent = ""
         box = self.bounds
         if np.isfinite(box).all():
             low, high = (", ".join(f"{round(x, 6) + 0.0:.6g}" for x in corner.tolist()) for corner in box)
             extent = f", bounds ({low}) to ({high}) m"
-        return "\n".join((f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", *lines))
+        return f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", rows
 
     def _contents(self) -> dict[str, Any]:
         contents = {
