@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, Transform, affine
+from lidarsim._base.validation import Floats, Transform, affine, shown
+from lidarsim.errors import ArgumentTypeError
 from lidarsim.materials import Material
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.world.scene import Label, Scene
@@ -23,6 +24,7 @@ __all__ = [
     "along",
     "box",
     "bridged",
+    "check_generator",
     "drawn",
     "extruded",
     "lathed",
@@ -205,6 +207,12 @@ def merged(name: str, pieces: Iterable[Piece]) -> Iterator[Part]:
         material = Material(**dict(key), reflectivity=bright[0] if same else bright, per="object" if same else "face")
         suffix = " glass" if material.transmission else ""
         yield Part(f"{name}{suffix}", mesh, labels if len(np.unique(labels)) > 1 else int(labels[0]), material)
+
+
+def check_generator(rng: object) -> None:
+    """Check that something is a generator of random numbers."""
+    if not isinstance(rng, np.random.Generator):
+        raise ArgumentTypeError("rng", "a numpy.random.Generator", shown(rng), "np.random.default_rng(0) makes one")
 
 
 def drawn(rng: np.random.Generator, span: Sequence[float]) -> float:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lidarsim import materials
 from lidarsim._base.validation import Floats, integer, one_of, real
 from lidarsim.materials import Material
-from lidarsim.worlds._asset import Asset, Piece, box, drawn, extruded, merged
+from lidarsim.worlds._asset import Asset, Piece, box, check_generator, drawn, extruded, merged
 from lidarsim.worlds._labels import BUILDING
 
 __all__ = ["BUILDINGS", "BuildingKind", "building"]
@@ -73,7 +73,7 @@ def building(
     Raises
     ------
     TypeError, ValueError
-        If there is no such kind, or a size or the number of storeys is out of range.
+        If `rng` is no generator, there is no such kind, or a size or the number of storeys is out of range.
 
     Examples
     --------
@@ -83,6 +83,7 @@ def building(
     Asset(2 parts, 8.78 × 10.00 × 3.54 m)
     """
     one_of("kind", kind, BUILDINGS)
+    check_generator(rng)
     spans = SIZES[kind]
     wide, deep = (
         drawn(rng, span) if given is None else real(name, given, at_least=2.0, at_most=100.0)

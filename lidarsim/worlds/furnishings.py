@@ -11,7 +11,19 @@ from lidarsim import materials
 from lidarsim._base.validation import Floats, one_of, real, shown
 from lidarsim.errors import ArgumentValueError
 from lidarsim.materials import Material
-from lidarsim.worlds._asset import Asset, Piece, along, box, drawn, extruded, lathed, merged, moved, tube
+from lidarsim.worlds._asset import (
+    Asset,
+    Piece,
+    along,
+    box,
+    check_generator,
+    drawn,
+    extruded,
+    lathed,
+    merged,
+    moved,
+    tube,
+)
 from lidarsim.worlds._labels import FENCE, OTHER_OBJECT, POLE, TRAFFIC_SIGN
 
 __all__ = ["FURNITURE", "FurnitureKind", "furniture"]
@@ -51,8 +63,9 @@ def furniture(kind: FurnitureKind, rng: np.random.Generator, *, length: float | 
 
     Raises
     ------
-    ValueError
-        If there is no such kind, or the length is out of range or given for something without a length.
+    TypeError, ValueError
+        If `rng` is no generator, there is no such kind, or the length is out of range or given for something without a
+        length.
 
     Examples
     --------
@@ -62,6 +75,7 @@ def furniture(kind: FurnitureKind, rng: np.random.Generator, *, length: float | 
     Asset(1 parts, 0.11 × 3.08 × 1.47 m)
     """
     one_of("kind", kind, FURNITURE)
+    check_generator(rng)
     if kind not in LONG:
         if length is not None:
             raise ArgumentValueError("length", f"None, but for {', '.join(LONG)}", shown(length))

@@ -20,6 +20,7 @@ from lidarsim.worlds._asset import (
     Walker,
     along,
     box,
+    check_generator,
     lathed,
     lofted,
     merged,
@@ -75,9 +76,9 @@ def pedestrian(
 
     Raises
     ------
-    ValueError
-        If the posture or the load is unknown, someone is to sit with something to push, lead or hold up, or the height
-        is out of range.
+    TypeError, ValueError
+        If `rng` is no generator, the posture or the load is unknown, someone is to sit with something to push, lead or
+        hold up, or the height is out of range.
 
     Examples
     --------
@@ -86,6 +87,7 @@ def pedestrian(
     >>> ls.worlds.pedestrian(np.random.default_rng(3), posture="standing", load="umbrella", height=1.8)
     Asset(13 parts, 1.18 × 1.12 × 2.04 m)
     """
+    check_generator(rng)
     if posture is None:
         posture = POSTURES[rng.choice(3, p=(0.7, 0.25, 0.05))]
     one_of("posture", posture, POSTURES)

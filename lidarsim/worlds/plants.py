@@ -12,7 +12,7 @@ from lidarsim._base.validation import Floats, one_of, real, shown
 from lidarsim.errors import ArgumentValueError
 from lidarsim.materials import Material
 from lidarsim.world.shapes import Disks
-from lidarsim.worlds._asset import Asset, Part, Piece, drawn, merged, tube
+from lidarsim.worlds._asset import Asset, Part, Piece, check_generator, drawn, merged, tube
 from lidarsim.worlds._labels import TERRAIN, TRUNK, VEGETATION
 
 __all__ = ["TREES", "TreeKind", "tree"]
@@ -107,8 +107,9 @@ def tree(
 
     Raises
     ------
-    ValueError
-        If there is no such kind, or a length is out of range or given for something else than a hedge.
+    TypeError, ValueError
+        If `rng` is no generator, there is no such kind, or a length is out of range or given for something else than a
+        hedge.
 
     Examples
     --------
@@ -119,6 +120,7 @@ def tree(
     ['trunk', 'branches', 'leaves']
     """
     one_of("kind", kind, TREES)
+    check_generator(rng)
     habit = HABITS[kind]
     tall = drawn(rng, habit.height) if height is None else real("height", height, at_least=0.05, at_most=60.0)
     if kind == "hedge":

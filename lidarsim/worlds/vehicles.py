@@ -12,7 +12,20 @@ import numpy as np
 from lidarsim import materials
 from lidarsim._base.validation import Floats, one_of
 from lidarsim.materials import Material
-from lidarsim.worlds._asset import Asset, Piece, along, box, bridged, lathed, lofted, merged, moved, translation, tube
+from lidarsim.worlds._asset import (
+    Asset,
+    Piece,
+    along,
+    box,
+    bridged,
+    check_generator,
+    lathed,
+    lofted,
+    merged,
+    moved,
+    translation,
+    tube,
+)
 from lidarsim.worlds._labels import BICYCLE, BICYCLIST, CAR, MOTORCYCLE, MOTORCYCLIST, OTHER_VEHICLE, TRUCK
 from lidarsim.worlds.pedestrians import person
 
@@ -187,8 +200,8 @@ def vehicle(kind: VehicleKind, rng: np.random.Generator, *, rider: bool = True) 
 
     Raises
     ------
-    ValueError
-        If there is no such kind.
+    TypeError, ValueError
+        If `rng` is no generator, or there is no such kind.
 
     Examples
     --------
@@ -198,6 +211,7 @@ def vehicle(kind: VehicleKind, rng: np.random.Generator, *, rider: bool = True) 
     Asset(7 parts, 4.73 × 1.89 × 1.69 m)
     """
     one_of("kind", kind, VEHICLES)
+    check_generator(rng)
     share = rng.random()  # long models are wide, too
     size = Drawn(
         *(

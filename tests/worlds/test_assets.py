@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -221,3 +222,19 @@ def test_what_has_a_length_is_as_long(kind: Any) -> None:
 def test_bad_arguments_are_named(call: Callable[[np.random.Generator], object], message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         call(np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        ls.worlds.pedestrian,
+        functools.partial(ls.worlds.vehicle, "suv"),
+        functools.partial(ls.worlds.tree, "bush"),
+        functools.partial(ls.worlds.building, "house"),
+        functools.partial(ls.worlds.furniture, "bench"),
+    ],
+)
+@pytest.mark.parametrize("rng", [7, None, np.random])
+def test_what_draws_is_a_generator(make: Callable[[Any], object], rng: object) -> None:
+    with pytest.raises(TypeError, match=r"rng: expected a numpy\.random\.Generator, got .*default_rng\(0\)"):
+        make(rng)
