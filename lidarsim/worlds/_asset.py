@@ -143,8 +143,10 @@ class Asset:
         Raises
         ------
         TypeError, ValueError
-            As in `Scene.add`.
+            As in `Scene.add`, or if `scene` is no Scene.
         """
+        if not isinstance(scene, Scene):
+            raise ArgumentTypeError("scene", "a Scene", shown(scene))
         ids: list[int] = []
         outer = None if transform is None else affine("transform", transform)
         for part in self.parts:

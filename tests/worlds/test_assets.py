@@ -238,3 +238,9 @@ def test_bad_arguments_are_named(call: Callable[[np.random.Generator], object], 
 def test_what_draws_is_a_generator(make: Callable[[Any], object], rng: object) -> None:
     with pytest.raises(TypeError, match=r"rng: expected a numpy\.random\.Generator, got .*default_rng\(0\)"):
         make(rng)
+
+
+def test_an_asset_is_added_to_a_scene() -> None:
+    asset = ls.worlds.furniture("bin", np.random.default_rng(0))
+    with pytest.raises(TypeError, match=r"scene: expected a Scene, got 7"):
+        asset.add_to(cast("Any", 7))
