@@ -572,3 +572,12 @@ def test_what_to_do_with_files_that_are_not_read(name: str, content: bytes, hint
     with pytest.raises(FileFormatError) as caught:
         PointCloud.load(path)
     assert str(caught.value).startswith(f"{path}: {hint}")
+
+
+def test_arrays_in_place_of_names_are_named(tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=np.zeros((2, 3)))
+    with pytest.raises(TypeError, match=r"field: expected the name of a field, got "):
+        cloud.raster(np.zeros((0, 3)), cell=1.0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"crs: expected a file that can hold it"):
+        cloud.save(tmp_path / "a.pcd", crs=np.zeros((0, 3)))  # type: ignore[arg-type]
+    cloud.save(tmp_path / "a.pcd", start=0)

@@ -544,8 +544,11 @@ class PointCloud(Pickled, Plotted):
             expected = "points in the world, with a coordinate reference system"
             raise ArgumentValueError("crs", expected, "points in a sensor frame", 'point_cloud(frame="world")')
         options = {"pose": where, "class_names": self.class_names, "float32": float32, "crs": crs, "start": start}
-        for name, nothing in {"crs": None, "start": 0.0}.items():
-            if name not in known and options[name] != nothing:
+        for name, given in {
+            "crs": crs is not None,
+            "start": not (isinstance(start, int | float) and start == 0),
+        }.items():
+            if name not in known and given:
                 held = " and ".join(suffix for suffix, other in FORMATS.items() if name in options_of(other))
                 raise ArgumentValueError(name, f"a file that can hold it ({held})", shown(path))
         options = {name: option for name, option in options.items() if name in known}
@@ -594,6 +597,8 @@ class PointCloud(Pickled, Plotted):
         array([[nan,  7.],
                [ 3., nan]])
         """
+        if not isinstance(field, str):
+            raise ArgumentTypeError("field", "the name of a field", shown(field))
         if field in ("x", "y", "z"):
             values = self.xyz[:, "xyz".index(field)]
         elif field in self.fields and getattr(self, field).ndim == 1:
