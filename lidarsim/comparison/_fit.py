@@ -444,6 +444,7 @@ class _Captures:
         if lit and bright is not None:
             seen = image.point >= 0
             shining[seen] = bright[image.point[seen]]
+            # An intensity of 0 counts as 1e-9, which lies below all `POWERS` from 0.26 m on.
             power = np.log(np.maximum(self._intensity(shining, image.reach), 1e-9)) - 2.0 * np.log(image.reach)
             self._take("brightness", _brightness(image, np.where(self._clear(shining), shining, np.nan)))
             self._add_flicker(image, shining)
@@ -708,7 +709,7 @@ def _range_sigma(captures: _Captures) -> Found:
     )
     how = "noise of all surfaces, weak echoes included, in place of other terms"
     changes = {"range_sigma_slope": 0.0, "range_sigma_limit": 0.0}
-    weight = 1.0 / np.maximum(error, 1e-9) ** 2
+    weight = 1.0 / np.maximum(error, 1e-9) ** 2  # 1 nm, which no range resolves, where all samples are equal
     mean = float(np.average(sigma, weights=weight))
     interval = _ends(mean, float(weight.sum() ** -0.5), float(np.median(units)))
     if _agree(sigma, error, mean):
@@ -1001,7 +1002,7 @@ def _fade(captures: _Captures) -> Fade:
         """Return the negative logarithm of the likelihood of each unit."""
         start, log_width, lost = float(parameters[0]), float(parameters[1]), float(ndtr(parameters[2]))
         z = (x - start) * math.exp(-log_width)
-        missed = np.log(np.maximum(1.0 - (1.0 - lost) * ndtr(z), 1e-12))
+        missed = np.log(1.0 - (1.0 - lost) * ndtr(z))  # of at least the share lost, which `bounds` keep above 2e-7
         of_units: Floats = -(back @ (np.log1p(-lost) + log_ndtr(z)) + (total - back) @ missed)
         return of_units
 
