@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim import _native
 from lidarsim.bench import scenes, textbook
 from lidarsim.bench.scenes import Rays, Spec, World
 
@@ -91,7 +92,7 @@ class Lidarsim(Caster):
     def __init__(self, world: World, threads: int) -> None:
         from lidarsim.world.scene import Scene
 
-        os.environ["LIDARSIM_THREADS"] = str(threads)
+        _native.set_threads(threads)
         self.by_triangle = world.mesh is not None
         self.scene = Scene()
         for spec in world.shapes:
@@ -103,7 +104,7 @@ class Lidarsim(Caster):
 
     def cast(self, rays: Rays, threads: int) -> Any:
         """Cast at the scene."""
-        os.environ["LIDARSIM_THREADS"] = str(threads)
+        _native.set_threads(threads)
         return self.scene.cast(rays.origins, rays.directions)
 
     def found(self, answer: Any) -> Found:
@@ -377,14 +378,11 @@ def installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
 
 @contextmanager
 def threads_kept() -> Iterator[None]:
-    """Restore ``LIDARSIM_THREADS``, which the casters set."""
-    before = os.environ.get("LIDARSIM_THREADS")
+    """Follow ``LIDARSIM_THREADS`` again afterwards, in place of the numbers that the casters set."""
     try:
         yield
     finally:
-        os.environ.pop("LIDARSIM_THREADS", None)
-        if before is not None:
-            os.environ["LIDARSIM_THREADS"] = before
+        _native.set_threads(None)
 
 
 def _try(caster: type[Caster]) -> None:

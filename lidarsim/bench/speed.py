@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim import _native
 from lidarsim._base.extras import import_extra
 from lidarsim._base.terminal import paragraph
 from lidarsim.bench import (
@@ -416,7 +417,7 @@ class _Run:
         import lidarsim as ls
 
         rays = scenes.downward(self.plan.columns[0] * 64)
-        os.environ["LIDARSIM_THREADS"] = str(self.plan.threads[-1])
+        _native.set_threads(self.plan.threads[-1])
         for name, pair in scenes.coincident(self.plan.triangles or 130_000).items():
             self.progress(f"coincident surfaces: {name}")
             built = {"once": ls.Scene(), "twice": ls.Scene()}
@@ -472,7 +473,7 @@ class _Run:
     def labelled_frames(self) -> None:
         """Measure labelled frames relative to their scans, on one thread and in its time of the processor."""
         self.progress("labelled frames")
-        os.environ["LIDARSIM_THREADS"] = "1"
+        _native.set_threads(1)
         with ExitStack() as files:
             what = frames.calls(files)
             calls = {name: call for name, (_, call) in what.items()}
@@ -482,7 +483,7 @@ class _Run:
     def many_robots(self) -> None:
         """Measure the scans of many robots in one call."""
         self.progress("robots")
-        os.environ["LIDARSIM_THREADS"] = str(self.plan.threads[-1])
+        _native.set_threads(self.plan.threads[-1])
         what = robots.calls(self.casters, self.plan.threads[-1], self.plan.robots)
         times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
         self.robots += robots.over(times, what, self.plan.robots)
@@ -490,14 +491,14 @@ class _Run:
     def rays_in_planes(self) -> None:
         """Measure rays that lie in the plane of a surface."""
         self.progress("rays in planes")
-        os.environ["LIDARSIM_THREADS"] = str(self.plan.threads[-1])
+        _native.set_threads(self.plan.threads[-1])
         self.in_plane += in_plane.over(interleave(in_plane.calls(), self.plan.rounds, self.plan.seconds))
 
     def new_frames(self) -> None:
         """Measure the pulses of new frames, and their scans relative to casts."""
         world = self._world(scenes.city)
         self.progress("patterns")
-        os.environ["LIDARSIM_THREADS"] = "1"
+        _native.set_threads(1)
         what = patterns.calls(Lidarsim(world, 1).scene, world.sensor)
         times = interleave(what, self.plan.rounds, self.plan.seconds)
         self.patterns += patterns.over(times)
@@ -515,7 +516,7 @@ class _Run:
         """Measure the share of building in the total time of scenes that are scanned once."""
         for threads in self.plan.threads:
             self.progress(f"random scenes, {threads} threads")
-            os.environ["LIDARSIM_THREADS"] = str(threads)
+            _native.set_threads(threads)
             self.scenes += [{"threads": threads, **row} for row in building.rows(self.plan.scenes, self.plan.builds)]
 
     def results(self) -> dict[str, Any]:

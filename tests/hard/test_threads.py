@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from hard.children import output
 
+from lidarsim import _native
+
 
 def test_casts_beside_a_thread_that_changes_the_environment() -> None:
     """The C library's environment has no lock, so that only who holds the interpreter may read it."""
@@ -39,8 +41,6 @@ def test_casts_beside_a_thread_that_changes_the_environment() -> None:
 
 
 def test_settings_are_those_of_the_environment_at_each_cast(monkeypatch: pytest.MonkeyPatch) -> None:
-    from lidarsim import _native
-
     for count in (1, 5, 2):
         monkeypatch.setenv("LIDARSIM_THREADS", str(count))
         assert _native.threads() == count
@@ -48,6 +48,19 @@ def test_settings_are_those_of_the_environment_at_each_cast(monkeypatch: pytest.
     for nonsense in ("0", "-1", "many", ""):
         monkeypatch.setenv("LIDARSIM_THREADS", nonsense)
         assert _native.threads() == available >= 1
+
+
+def test_a_number_of_threads_that_is_set_goes_before_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIDARSIM_THREADS", "3")
+    try:
+        _native.set_threads(7)
+        assert _native.threads() == 7
+    finally:
+        _native.set_threads(None)
+    assert _native.threads() == 3
+    for wrong in (0, -1):
+        with pytest.raises((ValueError, OverflowError)):
+            _native.set_threads(wrong)
 
 
 def test_eight_threads_on_shared_and_growing_scenes() -> None:

@@ -16,7 +16,9 @@ mod waveforms;
 
 use std::any::Any;
 use std::env;
+use std::num::NonZero;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use lidarsim_core::memory::OutOfMemory;
 use lidarsim_core::stop::{self, Stopped};
@@ -72,6 +74,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(plain::plain_matrix, m)?)?;
     m.add_function(wrap_pyfunction!(plain::plain_vector, m)?)?;
     m.add_function(wrap_pyfunction!(threads, m)?)?;
+    m.add_function(wrap_pyfunction!(set_threads, m)?)?;
     m.add_function(wrap_pyfunction!(isa, m)?)?;
     Ok(())
 }
@@ -81,6 +84,12 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
 fn threads(py: Python<'_>) -> usize {
     use_threads(py);
     lidarsim_core::threads()
+}
+
+/// Sets the number of threads in place of `LIDARSIM_THREADS`; `None` follows that again.
+#[pyfunction]
+fn set_threads(count: Option<NonZero<usize>>) {
+    THREADS.store(count.map_or(0, NonZero::get), Ordering::Relaxed);
 }
 
 /// The instruction set that casts use: scalar, avx2 or avx512.
@@ -114,10 +123,16 @@ pub fn kernels(py: Python<'_>) -> PyResult<&'static dyn Kernels> {
     })
 }
 
-/// Applies `LIDARSIM_THREADS`, if it is a number above 0.
+/// The number of threads that this process has set; 0 for that of `LIDARSIM_THREADS`.
+static THREADS: AtomicUsize = AtomicUsize::new(0);
+
+/// Applies the number of threads that is set, else `LIDARSIM_THREADS`, if it is a number above 0.
 fn use_threads(_: Python<'_>) {
-    let asked = env::var("LIDARSIM_THREADS").ok().and_then(|n| n.parse().ok()).filter(|&n| n > 0);
-    lidarsim_core::use_threads(asked);
+    let asked = match THREADS.load(Ordering::Relaxed) {
+        0 => env::var("LIDARSIM_THREADS").ok().and_then(|n| n.parse().ok()),
+        set => Some(set),
+    };
+    lidarsim_core::use_threads(asked.filter(|&n| n > 0));
 }
 
 /// Runs work of the core, and every such call goes through here, with the interpreter lock released.
