@@ -581,6 +581,24 @@ def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
 
 
+def test_check_says_the_sizes_of_scattered_models(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("ramp.obj").write_text("v 0 0 0\nv 4 0 0\nv 0 2 1\nf 1 2 3\n", encoding="utf-8")
+    Path("recipe.yaml").write_text(
+        """
+layout: semantickitti
+scatter:
+  ramps: {objects: [{shape: mesh, file: ramp.obj, scale: 0.5}], on: [road], count: 2, area_m: [[-9, -9], [9, 9]]}
+run:
+  sensor: {preset: velodyne-vlp16}
+  scene: [{shape: plane, normal: [0, 0, 1], distance_m: 0, name: road}]
+  pose: {position_m: [0, 0, 1.8]}
+""",
+        encoding="utf-8",
+    )
+    assert lidarsim("check", "recipe.yaml") == 0
+    assert "models: ramp.obj (2 × 1 × 0.5 m)\n" in capsys.readouterr().out
+
+
 def test_check_says_what_light_a_sensor_does_not_follow(capsys: pytest.CaptureFixture[str]) -> None:
     glass = ["--set", "scene.1.material=glass"]
     assert lidarsim("check", "run.yaml") == 0

@@ -20,7 +20,7 @@ import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import atomic_writer, check_folder, check_suffix
-from lidarsim._base.shown import counted, plain
+from lidarsim._base.shown import counted, format_size, plain
 from lidarsim._base.terminal import paragraph, print_line, print_markdown, table, without_native_logs
 from lidarsim._base.validation import integer
 from lidarsim.cli.options import (
@@ -748,6 +748,9 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
             for name, tally in total.groups.items()
         ]
         table(("group", "asked", "placed", "places refused by"), rows, left=("group", "places refused by"))
+    if sizes := made.source.sizes():
+        models = [f"{plain(file, most=NAME)} ({format_size(size)} m)" for file, size in sizes.items()]
+        paragraph(f"models: {format_list(models)}")
     for file in dict.fromkeys(imports):
         print_import(file)
     for warning in warnings:

@@ -318,10 +318,16 @@ LONGEST, TALLEST, SHORTEST = 20e3, 1e3, 0.1
 """Sizes of models, m: only those with another unit are longer, or larger in all directions, or shorter."""
 
 
+def size_of(item: Mesh | SceneFile, place: Place) -> Floats:
+    """Return the size of a model from a file, scaled, m, shape (3,)."""
+    size: Floats = np.ptp(item.bounds(place), axis=0)
+    size *= np.linalg.norm(item.to_matrix(place, item.scale)[:3, :3], axis=0)
+    return size
+
+
 def ask_size(item: Mesh | SceneFile, place: Place, scale: float = 1.0) -> None:
     """Ask if a model from a file is so large or so small that its unit is probably another one."""
-    size = np.ptp(item.bounds(place), axis=0) * np.linalg.norm(item.to_matrix(place, item.scale)[:3, :3], axis=0)
-    size *= scale
+    size = size_of(item, place) * scale
     if size.max() > LONGEST or size.min() > TALLEST or size.max() < SHORTEST:
         question = "mm?" if size.max() > SHORTEST else "is it in m?"
         ask(plain(item.file, most=60), f"{format_size(size)} m", question)

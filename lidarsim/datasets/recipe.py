@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 import numpy as np
 from pydantic import Field
 
+from lidarsim._base.validation import Floats, shown
 from lidarsim._base.validation import pose as validated
-from lidarsim._base.validation import shown
 from lidarsim.config.document import (
     Loaded,
     Node,
@@ -32,6 +32,7 @@ from lidarsim.config.document import (
 )
 from lidarsim.config.factories import Model
 from lidarsim.config.loader import CHOICES, Change, built, checked, whole
+from lidarsim.config.objects import Mesh, SceneFile, size_of
 from lidarsim.config.schema import labelled
 from lidarsim.config.starter import configuration
 from lidarsim.datasets import after_scan
@@ -115,6 +116,9 @@ class Source(Protocol):
 
     def nearby(self, sequence: int) -> dict[str, float]:
         """Return the objects of the scene that are in the sensor's way in a sequence, and when each is first, s."""
+
+    def sizes(self) -> dict[str, Floats]:
+        """Return the size of each model that is scattered, by its file, m."""
 
 
 @dataclass(frozen=True)
@@ -256,6 +260,16 @@ class Document:
     def nearby(self, sequence: int) -> dict[str, float]:
         """Return the objects of the scene that are in the sensor's way in a sequence, and when each is first, s."""
         return nearby(self._drawn(sequence, 0), self.settings.scatter)
+
+    def sizes(self) -> dict[str, Floats]:
+        """Return the size of each model that is scattered, by its file, m."""
+        place = Place(self.root, (), self.loaded) / "scatter"
+        return {
+            item.file: size_of(item, place / name / "objects" / index)
+            for name, group in self.settings.scatter.items()
+            for index, item in enumerate(group.objects)
+            if isinstance(item, Mesh | SceneFile)
+        }
 
     def _drawn(self, sequence: int, frame: int | None) -> Run:
         """Return the run with its drawn values."""
@@ -431,6 +445,10 @@ class Function:
     def nearby(self, sequence: int) -> dict[str, float]:
         """Return the objects that the sensor passes through in a sequence."""
         return nearby(self.run(sequence), {})
+
+    def sizes(self) -> dict[str, Floats]:
+        """Return no sizes, for the same reason."""
+        return {}
 
 
 def from_function(
