@@ -90,7 +90,7 @@ class Pulses(_OfOneOrigin):
     @property
     def azimuth(self) -> npt.NDArray[np.float64]:
         """Azimuth of each pulse, counterclockwise from x, -π to π rad: ndarray of float64, shape (n,)."""
-        x, y, _ = self.directions.T
+        x, y, _ = np.ascontiguousarray(self.directions.T)
         azimuth: npt.NDArray[np.float64] = np.arctan2(y, x)
         return azimuth
 

@@ -530,12 +530,13 @@ def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
     known = _VIEWS.get(pulses)
     if known is not None:
         return known
-    azimuth, elevation = pulses.azimuth, pulses.elevation
     azimuths, elevations = (-math.pi, math.tau), (-0.5 * math.pi, 0.5 * math.pi)
     if len(pulses):
-        if np.ptp(elevation) > FIXED:
-            elevations = float(elevation.min()), float(elevation.max())
-        ordered = np.sort(azimuth)
+        z = pulses.directions[:, 2]
+        lowest, highest = np.arcsin(np.clip([z.min(), z.max()], -1.0, 1.0)).tolist()
+        if highest - lowest > FIXED:
+            elevations = lowest, highest
+        ordered = np.sort(pulses.azimuth)
         gaps = np.diff(ordered, append=ordered[0] + math.tau)
         last = int(gaps.argmax())
         widest, gaps[last] = float(gaps[last]), 0.0

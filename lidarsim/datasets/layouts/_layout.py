@@ -177,8 +177,6 @@ class Layout(Model):
         Whether the files are made of scans rather than of clouds, which `after_scan` may change.
     has_samples : bool
         Whether the files can hold the samples of IMUs and the fixes of GNSS receivers.
-    held : tuple of str, or None
-        Fields of a cloud that the files hold besides `xyz`; None for any.
     """
 
     noted: ClassVar[type[Noted]] = Noted
@@ -187,9 +185,13 @@ class Layout(Model):
     in_world: ClassVar[bool] = False
     of_scans: ClassVar[bool] = False
     has_samples: ClassVar[bool] = False
-    held: ClassVar[tuple[str, ...] | None] = None
 
     type: str
+
+    @property
+    def held(self) -> tuple[str, ...] | None:
+        """Fields of a cloud that the files hold besides `xyz`; None for any."""
+        return None
 
     @property
     def kept(self) -> BoxFilter | None:

@@ -67,6 +67,9 @@ NOTHING = f"{IGNORED} -1 -1 -10 0 0 0 0 -1 -1 -1 -1000 -1000 -1000 -10\n"
 TO_CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """Sensor to camera, whose x points right, y down and z forward."""
 
+CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
+"""Corners of the unit box."""
+
 OCCLUSION = (0.8, 0.4)
 """Least visibility of things that are fully visible (0), and partly occluded (1)."""
 
@@ -103,7 +106,7 @@ are black, and only tell their size.
 
     def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
         """Yield the boxes that the camera sees."""
-        return (pair for pair in super().annotations(frame) if self._view(upright(pair[1])) is not None)
+        return (pair for pair in super().annotations(frame) if self._seen(pair[1]) is not None)
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
@@ -129,11 +132,10 @@ are black, and only tell their size.
 
     def _label(self, box: Annotation, names: Mapping[int, str]) -> str:
         """Return the line of a box; empty if the camera does not see it."""
-        around = upright(box)
-        view = self._view(around)
-        if view is None:
+        seen_of = self._seen(box)
+        if seen_of is None:
             return ""
-        rectangle, truncation = view
+        around, rectangle, truncation = seen_of
         size, yaw = around.size, around.yaw
         x, y, z = (TO_CAMERA[:3, :3] @ (box.center - np.array([0.0, 0.0, size[2] / 2]))).tolist()
         length, width, height = size.tolist()
@@ -144,10 +146,21 @@ are black, and only tell their size.
         name = class_name(box.label, names)
         return f"{name} {truncation!r} {occlusion} {' '.join(map(repr, numbers))}\n"
 
-    def _view(self, box: Upright) -> tuple[tuple[float, ...], float] | None:
-        """Return the rectangle around what the camera sees of a box, and the share that it does not; see `seen`."""
-        corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * box.size @ box.axes.T + box.center
-        return seen(corners @ TO_CAMERA[:3, :3].T, self.camera.projection, self.camera.width, self.camera.height)
+    def _seen(self, box: Annotation) -> tuple[Upright, tuple[float, ...], float] | None:
+        """Return the upright box, the rectangle around what the camera sees of it, and the share that it does not.
+
+        None if the camera does not see it; see `seen`. Of most boxes, a sphere around the upright box, whose diagonal
+        is at most √3 times as long as that of the box, lies beyond a side of the view.
+        """
+        camera, (ahead, *aside), reach = self.camera, box.center, math.hypot(*box.size)
+        for off, pixels in zip(aside, (camera.width, camera.height), strict=True):
+            half = pixels / 2
+            if camera.focal * abs(off) - half * ahead > reach * math.hypot(camera.focal, half):
+                return None
+        around = upright(box)
+        corners = CORNERS * around.size @ around.axes.T + around.center
+        view = seen(corners @ TO_CAMERA[:3, :3].T, camera.projection, camera.width, camera.height)
+        return None if view is None else (around, *view)
 
     def _calibration(self, record: Record) -> str:
         body_to_sensor = np.linalg.inv(record.matrix) @ record.body_matrix

@@ -12,7 +12,6 @@ Format: https://github.com/webdataset/webdataset.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import tarfile
 from collections.abc import Iterator
@@ -69,6 +68,11 @@ class Shards(Layout):
     """`true`, or a selection of [boxes](#boxes): adds them to the JSON of each sample, and `boxes.parquet`."""
 
     @property
+    def held(self) -> tuple[str, ...]:
+        """Fields that the archives hold."""
+        return tuple(self.fields)
+
+    @property
     def kept(self) -> BoxFilter | None:
         """Filter of the boxes; None for no boxes."""
         return self.boxes
@@ -97,7 +101,7 @@ class Shards(Layout):
             npz.save(self._arrays(sample), buffer)
             base = ".".join(filter(None, (f"{record.sequence:06}_{record.frame:06}", record.sensor)))
             offset = add(f"{base}.npz", buffer.getvalue())
-            boxes = {"boxes": [dataclasses.asdict(box) for box in record.boxes]} if self.boxes else {}
+            boxes = {"boxes": [vars(box) for box in record.boxes]} if self.boxes else {}
             add(f"{base}.json", json.dumps(_said(record) | boxes).encode())
             about["samples"] += 1
             about["points"] += record.points
@@ -135,7 +139,7 @@ class Shards(Layout):
         things = {"instance": whole, "label": whole, "name": text, **three, "rotation": arrow.list_(real, 9)}
         seen = {"points": whole, "visibility": real, "truncation": real, "time": real}
         boxes = (
-            _row(record) | dataclasses.asdict(box) | {"name": class_name(box.label, summary.class_names)}
+            _row(record) | vars(box) | {"name": class_name(box.label, summary.class_names)}
             for record in summary.records()
             for box in record.boxes
         )
