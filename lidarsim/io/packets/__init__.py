@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
+from datetime import datetime
 from ipaddress import IPv4Address
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from lidarsim._base.files import PathLike, Place, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
@@ -19,28 +20,12 @@ from lidarsim.io.packets._encoders import companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register, variants
 from lidarsim.io.packets._merged import Merged
 from lidarsim.io.packets._udp import Sender, Sent
+from lidarsim.lidar import Lidar
 from lidarsim.motion.georeference import START
+from lidarsim.scan.scan import Scan
 
-if TYPE_CHECKING:
-    from datetime import datetime
-
-    from lidarsim.lidar import Lidar
-    from lidarsim.scan.scan import Scan
-
-__all__ = [
-    "SUFFIXES",
-    "Encoder",
-    "Packet",
-    "PacketFormat",
-    "Sender",
-    "Sent",
-    "Writer",
-    "encoders",
-    "format_of",
-    "names",
-    "register",
-    "variants",
-]
+__all__ = ["SUFFIXES", "Encoder", "Packet", "PacketFormat", "Sender", "Sent", "Writer", "encoders", "format_of",
+    "names", "register", "variants"]  # fmt: skip
 
 SUFFIXES = (".pcap",)
 
@@ -134,7 +119,7 @@ class Writer:
         self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         if error is None:
-            self._put(self._merged.rest())
+            self._write(self._merged.rest())
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:
         """Write the packets of a scan, or of the scans of several sensors, in order of their times.
@@ -157,7 +142,7 @@ class Writer:
         for name, scan in by_name.items():
             if name in self._sensors and getattr(scan, "lidar", None) != self._sensors[name]:
                 raise ArgumentValueError("scans", f"scans of the sensor {self._sensors[name].name!r}", "others")
-        self._put(self._merged.add(by_name))
+        self._write(self._merged.add(by_name))
 
     @property
     def files(self) -> list[Path]:
@@ -165,7 +150,7 @@ class Writer:
         path = self._place.as_given(self._place.path)
         return [path, *companions(path, self._encoders)]
 
-    def _put(self, packets: list[tuple[str, Packet]]) -> None:
+    def _write(self, packets: list[tuple[str, Packet]]) -> None:
         for name, packet in packets:
             if self._capture is not None:
                 self._capture.write(packet, self._addresses[name])

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
-
-if TYPE_CHECKING:
-    from lidarsim.scan.scan import Scan
-
-__all__ = ["Cycles", "moments"]
+from lidarsim.scan.scan import Scan
 
 Records = npt.NDArray[Any]
 Times = npt.NDArray[np.int64]

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lidarsim._base import validation
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.packets._format import Encoder, format_of
+from lidarsim.lidar import Lidar
 from lidarsim.motion.georeference import START, unix_time
-
-if TYPE_CHECKING:
-    from datetime import datetime
-
-    from lidarsim.lidar import Lidar
-
-__all__ = ["LIMIT", "companions", "encoders"]
 
 LIMIT = 2**32
 """Seconds since 1970 by which packets end: some hold them in 32 bits."""

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
-
-if TYPE_CHECKING:
-    from lidarsim.lidar import Lidar
-    from lidarsim.scan.scan import Scan
-    from lidarsim.sensor.measurement import Measurement, ReturnMode
-
-__all__ = ["Encoder", "Packet", "PacketFormat", "format_of", "names", "register", "variants"]
+from lidarsim.lidar import Lidar
+from lidarsim.scan.scan import Scan
+from lidarsim.sensor.measurement import Measurement, ReturnMode
 
 
 class Packet(NamedTuple):

@@ -6,15 +6,10 @@ import math
 import statistics
 from bisect import bisect_right
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.packets._format import Encoder, Packet
-
-if TYPE_CHECKING:
-    from lidarsim.scan.scan import Scan
-
-__all__ = ["Merged"]
+from lidarsim.scan.scan import Scan
 
 MOST = 1 << 28
 """Most bytes that wait for a silent sensor: more than a hundred frames of an Ouster."""
@@ -37,15 +32,7 @@ class Merged:
         self._waiting: dict[str, list[Packet]] = {name: [] for name in encoders}
 
     def add(self, scans: Scan | Mapping[str, Scan]) -> list[tuple[str, Packet]]:
-        """Return the packets, by sensor, that follow from a scan of the only sensor, or from scans by sensor name.
-
-        Raises
-        ------
-        FileFormatError
-            If a range, a ring or a time does not fit in the packets.
-        TypeError, ValueError
-            If `scans` is neither, or no sensor has that name.
-        """
+        """Return the packets, by sensor, that follow from a scan of the only sensor, or from scans by sensor name."""
         for name, scan in self.by_name(scans).items():
             if name not in self._encoders:
                 raise ArgumentValueError("sensor", f"one of {', '.join(self._encoders)}", repr(name))
@@ -78,8 +65,4 @@ class Merged:
             count = bisect_right(packets, time, key=lambda packet: packet.time)
             ready += [(name, packet) for packet in packets[:count]]
             del packets[:count]
-        return sorted(ready, key=_time)
-
-
-def _time(of: tuple[str, Packet]) -> int:
-    return of[1].time
+        return sorted(ready, key=lambda named: named[1].time)

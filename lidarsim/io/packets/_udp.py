@@ -5,15 +5,17 @@ from __future__ import annotations
 import errno
 import ipaddress
 import math
-import queue
 import socket
-import threading
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
+from types import TracebackType
+from typing import Any, Self, TypeAlias, TypeVar
 
 from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer, check_folder
@@ -22,18 +24,11 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.packets._encoders import LIMIT, companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet
 from lidarsim.io.packets._merged import Merged
+from lidarsim.lidar import Lidar
 from lidarsim.motion.georeference import START, unix_time
+from lidarsim.scan.scan import Scan
 
-if TYPE_CHECKING:
-    from datetime import datetime
-    from types import TracebackType
-
-    from lidarsim.lidar import Lidar
-    from lidarsim.scan.scan import Scan
-
-    Scans: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
-
-__all__ = ["Sender", "Sent"]
+Scans: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
 
 Item = TypeVar("Item")
 
@@ -125,7 +120,7 @@ class Sender:
         variant: str | None = None,
         fast: bool = False,
     ) -> None:
-        host, port = _parsed(to)
+        host, port = _parse(to)
         self._named = sensors if isinstance(sensors, Mapping) else {"": sensors}
         self._start, self._variant, self._port = unix_time(start, limit=LIMIT) / 1e9, variant, port
         self._encoders = self._encoders_from(start)
@@ -266,7 +261,7 @@ class Sender:
             self.sent.size += len(packet.payload)
 
 
-def _parsed(to: str) -> tuple[str, int | None]:
+def _parse(to: str) -> tuple[str, int | None]:
     """Return host and port."""
     if not isinstance(to, str):
         raise ArgumentTypeError("to", "an address such as 127.0.0.1:7502", type(to).__name__)
@@ -317,39 +312,12 @@ def _reachable(to: str, host: str) -> tuple[socket.AddressFamily, tuple[Any, ...
 
 
 def _ahead(items: Iterator[Item], most: int) -> Generator[Item]:
-    """Yield items that a thread takes from an iterator, with at most so many of them waiting."""
-    waiting: queue.Queue[tuple[list[Item], BaseException | None]] = queue.Queue(most)
-    stopped = threading.Event()
-
-    def put(found: list[Item], error: BaseException | None = None) -> bool:
-        while not stopped.is_set():
-            try:
-                waiting.put((found, error), timeout=0.1)
-            except queue.Full:
-                continue
-            return True
-        return False
-
-    def work() -> None:
-        end = None
-        try:
-            for item in items:
-                if not put([item]):
-                    return
-        except BaseException as error:  # noqa: BLE001 - it is raised where the items are used
-            end = error
-        put([], end)
-
-    thread = threading.Thread(target=work, name="lidarsim-scan-ahead", daemon=True)
-    thread.start()
+    """Yield items, none of them None, that a thread takes from an iterator, with at most so many of them waiting."""
+    pool = ThreadPoolExecutor(1, "lidarsim-scan-ahead")
     try:
-        while True:
-            found, error = waiting.get()
-            if error is not None:
-                raise error
-            if not found:
-                return
-            yield found[0]
+        waiting = deque(pool.submit(next, items, None) for _ in range(most + 1))
+        while (item := waiting.popleft().result()) is not None:
+            waiting.append(pool.submit(next, items, None))
+            yield item
     finally:
-        stopped.set()
-        thread.join()
+        pool.shutdown(cancel_futures=True)

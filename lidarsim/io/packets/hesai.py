@@ -41,7 +41,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator, Mapping
 from itertools import count, repeat
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -51,11 +51,9 @@ from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
 from lidarsim.io.packets._cycles import Cycles, moments
 from lidarsim.io.packets._format import Packet, PacketFormat, mode_of, register
+from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning, Table
-
-if TYPE_CHECKING:
-    from lidarsim.lidar import Lidar
-    from lidarsim.scan.scan import Scan
+from lidarsim.scan.scan import Scan
 
 PORT = 2368
 FACTORY = 0x42
@@ -278,13 +276,13 @@ class _Encoder:
                 cycles["blocks"]["channels"][name][:, order] = image.reshape(len(cycles), -1)
         head = -np.degrees(rotor.start_azimuth) + self._speed * (since * 1e9 - self._layout.first * 1e3)
         cycles["blocks"]["azimuth"] = _hundredths(head)[:, None]
-        yield from self._encoded(*self._cycles.add(cycles, starts))
+        yield from self._encode(*self._cycles.add(cycles, starts))
 
     def rest(self) -> Iterator[Packet]:
         """Yield the last packet, filled up with columns without returns."""
         last = self._cycles.rest()
         if last is not None:
-            yield from self._encoded(*last)
+            yield from self._encode(*last)
 
     def companions(self) -> Mapping[str, bytes]:
         """Return the angle correction file and the firetime correction file."""
@@ -357,7 +355,7 @@ class _Encoder:
                 values[1] ^= differ * both
         return distances, brightness
 
-    def _encoded(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
+    def _encode(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
         """Yield packets of columns of shape (packets, columns) that start at `starts`, ns."""
         layout = self._layout
         packets = np.repeat(self._template, len(cycles))
@@ -377,9 +375,7 @@ class _Encoder:
             self._check(packets, stamp)
         latest = np.rint(1e9 * self._rotor.firing_times.max(axis=1)).astype(np.int64)
         last = (starts[:, -1] + latest[cycles["state"][:, -1]]).tolist()
-        content, size = packets.tobytes(), packets.itemsize
-        payloads = [content[i : i + size] for i in range(0, len(content), size)]
-        yield from map(Packet, last, repeat(self._port), payloads)
+        yield from map(Packet, last, repeat(self._port), (packet.tobytes() for packet in packets))
 
     def _check(self, packets: npt.NDArray[np.void], stamp: npt.NDArray[np.int64]) -> None:
         """Fill in the state of the sensor and the checksums of the body, of the state and of the tail."""

@@ -26,22 +26,20 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator, Mapping
 from itertools import repeat
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
 from lidarsim.io.packets._cycles import Cycles, moments
 from lidarsim.io.packets._format import Packet, PacketFormat, register
+from lidarsim.lidar import Lidar
+from lidarsim.patterns import Pulses
 from lidarsim.patterns._pulses import pulses_of
-
-if TYPE_CHECKING:
-    from lidarsim._base.validation import Floats
-    from lidarsim.lidar import Lidar
-    from lidarsim.patterns import Pulses
-    from lidarsim.scan.scan import Scan
+from lidarsim.scan.scan import Scan
 
 PTP = 1
 """Kind of the time stamps."""
@@ -156,13 +154,13 @@ class _Encoder:
         lines = self._model.lines
         starts = moments(scan, self._start, scan.pulses.time[::lines])
         self._count = 0
-        yield from self._encoded(*self._cycles.add(self._points(scan).reshape(-1, lines), starts))
+        yield from self._encode(*self._cycles.add(self._points(scan).reshape(-1, lines), starts))
 
     def rest(self) -> Iterator[Packet]:
         """Yield the last packet, filled up with points of zeros."""
         last = self._cycles.rest()
         if last is not None:
-            yield from self._encoded(*last)
+            yield from self._encode(*last)
 
     def companions(self) -> Mapping[str, bytes]:
         """Return no files: the packets hold all that decoders need."""
@@ -214,18 +212,18 @@ class _Encoder:
             points[f"reflectivity{number}"][found] = brightness[found, number]
             if "theta" in names:
                 length = np.sqrt((xyz * xyz).sum(axis=1))
-                points[f"depth{number}"][found] = self._whole(length[:, None], "<u4", found)[:, 0]
+                points[f"depth{number}"][found] = self._steps(length[:, None], "<u4", found)[:, 0]
                 if number == 0:
                     zenith, azimuth = np.arccos(xyz[:, 2] / length), np.arctan2(xyz[:, 1], xyz[:, 0])
                     points["theta"][found] = np.rint(np.degrees(zenith) * 100.0)
                     points["phi"][found] = np.rint(np.degrees(azimuth) * 100.0).astype(np.int64) % FULL_TURN
             else:
-                whole = self._whole(xyz, points.dtype[f"x{number}"], found)
-                for axis, values in zip("xyz", whole.T, strict=True):
+                steps = self._steps(xyz, points.dtype[f"x{number}"], found)
+                for axis, values in zip("xyz", steps.T, strict=True):
                     points[f"{axis}{number}"][found] = values
         return points
 
-    def _whole(self, lengths: Floats, kind: npt.DTypeLike, found: npt.NDArray[np.bool_]) -> Floats:
+    def _steps(self, lengths: Floats, kind: npt.DTypeLike, found: npt.NDArray[np.bool_]) -> Floats:
         """Return lengths in steps, shape (n, axes), after checking that they fit; zeros would be no return."""
         steps = np.rint(lengths / self._layout.step)
         limits = np.iinfo(kind)
@@ -238,24 +236,19 @@ class _Encoder:
             )
         return steps
 
-    def _encoded(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
+    def _encode(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
         """Yield packets of points of shape (packets, cycles, lines) that are fired at `starts`, ns."""
         packets = np.repeat(self._template, len(cycles))
-        packets["points"] = cycles.reshape(len(cycles), -1)
+        packets["points"] = cycles.reshape(len(cycles), self._layout.points)
         header = packets["header"]
         header["time"] = starts[:, 0]
         if self._model.header is _NEW:
             header["interval"] = np.rint((starts[:, -1] - starts[:, 0]) / 100.0)
             header["count"] = (self._count + np.arange(len(packets))) & 0xFFFF
             self._count += len(packets)
-            content, size = packets.tobytes(), packets.itemsize
             checked = _NEW.fields["time"][1] if _NEW.fields else 0
-            header["crc"] = [
-                zlib.crc32(content[i + checked : i + size]) for i in range(0, len(content), size)
-            ]  # of the time stamp and the points
-        content, size = packets.tobytes(), packets.itemsize
-        payloads = [content[i : i + size] for i in range(0, len(content), size)]
-        yield from map(Packet, starts[:, -1].tolist(), repeat(self._port), payloads)
+            header["crc"] = [zlib.crc32(packet.tobytes()[checked:]) for packet in packets]  # of time stamp and points
+        yield from map(Packet, starts[:, -1].tolist(), repeat(self._port), (packet.tobytes() for packet in packets))
 
 
 for _name, _model in MODELS.items():

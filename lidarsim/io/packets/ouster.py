@@ -33,7 +33,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -42,12 +42,9 @@ from lidarsim.errors import FileFormatError
 from lidarsim.io._units import fitting, reflectivity
 from lidarsim.io.packets._format import Packet, PacketFormat, register
 from lidarsim.io.vendors.ouster import MODES
+from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning
-from lidarsim.scan.scan import sensor_id
-
-if TYPE_CHECKING:
-    from lidarsim.lidar import Lidar
-    from lidarsim.scan.scan import Scan
+from lidarsim.scan.scan import Scan, sensor_id
 
 __all__ = ["crc64"]
 

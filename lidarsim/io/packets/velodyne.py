@@ -29,20 +29,19 @@ from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from functools import cache, lru_cache, reduce
 from operator import xor
-from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
+from lidarsim.io.packets._cycles import Cycles
 from lidarsim.io.packets._format import Packet, PacketFormat, mode_of, register
 from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning
 from lidarsim.patterns._parts import TURN, directions_of
-
-if TYPE_CHECKING:
-    from lidarsim.scan.scan import Scan
+from lidarsim.scan.scan import Scan
 
 _Time = TypeVar("_Time", int, npt.NDArray[np.int64])
 
@@ -115,50 +114,47 @@ class _Encoder:
         self._sent = 0
         self._end = -1  # start of the last column, ns
         values = (self._returns, lasers)
-        column = [("time", "i8"), ("azimuth", "f8"), ("distance", "u2", values), ("reflectivity", "u1", values)]
-        self._waiting = np.empty(0, column)
+        self._type = np.dtype([("azimuth", "f8"), ("distance", "u2", values), ("reflectivity", "u1", values)])
+        self._cycles = Cycles(self._columns, self._cycle * 1e9, self._empty)
 
     def packets(self, scan: Scan) -> Iterator[Packet]:
-        columns = self._columns_of(scan)
+        columns, starts = self._columns_of(scan)
         if not len(columns):
             return
         # A packet has one time stamp, to 1 µs: its columns follow each other to half of that, or it is padded.
-        gap = columns["time"][0] - self._end
+        gap = starts[0] - self._end
         if abs(gap - self._cycle * 1e9) > 500.0:
             if gap <= 0:
                 raise FileFormatError(
                     f"time: expected a scan after {(self._end - self._start) / 1e9} s, got one at {scan.time} s"
                 )
             yield from self.rest()
-        self._end = int(columns["time"][-1])
-        columns = np.concatenate([self._waiting, columns])
-        whole = len(columns) - len(columns) % self._columns
-        self._waiting = columns[whole:]
-        yield from self._packed(columns[:whole])
+        self._end = int(starts[-1])
+        yield from self._encode(*self._cycles.add(columns, starts))
 
     def rest(self) -> Iterator[Packet]:
         """Yield the last packet: the head turns on, and the lasers that are still to fire return nothing."""
-        if not len(self._waiting):
-            return
-        padded = np.zeros(self._columns, self._waiting.dtype)
-        padded[: len(self._waiting)] = self._waiting
-        after = np.arange(1, self._columns - len(self._waiting) + 1) * self._cycle
-        padded["time"][len(self._waiting) :] = self._waiting["time"][-1] + np.rint(after * 1e9).astype(np.int64)
-        padded["azimuth"][len(self._waiting) :] = self._waiting["azimuth"][-1] + 36000 * self._pattern.rate * after
-        self._waiting = self._waiting[:0]
-        yield from self._packed(padded)
+        last = self._cycles.rest()
+        if last is not None:
+            yield from self._encode(*last)
 
     def companions(self) -> Mapping[str, bytes]:
         return {}
 
-    def _columns_of(self, scan: Scan) -> npt.NDArray[np.void]:
+    def _empty(self, last: Any, number: int) -> npt.NDArray[np.void]:
+        columns, after = np.zeros(number, self._type), np.arange(1, number + 1) * self._cycle
+        columns["azimuth"] = last["azimuth"] + 36000 * self._pattern.rate * after
+        return columns
+
+    def _columns_of(self, scan: Scan) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
+        """Return the columns of a scan and when they start, ns since 1970."""
         returns = self._lidar.measurement.returns
         if scan.lidar.pattern != self._pattern or scan.lidar.measurement.returns != returns:
             raise FileFormatError(f"scan: expected pattern and returns of {self._lidar.name!r}, got those of another")
         lasers = len(self._order)
-        columns = np.empty(len(scan) // lasers, self._waiting.dtype)
+        columns = np.empty(len(scan) // lasers, self._type)
         first = scan.pulses.time[::lasers] - self._pattern.firing_times.min()
-        columns["time"] = self._start + np.rint((scan.time + first) * 1e9).astype(np.int64)
+        starts = self._start + np.rint((scan.time + first) * 1e9).astype(np.int64)
         columns["azimuth"] = 36000 * (self._pattern.rate * first - self._pattern.start_azimuth / TURN)
 
         by_return = (len(columns), lasers, self._returns)
@@ -179,7 +175,7 @@ class _Encoder:
             )
         columns["distance"] = np.take(distance, self._order, axis=2).swapaxes(0, 1)
         columns["reflectivity"] = np.take(brightness, self._order, axis=2).swapaxes(0, 1)
-        return columns
+        return columns, starts
 
     def _refuse(self, metres: float) -> None:
         nearest, farthest = self._model.step_m, 0xFFFF * self._model.step_m
@@ -187,13 +183,12 @@ class _Encoder:
         expected = f"{nearest} to {farthest:.2f} m for {self._lidar.model} packets"
         raise FileFormatError(f"range: expected {expected}, got {metres} m; give the sensor a {limit} m")
 
-    def _packed(self, columns: npt.NDArray[np.void]) -> Iterator[Packet]:
-        """Yield the data packets of columns that fill them, and the position packets between."""
+    def _encode(self, columns: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
+        """Yield data packets of columns of shape (packets, columns) that start at `starts`, and position packets."""
         banks, returns = self._model.banks, self._returns
-        columns = columns.reshape(-1, self._columns)
         packets = np.zeros(len(columns), DATA)
         used = self._groups * banks * returns
-        grouped = (len(columns), self._groups, self._columns_per_block, returns, banks, -1)
+        grouped = (len(columns), self._groups, self._columns_per_block, returns, banks, len(self._order) // banks)
         for name in ("distance", "reflectivity"):
             blocks = columns[name].reshape(grouped).transpose(0, 1, 4, 3, 2, 5)
             packets["blocks"]["points"][name][:, :used] = blocks.reshape(len(columns), used, POINTS)
@@ -202,12 +197,11 @@ class _Encoder:
         azimuth = np.rint(columns["azimuth"][:, :: self._columns_per_block]).astype(np.int64) % 36000
         packets["blocks"]["azimuth"] = azimuth[:, -1:]
         packets["blocks"]["azimuth"][:, :used] = np.repeat(azimuth, banks * returns, axis=1)
-        packets["stamp"] = _stamp(columns["time"][:, 0] + self._stamped)
+        packets["stamp"] = _stamp(starts[:, 0] + self._stamped)
         packets["mode"], packets["product"] = self._mode, self._model.product
 
-        payloads = packets.tobytes()
-        for number, time in enumerate((columns["time"][:, -1] + self._last_firing).tolist()):
-            yield Packet(time, self._port, payloads[number * DATA.itemsize : (number + 1) * DATA.itemsize])
+        for packet, time in zip(packets, (starts[:, -1] + self._last_firing).tolist(), strict=True):
+            yield Packet(time, self._port, packet.tobytes())
             self._sent += 1
             if self._sent % DATA_PER_POSITION == 0:
                 yield Packet(time, self._position_port, POSITION.pack(_stamp(time), LOCKED, _sentence(time // 10**9)))

@@ -123,7 +123,7 @@ def test_host_names_are_resolved() -> None:
     ],
 )
 def test_addresses_of_every_kind(to: str, host: str, port: int | None) -> None:
-    assert _udp._parsed(to) == (host, port)
+    assert _udp._parse(to) == (host, port)
 
 
 def test_ipv6_keeps_its_scope(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,7 +237,7 @@ def test_the_thread_ends_when_sending_fails(monkeypatch: pytest.MonkeyPatch) -> 
         monkeypatch.setattr(sender, "_send", fail)
         with pytest.raises(KeyboardInterrupt):
             sender.send(lambda: lidar.frames(room(), None, 5), repeat=math.inf, period=0.05)
-    assert "lidarsim-scan-ahead" not in {thread.name for thread in threading.enumerate()}
+    assert not any(thread.name.startswith("lidarsim-scan-ahead") for thread in threading.enumerate())
 
 
 def test_errors_while_scanning_are_raised() -> None:

@@ -464,8 +464,9 @@ def test_a_frame_that_does_not_follow_the_last_starts_a_packet() -> None:
         assert np.linalg.norm(got.xyz - expected.xyz, axis=1).max() < 0.002 + 120 * np.radians(0.015)
 
 
-def test_a_sector_fills_its_last_packet_each_turn() -> None:
-    lidar = sensor("velodyne-vlp32c", field_of_view=np.pi / 3, start_azimuth=np.pi / 6)
+@pytest.mark.parametrize("width", [np.pi / 3, np.pi / 300])
+def test_a_sector_fills_its_last_packet_each_turn(width: float) -> None:
+    lidar = sensor("velodyne-vlp32c", field_of_view=width, start_azimuth=width / 2)
     scans = tuple(lidar.frames(street(), None, 3))
     cycles = [len(scan) // 32 for scan in scans]
     sent = data(encoded(scans))
