@@ -19,7 +19,7 @@ livox_ros_driver2                         at a fixed time
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -27,9 +27,7 @@ from lidarsim._base.validation import angle, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns import Spinning
 from lidarsim.scan.pointcloud import PointCloud
-
-if TYPE_CHECKING:
-    from lidarsim.sensor.sensor import Sensor
+from lidarsim.sensor.sensor import Sensor
 
 Cut: TypeAlias = Literal["pattern", "driver"] | float
 """Where messages begin: with each frame of the pattern, where the layout's driver cuts, or at an azimuth, rad."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +13,7 @@ from lidarsim.io._times import NAMES, since_stamp
 from lidarsim.io._units import fitting, reflectivity, vendor_range
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.pointcloud import PointCloud, adopt
-
-if TYPE_CHECKING:
-    from lidarsim.sensor.sensor import Sensor
+from lidarsim.sensor.sensor import Sensor
 
 _XYZ = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 LAYOUTS: dict[str, np.dtype[np.void]] = {

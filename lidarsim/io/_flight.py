@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import integer, shown
+from lidarsim._base.validation import Floats, integer, shown
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.patterns import OscillatingMirror, PolygonMirror
 from lidarsim.scan.scan import Scan
-
-if TYPE_CHECKING:
-    from lidarsim._base.validation import Floats
 
 
 def flight_fields(scan: Scan, *, point_source_id: int = 0) -> dict[str, npt.NDArray[Any]]:

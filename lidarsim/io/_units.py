@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.fields import Fields
-
-if TYPE_CHECKING:
-    from lidarsim.sensor.sensor import Sensor
+from lidarsim.sensor.sensor import Sensor
 
 
 def warn_above(most: float, intensity: npt.NDArray[np.float32] | None, where: str) -> None:

@@ -53,6 +53,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from datetime import datetime
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -66,29 +67,25 @@ from lidarsim._base import validation
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import PathLike, Place, check_name, check_regular, check_suffix, linked, parsing, unquoted
 from lidarsim._base.shown import plain
+from lidarsim._base.validation import Transform
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
+from lidarsim.io._cuts import Cut
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
 from lidarsim.io._storage import check_folder, is_folder, lost_writes
 from lidarsim.motion.georeference import START, unix_time
 from lidarsim.motion.trajectory import Trajectory
-from lidarsim.rig import Rig
+from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
 from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan
+from lidarsim.sensor.gnss import Gnss, GnssFixes
+from lidarsim.sensor.imu import Imu, ImuSamples
+from lidarsim.sensor.sensor import Sensor
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
     from rosbags.typesys.store import Typestore
-
-    from lidarsim._base.validation import Transform
-    from lidarsim.io._cuts import Cut
-    from lidarsim.rig import RigSensor
-    from lidarsim.sensor.gnss import Gnss, GnssFixes
-    from lidarsim.sensor.imu import Imu, ImuSamples
-    from lidarsim.sensor.sensor import Sensor
 
 __all__ = ["LAYOUTS", "NAMES", "SUFFIXES", "Message", "PointCloud2", "Writer", "is_bag", "point_cloud2", "read",
     "static_mounts"]  # fmt: skip

@@ -18,6 +18,7 @@ from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,8 +36,6 @@ from lidarsim.world.scene import Scene, register_scene_reader
 from lidarsim.world.shapes import Box, Capsule, Cylinder, Ellipsoid, Plane, Polygon, Shape, Sphere, TriangleMesh
 
 if TYPE_CHECKING:
-    from types import ModuleType
-
     from mujoco import MjData, MjModel
 
 GROUPS = 6
