@@ -31,6 +31,7 @@ from lidarsim._base.extras import import_extra
 from lidarsim._base.terminal import paragraph
 from lidarsim.bench import (
     building,
+    changing,
     exact,
     frames,
     in_plane,
@@ -254,6 +255,7 @@ class _Run:
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
         self.frames: list[dict[str, Any]] = []
+        self.changing: list[dict[str, Any]] = []
         self.robots: list[dict[str, Any]] = []
         self.in_plane: list[dict[str, Any]] = []
         self.patterns: list[dict[str, Any]] = []
@@ -480,6 +482,15 @@ class _Run:
             times = interleave(calls, self.plan.rounds, self.plan.seconds, time.process_time)
         self.frames += motion.over(times, what)
 
+    def changing_scenes(self) -> None:
+        """Measure changes of scenes between frames, on one thread and in its time of the processor."""
+        self.progress("scenes that change")
+        _native.set_threads(1)
+        what = changing.calls(self.casters, 1)
+        calls = {name: call for name, (_, call) in what.items()}
+        times = interleave(calls, self.plan.rounds, self.plan.seconds, time.process_time)
+        self.changing += motion.over(times, what)
+
     def many_robots(self) -> None:
         """Measure the scans of many robots in one call."""
         self.progress("robots")
@@ -534,6 +545,7 @@ class _Run:
             "coincident": self.coincident,
             "motion": self.motion,
             "frames": self.frames,
+            "changing": self.changing,
             "robots": self.robots,
             "in_plane": self.in_plane,
             "patterns": self.patterns,
@@ -720,6 +732,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.lines_of_sight()
         bench.moving()
         bench.labelled_frames()
+        bench.changing_scenes()
         bench.many_robots()
         bench.rays_in_planes()
         bench.new_frames()
