@@ -141,6 +141,26 @@ def test_intervals_are_narrow() -> None:
     assert len(comparison["channel_bias_sigma"].cells) == len(ELEVATIONS)
 
 
+def test_each_ring_gets_its_own_bias() -> None:
+    """The biases of the unit less what is linear over the eight rings of a tile, in which planes are fitted."""
+    from scipy.stats import binom
+
+    of = unit(6)
+    fitted, comparison = ls.fit(clouds(of), start(of), ground=GROUND)
+    assert fitted.measurement.channel_bias_sigma == 0.0
+    exact = replace(of, measurement=ls.Measurement(channel_bias_sigma=of.measurement.channel_bias_sigma)).scan(scene())
+    hit = exact.status == ls.Status.hit
+    rings = exact.pulses.ring[hit]
+    true = (np.bincount(rings, exact.range_error[hit, 0]) / np.bincount(rings)).reshape(-1, 8)
+    line = np.column_stack([np.ones(8), np.arange(8.0)])
+    true -= (line @ np.linalg.lstsq(line, true.T, rcond=None)[0]).T
+    half = np.array([np.ptp(cell.real_interval) / 2 for cell in comparison["channel_bias_sigma"].cells])
+    own = np.asarray(fitted.measurement.range_bias)
+    assert half.max() < 0.5 * own.std()
+    inside = np.abs(own - true.ravel()) <= half + 5e-4 * np.abs(own)  # they have four digits
+    assert inside.sum() >= binom.ppf(1e-3, len(own), 0.95)
+
+
 def test_the_fitted_sensor_is_alike_where_the_sheet_differs() -> None:
     of = unit(7)
     told, kept = clouds(of, count=2), clouds(of, count=4)[2:]

@@ -309,6 +309,18 @@ def test_each_ring_has_its_own_zero() -> None:
     assert np.array_equal(some.range, scan.range[[5, 1]])
 
 
+def test_each_ring_has_its_own_bias() -> None:
+    biases = np.array([0.0, 0.012, -0.028])
+    pattern = rings_before_wall(3, 5)
+    scan = measured(pattern, wall(), range_bias=biases)
+    assert np.array_equal(scan.range[:, 0], scan.true_range[:, 0] + np.repeat(biases, 5))
+    assert np.array_equal(measured(pattern, wall(), range_bias=0.25).range[:, 0], scan.true_range[:, 0] + 0.25)
+    drawn = measured(pattern, wall(), channel_bias_sigma=0.5).range[:, 0] - scan.true_range[:, 0]
+    both = measured(pattern, wall(), range_bias=biases, channel_bias_sigma=0.5).range[:, 0] - scan.true_range[:, 0]
+    assert np.allclose(both, drawn + np.repeat(biases, 5), rtol=0, atol=4 * math.ulp(20.0))
+    assert np.abs(drawn).min() > 0.01
+
+
 def test_a_pulse_is_measured_alone_as_it_is_among_others() -> None:
     # 29 pulses, which is no multiple of eight, as far as and beyond the gate and the detection; some miss.
     pattern = before_wall(np.r_[np.geomspace(0.5, 300.0, 25), -1.0, 3.0, -2.0, 4.0])

@@ -31,7 +31,8 @@ def test_range_offset_is_a_number_or_one_a_ring() -> None:
     assert each == ls.Lidar(PATTERN, range_offset=[0.012, 0.028])
 
 
-def test_rings_without_an_offset_are_named() -> None:
+@pytest.mark.parametrize("name", ["range_offset", "range_bias"])
+def test_rings_without_a_number_are_named(name: str) -> None:
     class MoreRings:
         rate = 5.0
         shape = (2, 8)
@@ -40,8 +41,9 @@ def test_rings_without_an_offset_are_named() -> None:
             pulses = PATTERN.pulses(frame)
             return dataclasses.replace(pulses, ring=pulses.ring + np.uint16(1))
 
-    lidar = ls.Lidar(MoreRings(), range_offset=(0.1, 0.2))
-    message = "range_offset: expected an offset for each ring of the pulses, got 2 of them and pulses.ring[1] = 2"
+    biased = ls.Measurement(range_bias=(0.1, 0.2) if name == "range_bias" else 0.0)
+    lidar = ls.Lidar(MoreRings(), measurement=biased, range_offset=(0.1, 0.2) if name == "range_offset" else 0.0)
+    message = f"{name}: expected a number for each ring of the pulses, got 2 of them and pulses.ring[1] = 2"
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         lidar.scan(ls.Scene())
 
@@ -80,6 +82,10 @@ def test_own_pattern_needs_no_base_class() -> None:
         ({"range_offset": math.inf}, "range_offset: expected a finite number, got inf"),
         ({"range_offset": "12 mm"}, "range_offset: expected a finite number, got '12 mm'"),
         ({"range_offset": [0.1]}, "range_offset: expected one number, or one per ring (2), got 1"),
+        (
+            {"measurement": ls.Measurement(range_bias=(0.1, 0.2, 0.3))},
+            "range_bias: expected one number, or one per ring (2), got 3",
+        ),
         ({"range_offset": [[0.1], [0.2]]}, "range_offset: expected shape (rings,), got (2, 1)"),
         ({"range_offset": (0.1, math.nan)}, "range_offset: expected finite numbers, got range_offset[1] = nan"),
     ],

@@ -88,6 +88,11 @@ def is_several(value: object) -> bool:
     return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
+def each_ring(name: str, value: object) -> float | tuple[float, ...]:
+    """Return `value` as a float, or as a tuple of one for each ring."""
+    return tuple(array(name, value, ("rings",)).tolist()) if is_several(value) else real(name, value)
+
+
 def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
     """Return `value` as an int within the bounds."""
     if type(value) is int and (at_least is None or value >= at_least) and (at_most is None or value <= at_most):

@@ -185,7 +185,8 @@ def _differences(old: Any, new: Any, measures: Mapping[str, Measure], above: str
                 for (at, value), cell in zip(after, measure.cells, strict=True):
                     yield f"{indent}- [{at!r}, {value!r}]{_interval(cell)}"
             else:
-                yield f"{indent}{key}: {after!r}{_interval(measure) if measure and told else ''}"
+                value = list(after) if isinstance(after, tuple) else after
+                yield f"{indent}{key}: {value!r}{_interval(measure) if measure and told else ''}"
 
 
 def _interval(of: Contrast) -> str:

@@ -100,7 +100,7 @@ class Found:
     rows : tuple of (label, value, low, high, count)
         Its parts: rows of a table, or rings.
     changes : dict
-        Other parameters of the measurement that the value replaces.
+        Parameters of the measurement that the value replaces, or that take its place.
     """
 
     value: float | tuple[tuple[float, float], ...]
@@ -252,7 +252,7 @@ def _with(lidar: Lidar, name: str, found: Found) -> Lidar:
     if part:
         old = getattr(lidar.measurement, whole) or (Detection(0.1, 1.0) if whole == "detection" else Response())
         changes = {whole: replace(old, **{part: found.value})}
-    return replace(lidar, measurement=replace(lidar.measurement, **changes, **found.changes))
+    return replace(lidar, measurement=replace(lidar.measurement, **(changes | found.changes)))
 
 
 def _measure(name: str, unit: str, meaning: str, found: Found, old: Any) -> Measure:
@@ -732,20 +732,31 @@ def _agree(values: Floats, errors: Floats, mean: float) -> bool:
 def _channel_bias(captures: _Captures) -> Found:
     """How much rings are biased: standard deviation of their deviations from planes over several rings, less errors.
 
-    Biases that a plane follows, equal ones and those linear in the elevation of neighbouring rings, do not show.
+    Biases that a plane follows, equal ones and those linear in the elevation of neighbouring rings, do not show. If the
+    rings differ, each gets its own deviation as `range_bias`, in place of one that is drawn.
     """
-    return _ring_spread(captures, "bias", "deviations of rings from planes")
+    found, rings = _ring_spread(captures, "bias", "deviations of rings from planes")
+    if not found.interval[0]:
+        return found
+    biases = np.full(captures.lidar.pattern.shape[0], np.mean(captures.lidar.measurement.range_bias))
+    biases[rings] += [deviation for _, deviation, *_ in found.rows]
+    own = tuple(float(f"{bias:.4g}") for bias in biases)
+    how = f"{found.how}, which are their range_bias in its place"
+    return replace(found, how=how, changes={"range_bias": own, "channel_bias_sigma": 0.0})
 
 
-def _ring_spread(captures: _Captures, name: str, how: str) -> Found:
-    """Return the standard deviation between rings of values that lack what is linear within the rows of a tile."""
+def _ring_spread(captures: _Captures, name: str, how: str) -> tuple[Found, Indices]:
+    """Return the standard deviation between rings of values that lack what is linear within the rows of a tile.
+
+    The second array has the ring of each row.
+    """
     from scipy.special import chdtri
 
     found = captures.estimate(name)
     if captures.rows is None:
         raise UntoldError("the clouds have no columns")
     rings, high = captures.rows
-    rows, squares, noise, freedom, count = [], 0.0, 0.0, 0, 0
+    rows, seen, squares, noise, freedom, count = [], [], 0.0, 0.0, 0, 0
     for start in range(0, len(rings), high):
         row = np.arange(start, min(start + high, len(rings)))
         ring = rings[row]
@@ -764,6 +775,7 @@ def _ring_spread(captures: _Captures, name: str, how: str) -> Found:
         reach = critical(1, found.units[ring]) * found.error[ring]
         ends = zip(ring, rest, rest - reach, rest + reach, found.count[ring], strict=True)
         rows += [(f"ring {int(i)}", float(v), float(a), float(b), int(n)) for i, v, a, b, n in ends]
+        seen.append(ring)
     if freedom < 4:
         raise UntoldError("fewer than 4 rings more than planes over them need have 50 points on planes")
     each = noise / freedom
@@ -771,7 +783,8 @@ def _ring_spread(captures: _Captures, name: str, how: str) -> Found:
     low, high_end = (math.sqrt(max(squares / float(chdtri(freedom, share)) - each, 0.0)) for share in (0.025, 0.975))
     if not high_end:
         raise UntoldError("the errors of the rings hide it")
-    return Found(value, (low, high_end), count, f"{how}, {len(rows)} rings", tuple(rows))
+    spread = Found(value, (low, high_end), count, f"{how}, {len(rows)} rings", tuple(rows))
+    return spread, np.concatenate(seen)
 
 
 @value("response.resolution")
@@ -854,7 +867,7 @@ def _dropout(captures: _Captures) -> Found:
 def _ring_factors(captures: _Captures) -> Found:
     """How much the factors of rings scatter: standard deviation of their logarithms, from intensities on planes."""
     _count_intensities(captures)
-    found = _ring_spread(captures, "brightness", "intensities of rings on planes")
+    found, _ = _ring_spread(captures, "brightness", "intensities of rings on planes")
     response = captures.lidar.measurement.response or Response()
     scale = 1.0 / response.exponent
     low, high = found.interval

@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Immutable
-from lidarsim._base.validation import angle, array, ask_above, beam_angle, integer, is_several, real, share
+from lidarsim._base.validation import angle, array, ask_above, beam_angle, each_ring, integer, is_several, real, share
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = ["Beam", "Detection", "Measurement", "Response"]
@@ -241,10 +241,10 @@ class Measurement(Immutable):
         c, m: the additional standard deviation of weak echoes, √(a² + (b·R)² + c²/s); it also adds to a table. s is the
         received power relative to the detection limit, so an echo at the limit has c, and one four times as strong has
         c/2. It requires `detection`, which sets the limit.
-    range_bias : float
-        Bias that is added to every range, m; may be negative.
+    range_bias : float or sequence of float, one per ring
+        Bias that is added to every range, or to those of each channel (ring), m; may be negative.
     channel_bias_sigma : float
-        Standard deviation of the range bias of each channel (ring), m. A bias depends on the seed, the sensor's name
+        Standard deviation of a further range bias of each channel, m. It depends on the seed, the sensor's name
         and the ring, and is the same in all frames. Together with `range_bias` it models what datasheets call
         accuracy; `range_sigma` models what they call precision or repeatability.
     range_resolution : float
@@ -335,7 +335,7 @@ class Measurement(Immutable):
         "range_sigma_m": float | list[tuple[float, float]],
         "range_sigma_slope": float,
         "range_sigma_limit_m": float,
-        "range_bias_m": float,
+        "range_bias_m": float | list[float],
         "channel_bias_sigma_m": float,
         "range_resolution_m": float,
         "azimuth_sigma_deg": float,
@@ -357,7 +357,7 @@ class Measurement(Immutable):
     range_sigma: float | Pairs = 0.0
     range_sigma_slope: float = 0.0
     range_sigma_limit: float = 0.0
-    range_bias: float = 0.0
+    range_bias: float | Sequence[float] = 0.0
     channel_bias_sigma: float = 0.0
     range_resolution: float = 0.0
     azimuth_sigma: float = 0.0
@@ -383,7 +383,7 @@ class Measurement(Immutable):
                 number = angle if name in {"azimuth_sigma", "elevation_sigma"} else real
                 object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0, at_most=at_most))
         object.__setattr__(self, "near_range", real("near_range", self.near_range, above=0.0))
-        object.__setattr__(self, "range_bias", real("range_bias", self.range_bias))
+        object.__setattr__(self, "range_bias", each_ring("range_bias", self.range_bias))
         if is_table:
             object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))
         if self.detection is not None and not isinstance(self.detection, Detection):
@@ -400,7 +400,10 @@ class Measurement(Immutable):
         object.__setattr__(self, "depth", integer("depth", self.depth, at_least=1, at_most=255))
         object.__setattr__(self, "returns", _returns(self.returns))
         for name, (most, unit, question) in _USUAL.items():
-            ask_above(name, np.atleast_2d(getattr(self, name))[:, -1], most, unit, question)
+            values = getattr(self, name)
+            ask_above(
+                name, np.array(values)[:, 1] if name == "range_sigma" and is_table else values, most, unit, question
+            )
 
     @property
     def max_returns(self) -> int:

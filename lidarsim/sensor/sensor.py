@@ -12,7 +12,7 @@ import numpy as np
 from lidarsim import _native
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import short, text_table
-from lidarsim._base.validation import array, ask_above, is_several, real
+from lidarsim._base.validation import ask_above, each_ring, real
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns import Pattern
 from lidarsim.patterns._pulses import check_pattern, pulses_of
@@ -58,7 +58,9 @@ class Sensor(Pickled):
             raise ArgumentValueError(
                 "max_range", "a finite number with false_returns", "inf", "they are uniform over the range gate"
             )
-        object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
+        object.__setattr__(self, "range_offset", each_ring("range_offset", self.range_offset))
+        _check_rings("range_offset", self.range_offset, self.pattern)
+        _check_rings("range_bias", self.measurement.range_bias, self.pattern)
 
     def __repr__(self) -> str:
         """Return the main figures of the datasheet and the active effects."""
@@ -86,11 +88,8 @@ class Sensor(Pickled):
         return _native.Receiver(self)
 
 
-def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:
-    if not is_several(value):
-        return real("range_offset", value)
-    offsets = array("range_offset", value, ("rings",))
+def _check_rings(name: str, value: float | Sequence[float], pattern: Pattern) -> None:
+    """Raise `ArgumentValueError` if a pattern has not as many rings as a value has numbers."""
     rings = pattern.shape[0]
-    if len(offsets) != rings:
-        raise ArgumentValueError("range_offset", f"one number, or one per ring ({rings})", len(offsets))
-    return tuple(offsets.tolist())
+    if isinstance(value, Sequence) and len(value) != rings:
+        raise ArgumentValueError(name, f"one number, or one per ring ({rings})", len(value))

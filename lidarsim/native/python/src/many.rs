@@ -190,7 +190,7 @@ pub fn scan_many<'py>(
         let pulses_of = arrays.slices()?;
         for atmosphere in &atmospheres {
             let measurement = measurement_of(lidar, atmosphere.as_ref())?;
-            check_rings(pulses_of.rings, measurement.rings())?;
+            check_rings(pulses_of.rings, &measurement)?;
             if measurement.most_returns() != most || pulses_of.directions.len() > pulses {
                 return Err(PyValueError::new_err("columns: expected room for all pulses and their returns"));
             }

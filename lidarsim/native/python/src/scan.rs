@@ -281,7 +281,7 @@ impl Shot<'_, '_> {
         let indices = self.indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
         let (scene, start) = (self.scene, self.start);
         let ignored = scene.ignored(self.ignored.as_ref())?;
-        check_rings(rings, measurement.rings())?;
+        check_rings(rings, measurement)?;
         let stream = Stream::new(self.draws.0, self.draws.1, self.draws.2);
         let frame =
             Frame { origins, directions, times, rings, indices, start, path: &self.path.path, stream };
@@ -348,16 +348,15 @@ pub fn air_echoes<'py>(
     Ok((measurement.fog_echo(), measurement.spots_seen()))
 }
 
-/// `known` is the number of rings with sensor parameters, if these differ between rings.
-pub fn check_rings(rings: &[u16], known: Option<usize>) -> PyResult<()> {
-    let Some(known) = known else { return Ok(()) };
-    match rings.iter().position(|ring| usize::from(*ring) >= known) {
-        None => Ok(()),
-        Some(i) => {
+/// Checks that each ring of the pulses has what rings have of their own in a measurement.
+pub fn check_rings(rings: &[u16], measurement: &Measurement) -> PyResult<()> {
+    for (name, known) in measurement.rings() {
+        if let Some(i) = rings.iter().position(|ring| usize::from(*ring) >= known) {
             let got = format!("{known} of them and pulses.ring[{i}] = {}", rings[i]);
-            Err(argument_error("range_offset", "an offset for each ring of the pulses", got))
+            return Err(argument_error(name, "a number for each ring of the pulses", got));
         }
     }
+    Ok(())
 }
 
 pub fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> PyErr {

@@ -75,8 +75,8 @@ impl Measurement {
         [patches, self.effects.particles().map_or(0.0, |particles| particles.seen_on_average())]
     }
 
-    /// How many rings the sensor has parameters for; none if these are the same for all rings.
-    pub fn rings(&self) -> Option<usize> {
+    /// The parameters that each ring has of its own, and the number of rings that have them.
+    pub fn rings(&self) -> impl Iterator<Item = (&'static str, usize)> {
         self.effects.rings()
     }
 }

@@ -19,6 +19,7 @@ mod gate;
 mod jitter;
 mod near;
 mod particles;
+mod per_ring;
 mod quantization;
 mod range_noise;
 mod reading;
@@ -220,9 +221,11 @@ impl Effects {
         Some(echoes)
     }
 
-    /// How many rings have parameters of their own, if any have.
-    pub(super) fn rings(&self) -> Option<usize> {
-        self.reading.as_ref()?.rings()
+    /// The parameters that each ring has of its own, and the number of rings that have them.
+    pub(super) fn rings(&self) -> impl Iterator<Item = (&'static str, usize)> {
+        let biases = self.bias.as_ref().and_then(bias::Bias::rings);
+        let offsets = self.reading.as_ref().and_then(reading::Reading::rings);
+        biases.map(|n| ("range_bias", n)).into_iter().chain(offsets.map(|n| ("range_offset", n)))
     }
 }
 

@@ -1,20 +1,15 @@
 //! The range as the sensor reads it: with all errors, and from the sensor's own zero instead of the beam's
 //! origin.
 
+use super::per_ring::PerRing;
 use super::{Echoes, Effect, Pulses};
 use crate::arith::simd::{Floats, lanes};
-use crate::measure::parameters::{Parameters, Value};
+use crate::measure::parameters::Parameters;
 
 #[derive(Clone, Debug)]
 pub(super) struct Reading {
-    offset: Offset,
-}
-
-/// The sensor's own range less the range from the beam's origin, m.
-#[derive(Clone, Debug)]
-enum Offset {
-    Sensor(f64),
-    Rings(Vec<f64>),
+    /// The sensor's own range less the range from the beam's origin, m.
+    offset: PerRing,
 }
 
 impl Effect for Reading {
@@ -22,23 +17,15 @@ impl Effect for Reading {
     type Draws = Vec<f64>;
 
     fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
-        let offset = match parameters.value("range_offset")? {
-            Value::Numbers(offsets) => match offsets[..] {
-                [] => Offset::Sensor(0.0),
-                [offset] => Offset::Sensor(offset),
-                _ => Offset::Rings(offsets),
-            },
-            offset => Offset::Sensor(parameters.as_number("range_offset", offset)?),
-        };
-        Ok(Some(Reading { offset }))
+        Ok(Some(Reading { offset: PerRing::from_parameters(parameters, "range_offset")? }))
     }
 
     #[inline(always)]
     fn draw(&self, pulses: &Pulses, offsets: &mut Vec<f64>) {
-        if let Offset::Rings(of_rings) = &self.offset {
+        if let PerRing::Each(_) = self.offset {
             offsets.clear();
-            offsets.extend(pulses.rings.iter().map(|ring| of_rings[usize::from(*ring)]));
             offsets.resize(pulses.padded(), 0.0);
+            self.offset.add_to(offsets, pulses);
         }
     }
 
@@ -50,8 +37,8 @@ impl Effect for Reading {
         echoes: &mut Echoes<F, N>,
     ) {
         echoes.offset = match self.offset {
-            Offset::Sensor(offset) => F::splat(offset),
-            Offset::Rings(_) => lanes::load(offsets, echoes.part),
+            PerRing::All(offset) => F::splat(offset),
+            PerRing::Each(_) => lanes::load(offsets, echoes.part),
         };
         echoes.reading = echoes.range.add(echoes.error).add(echoes.offset);
     }
@@ -60,9 +47,6 @@ impl Effect for Reading {
 impl Reading {
     /// How many rings have an offset, if each has its own.
     pub(super) fn rings(&self) -> Option<usize> {
-        match &self.offset {
-            Offset::Sensor(_) => None,
-            Offset::Rings(offsets) => Some(offsets.len()),
-        }
+        self.offset.rings()
     }
 }
