@@ -369,6 +369,18 @@ def parsing(path: PathLike, kind: str) -> Iterator[None]:
         raise FileFormatError(f"{path}: not a readable {kind}: {unquoted(error)}") from error
 
 
+def parse_each(path: PathLike, kind: str, items: Iterator[Item]) -> Iterator[Item]:
+    """Yield the items of a parser, each of whose steps is `parsing`."""
+    while True:
+        with parsing(path, kind):
+            try:
+                item = next(items)
+            except StopIteration:
+                return
+        yield item
+        del item  # free it before the next is read
+
+
 def read_array(file: IO[bytes], size: int) -> npt.NDArray[Any]:
     """Read an array in NumPy's format from a file of `size` bytes, after checking that its header claims no more.
 

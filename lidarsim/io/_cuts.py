@@ -72,18 +72,11 @@ def time_of(cut: Cut, layout: str, lidar: Sensor | None) -> int | None:
     return time if 2 <= time <= period - 2 else None
 
 
-def divided(cloud: PointCloud, time: int, start: int) -> tuple[PointCloud, PointCloud]:
+def divide(cloud: PointCloud, time: int, start: int) -> tuple[PointCloud, PointCloud]:
     """Return the points fired before a time, and the others, in firing order with times of whole nanoseconds.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points with times since the start of the frame.
-    time : int
-        When to cut, ns since the start of the frame.
-    start : int
-        From when the times of the first part count, ns since the start of the frame; those of the others count from
-        the cut.
+    `time` is when to cut, ns since the start of the frame, from which the times of the cloud count. Those of the first
+    part then count from `start`, ns since the start of the frame, and those of the others from the cut.
     """
     if "time" not in cloud.fields:
         raise ArgumentValueError("cloud", "the time of each point, by which to cut", "no field time")

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim.io._records import check_plausible, put, to_fields
+from lidarsim.io._records import check_plausible, set_column, to_fields
 from lidarsim.io._times import NAMES, since_stamp
-from lidarsim.io._units import fitting, reflectivity, vendor_range
+from lidarsim.io._units import integers, reflectivity, vendor_range
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.pointcloud import PointCloud, adopt
 from lidarsim.sensor.sensor import Sensor
@@ -77,9 +77,9 @@ class _Points(NamedTuple):
         check_plausible({"intensity": self.fields["intensity"]}, np.inf, 0)
         return reflectivity(self.fields["intensity"], 150 if self.layout.startswith("livox") else 100)
 
-    def whole(self, name: str, values: npt.NDArray[Any], column: str) -> npt.NDArray[Any]:
+    def integers(self, name: str, values: npt.NDArray[Any], column: str) -> npt.NDArray[Any]:
         """Return integers after checking that they fit in a column of the layout."""
-        return fitting(name, values, LAYOUTS[self.layout][column], f"{column} in the {self.layout} layout")
+        return integers(name, values, LAYOUTS[self.layout][column], f"{column} in the {self.layout} layout")
 
 
 def _return_types(points: _Points) -> npt.NDArray[Any]:
@@ -107,15 +107,15 @@ _COLUMNS: dict[str, Callable[[_Points], npt.NDArray[Any]]] = {
     "z": lambda points: points.fields["xyz"][:, 2],
     "intensity": lambda points: points.reflectivity,
     "reflectivity": lambda points: points.reflectivity,
-    "ring": lambda points: points.whole("ring", points.fields["ring"], "ring"),
-    "channel": lambda points: points.whole("ring", points.fields["ring"], "channel"),
-    "line": lambda points: points.whole("ring", points.fields["ring"], "line"),
+    "ring": lambda points: points.integers("ring", points.fields["ring"], "ring"),
+    "channel": lambda points: points.integers("ring", points.fields["ring"], "channel"),
+    "line": lambda points: points.integers("ring", points.fields["ring"], "line"),
     "time": lambda points: points.fields["time"],
-    "t": lambda points: points.whole("time in ns", points.nanoseconds, "t"),
-    "time_stamp": lambda points: points.whole("time in ns", points.nanoseconds, "time_stamp"),
-    "offset_time": lambda points: points.whole("time in ns", points.nanoseconds, "offset_time"),
+    "t": lambda points: points.integers("time in ns", points.nanoseconds, "t"),
+    "time_stamp": lambda points: points.integers("time in ns", points.nanoseconds, "time_stamp"),
+    "offset_time": lambda points: points.integers("time in ns", points.nanoseconds, "offset_time"),
     "timestamp": _absolute,
-    "range": lambda points: points.whole("range in mm", np.rint(points.fields["range"] * 1e3), "range"),
+    "range": lambda points: points.integers("range in mm", np.rint(points.fields["range"] * 1e3), "range"),
     "ambient": lambda points: np.zeros(len(points.fields["xyz"]), np.uint16),
     "azimuth": lambda points: np.arctan2(points.fields["xyz"][:, 1], points.fields["xyz"][:, 0]),
     "elevation": lambda points: np.arctan2(points.fields["xyz"][:, 2], np.hypot(*points.fields["xyz"][:, :2].T)),
@@ -141,7 +141,7 @@ def to_layout(cloud: PointCloud, layout: str, lidar: Sensor | None, stamp: int) 
     points = _Points(fields, lidar, stamp, layout)
     records = np.zeros(len(fields["xyz"]), LAYOUTS[layout])
     for name in LAYOUTS[layout].names or ():
-        put(records, name, _COLUMNS[name](points))
+        set_column(records, name, _COLUMNS[name](points))
     return records, int(max(points.nanoseconds.max(initial=0), 0))
 
 

@@ -84,11 +84,11 @@ def to_records(columns: Fields, dtype: np.dtype[np.void]) -> Iterator[npt.NDArra
     for number, block in enumerate(blocks(columns)):
         records = np.zeros(len(block["x"]), dtype)
         for name, column in block.items():
-            put(records, name, column, number * BLOCK)
+            set_column(records, name, column, number * BLOCK)
         yield records
 
 
-def put(records: npt.NDArray[np.void], name: str, column: npt.NDArray[Any], first: int = 0) -> None:
+def set_column(records: npt.NDArray[np.void], name: str, column: npt.NDArray[Any], first: int = 0) -> None:
     """Set a column of records, after checking that its type holds the numbers; `first` is the number of the first."""
     if misfit := first_misfit(name, column, records.dtype[name].type, first):
         raise FileFormatError("{}: expected {}, got {}".format(name, *misfit))
@@ -114,22 +114,20 @@ def from_records(file: BinaryIO, dtype: np.dtype[np.void], points: int | None = 
         yield columns_of(records)
 
 
+def write_headerless(fields: Fields, file: BinaryIO, dtype: np.dtype[np.void], most: float) -> None:
+    """Write records of float32 without a header, after checking that `headerless` takes them for what they are."""
+    for number, records in enumerate(to_records(to_columns(fields, (), {"f4", "f8", "u1", "u2"}), dtype)):
+        check_plausible(columns_of(records), most, number * BLOCK)
+        file.write(records.data)
+
+
 def headerless(file: BinaryIO, given: list[str] | None, own: Sequence[str], most: float) -> Fields:
     """Return the fields of a file of float32 records without a header.
 
-    Parameters
-    ----------
-    file : binary file
-        At its start.
-    given : list of str, optional
-        Names of the columns; columns named "_" are skipped. Default: `own`, if the numbers are plausible.
-    own : sequence of str
-        Names of the format's columns, including x, y, z and intensity.
-    most : float
-        Greatest plausible intensity.
+    Its columns have the `given` names, of which those named "_" are skipped, or else the format's `own`, if the numbers
+    are plausible: `most` is the greatest intensity.
     """
-    names = given or own
-    return joined(_headerless(file, names, None if given else most))
+    return joined(_headerless(file, given or own, None if given else most))
 
 
 def _headerless(file: BinaryIO, names: Sequence[str], most: float | None) -> Iterator[Fields]:
@@ -198,7 +196,7 @@ def _check_number(records: npt.NDArray[np.float32], size: int) -> None:
     )
 
 
-def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int, size: int = BLOCK) -> Iterator[Fields]:
+def parse_lines(lines: Iterable[str], dtype: np.dtype[np.void], points: int, size: int = BLOCK) -> Iterator[Fields]:
     """Yield the columns of `points` lines of text, one point each, `size` at a time; later lines are not read.
 
     In a block where a number does not fit an integer column of `dtype`, that column is float64.
@@ -207,18 +205,18 @@ def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int, size: in
     read = 0
     yield columns_of(np.empty(0, dtype))
     while part := list(itertools.islice(lines, size)):
-        yield parsed_block(part, dtype, read)
+        yield parse_block(part, dtype, read)
         read += len(part)
     if read < points:
         raise FileFormatError(f"it is truncated: {read} of {points} points")
 
 
-def parsed_block(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:
+def parse_block(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:
     """Return the columns of lines of text, one point each, of which the first has the number `first`."""
     try:
         return columns_of(np.loadtxt(lines, dtype, comments=None, ndmin=1))
     except (ValueError, OverflowError):
-        return _parsed_one_by_one(lines, dtype, first)
+        return _parse_one_by_one(lines, dtype, first)
 
 
 def as_declared(columns: Fields, dtype: np.dtype[np.void]) -> Fields:
@@ -238,7 +236,7 @@ def as_declared(columns: Fields, dtype: np.dtype[np.void]) -> Fields:
     return typed | raw
 
 
-def _parsed_one_by_one(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:
+def _parse_one_by_one(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:
     """Return the columns of lines that NumPy cannot parse as a block."""
     names = dtype.names or ()
     sizes = [math.prod(dtype[name].shape) for name in names]
@@ -374,14 +372,14 @@ def check_columns(count: int) -> None:
         raise FileFormatError(f"expected at most {MOST_COLUMNS:,} columns, got {count:,}")
 
 
-def most_expanded(compressed: int) -> int:
+def expansion_limit(compressed: int) -> int:
     """Return the most bytes to which so many compressed ones may expand."""
     return max(SMALL, EXPANSION * compressed)
 
 
 def check_expansion(size: int, compressed: int) -> None:
     """Raise an error if `compressed` bytes claim to expand to so many that they must be a decompression bomb."""
-    if size > most_expanded(compressed):
+    if size > expansion_limit(compressed):
         raise FileFormatError(
             f"its {compressed:,} bytes claim to hold {size:,}, more than {EXPANSION} times as many: refused as a"
             " decompression bomb"
@@ -391,10 +389,7 @@ def check_expansion(size: int, compressed: int) -> None:
 class Expansion:
     """What the parts of a document take in memory, together: a small file can name the same numbers many times.
 
-    Parameters
-    ----------
-    size : int
-        Bytes of the document and of the files that it names, known so far.
+    `size` is that of the document and of the files that it names, known so far, bytes.
     """
 
     def __init__(self, size: int) -> None:

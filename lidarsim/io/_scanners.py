@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import blocks, parsed_block
-from lidarsim.io._units import fitting
+from lidarsim.io._records import blocks, parse_block
+from lidarsim.io._units import integers
 from lidarsim.scan.fields import CANONICAL, Fields
 
 COLOURS = ("red", "green", "blue")
@@ -63,15 +63,15 @@ def points_of(lines: Iterator[str], count: int, layouts: Mapping[int, tuple[str,
         if len(set(widths)) == 1:
             yield _block(part, layouts[widths[0]], read)
         else:
-            yield _mixed(part, widths, layouts, read)
+            yield _parse_mixed(part, widths, layouts, read)
         read += len(part)
 
 
 def _block(lines: list[str], names: Sequence[str], first: int) -> Fields:
-    return parsed_block(lines, np.dtype([(name, TYPES[name]) for name in names]), first)
+    return parse_block(lines, np.dtype([(name, TYPES[name]) for name in names]), first)
 
 
-def _mixed(lines: list[str], widths: list[int], layouts: Mapping[int, tuple[str, ...]], first: int) -> Fields:
+def _parse_mixed(lines: list[str], widths: list[int], layouts: Mapping[int, tuple[str, ...]], first: int) -> Fields:
     """Return the columns of lines of different layouts, in their order."""
     parts, places = list[Fields](), list[int]()
     for width in sorted(set(widths)):
@@ -95,15 +95,15 @@ def joined_lists(parts: Iterable[Fields]) -> Fields:
                 raise FileFormatError(f"it has points without {name}")
         count = len(part["x"])
         for name in {**part, **lists}:
-            column = np.array(part[name]) if name in part else _lacking(name, lists[name][0].dtype, count)
+            column = np.array(part[name]) if name in part else _missing(name, lists[name][0].dtype, count)
             if name not in lists and points:
-                lists[name].append(_lacking(name, column.dtype, points))
+                lists[name].append(_missing(name, column.dtype, points))
             lists[name].append(column)
         points += count
     return {name: np.concatenate(lists.pop(name)) for name in list(lists)} or {name: np.empty(0) for name in "xyz"}
 
 
-def _lacking(name: str, dtype: np.dtype[Any], count: int) -> npt.NDArray[Any]:
+def _missing(name: str, dtype: np.dtype[Any], count: int) -> npt.NDArray[Any]:
     """Return what points without a column have in it."""
     is_integer = np.dtype(CANONICAL.get(name, ((), dtype))[1]).kind in "iu"
     return np.zeros(count, dtype) if is_integer or dtype.kind in "iu" else np.full(count, np.nan, dtype)
@@ -113,7 +113,7 @@ def coloured(fields: Fields) -> Fields:
     """Return the colours of a cloud by name, as bytes; none unless it has all three."""
     if not all(name in fields and fields[name].ndim == 1 for name in COLOURS):
         return {}
-    return {name: fitting(name, fields[name], np.uint8, "a colour") for name in COLOURS}
+    return {name: integers(name, fields[name], np.uint8, "a colour") for name in COLOURS}
 
 
 def check_finite(fields: Fields) -> None:

@@ -27,16 +27,11 @@ from lidarsim._base.files import PathLike, parsing, reading, replacing, sync, te
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
-from lidarsim.io._records import check_expansion, most_expanded, zstd
+from lidarsim.io._records import check_expansion, expansion_limit, zstd
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
-
-__all__ = [
-    "METADATA", "ZSTD", "Files", "check_folder", "check_tables", "decompressed", "is_folder", "listed", "lost_writes",
-    "metadata_of", "new_file", "new_folder", "plain_file", "renamed",
-]  # fmt: skip
 
 METADATA = "metadata.yaml"
 VERSION = 8
@@ -58,20 +53,9 @@ Metadata = dict[str, Any]
 
 
 class Files:
-    """Write messages into one file after the other.
+    """Write messages into the files ``<stem>_0<suffix>`` and so on of an existing folder.
 
-    Parameters
-    ----------
-    folder : Path
-        An existing folder for the files.
-    stem, suffix : str
-        Names of the files: ``<stem>_0<suffix>`` and so on.
-    ros : Typestore
-        Definitions of the messages.
-    max_size : int, optional
-        Bytes of messages after which a new file begins. Default: one file.
-    max_duration : int, optional
-        Time from the first message of a file after which a new one begins, ns.
+    A new file begins after `max_size` bytes of messages, or `max_duration` ns after the first message of a file.
     """
 
     def __init__(
@@ -96,7 +80,9 @@ class Files:
 
     def write(self, topic: str, kind: str, stamp: int, data: bytes | memoryview, *, latched: bool = False) -> None:
         """Write a message; a latched one is repeated at the start of each later file."""
-        if self._topics and self._is_full(stamp):
+        too_large = self._max_size is not None and self._size >= self._max_size
+        too_long = self._max_duration is not None and stamp - self._begin >= self._max_duration
+        if self._topics and (too_large or too_long):
             self.close()
             self._open()
             for name, (of, message) in self._latched.items():
@@ -116,10 +102,6 @@ class Files:
         self._bag.write(self._topics[topic], stamp, data)
         self._size += len(data)
 
-    def _is_full(self, stamp: int) -> bool:
-        too_large = self._max_size is not None and self._size >= self._max_size
-        return too_large or (self._max_duration is not None and stamp - self._begin >= self._max_duration)
-
     def _open(self) -> None:
         rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
         mcap, sqlite = rosbag2.StoragePlugin.MCAP, rosbag2.StoragePlugin.SQLITE3
@@ -137,7 +119,7 @@ class Files:
         self._bag.close()
         folder = self._bag.path
         (written,) = folder.glob(f"*{self._suffix}")
-        self.metadata.append(parsed((folder / METADATA).read_bytes()))
+        self.metadata.append(_parse((folder / METADATA).read_bytes()))
         self.written.append(written.replace(self._folder / written.name))
         (folder / METADATA).unlink()
         folder.rmdir()
@@ -198,16 +180,7 @@ def is_folder(path: PathLike) -> bool:
 
 
 def check_folder(path: PathLike) -> None:
-    """Raise an error, before any work, unless a bag can become the folder `path`.
-
-    Raises
-    ------
-    FileFormatError
-        If its name has a suffix.
-    OSError
-        If its parent does not exist or is not writable, or if there is a file, or a folder that is neither empty nor a
-        bag of lidarsim and nothing else.
-    """
+    """Raise an error, before any work, unless a bag can become the folder `path`."""
     place = Path(path)
     if not place.name or place.suffix:
         raise FileFormatError(f"{path}: expected the name of a folder for a bag, without a dot")
@@ -235,17 +208,8 @@ def _check_ours(folder: Path, path: PathLike) -> None:
             raise FileExistsError(f"{path}: {expected}, got one with {name!a}; remove it or choose another name")
 
 
-def listed(folder: Path) -> list[Path]:
-    """Return the files of a bag in the order of its metadata.
-
-    Raises
-    ------
-    FileFormatError
-        If the metadata cannot be read, name another compression than zstd, or name something that is no file in the
-        folder.
-    OSError
-        If there are no metadata.
-    """
+def list_files(folder: Path) -> list[Path]:
+    """Return the files of a bag in the order of its metadata, after checking that they are files in its folder."""
     with parsing(folder, "ROS 2 bag"):
         metadata = _read(folder / METADATA)
         compression = metadata.get("compression_format") or "zstd"
@@ -276,18 +240,12 @@ def plain_file(path: Path) -> Iterator[Path]:
         yield plain
 
 
-def decompressed(message: memoryview) -> memoryview:
-    """Return the bytes of a message, which may be compressed.
-
-    Raises
-    ------
-    FileFormatError
-        If it is truncated or expands beyond the limit of `check_expansion`.
-    """
+def decompress(message: memoryview) -> memoryview:
+    """Return the bytes of a message, which may be compressed."""
     if message[: len(_ZSTD_MAGIC)] != _ZSTD_MAGIC:
         return message
     decompressor = zstd().ZstdDecompressor()
-    data: bytes = decompressor.decompress(message, max_length=most_expanded(len(message)) + 1)
+    data: bytes = decompressor.decompress(message, max_length=expansion_limit(len(message)) + 1)
     check_expansion(len(data), len(message))
     if not decompressor.eof:
         raise FileFormatError("a compressed message is truncated")
@@ -311,10 +269,10 @@ def _read(path: Path) -> Metadata:
         data = file.read(LONGEST + 1)
     if len(data) > LONGEST:
         raise FileFormatError(f"its {METADATA} is longer than {LONGEST:,} bytes")
-    return parsed(data)
+    return _parse(data)
 
 
-def parsed(data: bytes) -> Metadata:
+def _parse(data: bytes) -> Metadata:
     """Return the information in the bytes of metadata."""
     import yaml
 
@@ -346,23 +304,17 @@ def renamed(metadata: Metadata, name: str) -> Metadata:
 
 
 def metadata_of(parts: list[Metadata]) -> bytes:
-    """Return the bytes of ``metadata.yaml`` from the metadata of each file of a bag, in order.
-
-    Raises
-    ------
-    FileFormatError
-        If the parts are not what lidarsim noted.
-    """
+    """Return the bytes of ``metadata.yaml`` from the metadata that were noted of each file of a bag, in order."""
     import yaml
 
     try:
-        whole = {**_merged(parts), "custom_data": {WRITTEN_BY: _native.__version__}}
+        whole = {**_merge(parts), "custom_data": {WRITTEN_BY: _native.__version__}}
     except (KeyError, TypeError, IndexError, AttributeError):
         raise FileFormatError("the notes on the files of a bag are damaged") from None
     return yaml.safe_dump({"rosbag2_bagfile_information": whole}, sort_keys=False).encode()
 
 
-def _merged(parts: list[Metadata]) -> Metadata:
+def _merge(parts: list[Metadata]) -> Metadata:
     """Return the metadata of a bag of several files from those of each; files without messages have no time."""
     topics: dict[str, Any] = {}
     counts: Counter[str] = Counter()
@@ -370,12 +322,16 @@ def _merged(parts: list[Metadata]) -> Metadata:
         topics.setdefault(topic["topic_metadata"]["name"], topic["topic_metadata"])
         counts[topic["topic_metadata"]["name"]] += topic["message_count"]
     files = [file for part in parts for file in part["files"]]
-    spans = [_span(file) for file in files if file["message_count"]]
+    spans = [
+        (file["starting_time"]["nanoseconds_since_epoch"], file["duration"]["nanoseconds"])
+        for file in files
+        if file["message_count"]
+    ]
     start = min((begin for begin, _ in spans), default=0)
     return {
         **parts[0],
         "relative_file_paths": [file["path"] for file in files],
-        "duration": {"nanoseconds": max((end for _, end in spans), default=start) - start},
+        "duration": {"nanoseconds": max(map(sum, spans), default=start) - start},
         "starting_time": {"nanoseconds_since_epoch": start},
         "message_count": sum(file["message_count"] for file in files),
         "topics_with_message_count": [
@@ -383,11 +339,6 @@ def _merged(parts: list[Metadata]) -> Metadata:
         ],
         "files": files,
     }
-
-
-def _span(file: Metadata) -> tuple[int, int]:
-    begin = file["starting_time"]["nanoseconds_since_epoch"]
-    return begin, begin + file["duration"]["nanoseconds"]
 
 
 @contextmanager

@@ -35,26 +35,10 @@ DAY = 86_400.0
 
 
 def since_stamp(name: str, values: npt.NDArray[Any], stamp: int, recorded: int) -> Floats:
-    """Return the times of points in s since the stamp of their message.
+    """Return the values of a field of times, shape (n,), in s since the stamp of their message.
 
-    Parameters
-    ----------
-    name : str
-        Name of the field.
-    values : ndarray, shape (n,)
-        Values of the field.
-    stamp, recorded : int
-        Time of the message and time of its recording, ns.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Times, s. Among times since 1970, 0, which drivers give points without a return, becomes nan.
-
-    Raises
-    ------
-    FileFormatError
-        If the numbers fit no unit.
+    `stamp` and `recorded` are the times of the message and of its recording, ns. Among times since 1970, 0, which
+    drivers give points without a return, becomes nan.
     """
     if values.ndim != 1 or values.dtype.itemsize < 4:
         raise FileFormatError(f"its field {name} has the type {values.dtype}, expected one number of 32 or 64 bits")

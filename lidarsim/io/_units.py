@@ -33,7 +33,7 @@ def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.
     return scaled
 
 
-def fitting(
+def integers(
     name: str,
     values: npt.NDArray[Any],
     dtype: npt.DTypeLike,

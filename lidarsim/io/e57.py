@@ -158,11 +158,11 @@ def _scan(library: Any, read: Any, index: int, expansion: Expansion) -> Fields:
         if name in fields and fit(fields[name], np.uint8)[1]:
             fields[name] = fields[name].astype(np.uint8)
     if header.has_pose() and all(name in fields for name in "xyz"):
-        fields |= _placed(np.stack([fields[name] for name in "xyz"], axis=1), header)
+        fields |= _to_world(np.stack([fields[name] for name in "xyz"], axis=1), header)
     return fields | {"scan": np.full(len(next(iter(fields.values()), ())), index, np.uint32)}
 
 
-def _placed(xyz: Floats, header: Any) -> Fields:
+def _to_world(xyz: Floats, header: Any) -> Fields:
     """Return the coordinates in the world."""
     from scipy.spatial.transform import Rotation
 

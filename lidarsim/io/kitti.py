@@ -18,7 +18,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarsim.io._records import BLOCK, check_plausible, columns_of, headerless, to_columns, to_records
+from lidarsim.io._records import headerless, write_headerless
 from lidarsim.io._units import warn_above
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
@@ -34,9 +34,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
     kept = {"xyz": fields["xyz"]}
     if "intensity" in fields:
         kept["intensity"] = np.minimum(fields["intensity"], np.float32(1))
-    for number, records in enumerate(to_records(to_columns(kept, (), {"f4", "f8"}), RECORD)):
-        check_plausible(columns_of(records), MOST, number * BLOCK)
-        file.write(records.data)
+    write_headerless(kept, file, RECORD, MOST)
 
 
 def _save(fields: Fields, file: BinaryIO) -> None:

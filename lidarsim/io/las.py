@@ -54,12 +54,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, Place, atomic_writer, check_regular, check_suffix, parsing
+from lidarsim._base.files import PathLike, Place, atomic_writer, check_regular, check_suffix, parse_each
 from lidarsim._base.validation import flag, short, shown
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io._flight import flight_fields
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
-from lidarsim.io._units import fitting, warn_above
+from lidarsim.io._units import integers, warn_above
 from lidarsim.motion.georeference import gps_time, projected
 from lidarsim.scan.fields import CANONICAL, Fields
 from lidarsim.scan.formats import check_output, register_format
@@ -206,23 +206,17 @@ def read(path: PathLike) -> Iterator[PointCloud]:
     """
     check_regular(path)
     place = Place(path)
-    return place.each(_read(place.path))
+    return place.each(parse_each(place.path, "LAS file", _clouds(place.path)))
 
 
-def _read(path: Path) -> Iterator[PointCloud]:
+def _clouds(path: Path) -> Iterator[PointCloud]:
     with path.open("rb") as file:
-        with parsing(path, "LAS file"):
-            names = _field_names(file)
-            pieces = _pieces(file, _open(file))
-        while True:
-            with parsing(path, "LAS file"):
-                if (piece := next(pieces, None)) is None:
-                    return
-                whole = to_fields(piece, NORMAL)
-                fields = adopt(whole)
-                fields |= {name: whole[name.removesuffix("_raw")] for name in names - fields.keys()}
-                cloud = PointCloud(fields)
-            if len(cloud):
+        names = _field_names(file)
+        for piece in _pieces(file, _open(file)):
+            whole = to_fields(piece, NORMAL)
+            fields = adopt(whole)
+            fields |= {name: whole[name.removesuffix("_raw")] for name in names - fields.keys()}
+            if len(cloud := PointCloud(fields)):
                 yield cloud
 
 
@@ -274,21 +268,12 @@ def _lost_writes() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Reference:
-    """Coordinate reference system of a file.
-
-    Attributes
-    ----------
-    crs : pyproj.CRS or None
-        The system, if it is known.
-    wkt : str
-        Its WKT.
-    geokeys : bool
-        Whether to write it as GeoTIFF keys, too.
-    """
+    """Coordinate reference system of a file, if it is known."""
 
     crs: pyproj.CRS | None = None
     wkt: str = ""
     geokeys: bool = False
+    """Whether to write it as GeoTIFF keys, too."""
 
     @classmethod
     def of(cls, crs: int | str | pyproj.CRS | None, *, geokeys: bool = False) -> _Reference:
@@ -370,7 +355,7 @@ class _Points:
         laspy = self._laspy
         colours = {"red", "green", "blue"} <= columns.keys()
         header = laspy.LasHeader(version="1.4", point_format=7 if colours else 6)
-        self._refer(header)
+        self._add_reference(header)
         header.generating_software = "lidarsim"
         header.scales = np.full(3, SCALE)
         header.offsets = [np.rint(sum(end / 2 for end in _ends(columns[axis]))) for axis in AXES]
@@ -385,7 +370,7 @@ class _Points:
         backend = laspy.LazBackend.Lazrs if self._compress else None
         return laspy.LasWriter(self._file, header, self._compress, backend, closefd=False)
 
-    def _refer(self, header: Any) -> None:
+    def _add_reference(self, header: Any) -> None:
         """Write the coordinate reference system and the kind of time into a header."""
         laspy, reference = self._laspy, self._reference
         if self._is_gps_time:
@@ -439,10 +424,10 @@ def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: i
     elif target == "intensity":
         warn_above(65_535 / WHITE, column, "LAS's intensity")
         steps = np.minimum(column, np.float32(65_535 / WHITE)) * WHITE
-        record[target] = _rounded(name, column, steps, "numbers >= 0", first, low=0, high=65_535)
+        record[target] = _round(name, column, steps, "numbers >= 0", first, low=0, high=65_535)
     elif target == "scan_angle":
         steps = column / ANGLE
-        record[target] = _rounded(name, column, steps, "angles from -π to π", first, low=-30_000, high=30_000)
+        record[target] = _round(name, column, steps, "angles from -π to π", first, low=-30_000, high=30_000)
     else:
         standard = {dimension.name: dimension for dimension in record.point_format.standard_dimensions}
         if target not in standard:
@@ -450,11 +435,11 @@ def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: i
             return
         if target != "gps_time":
             most = 2 ** standard[target].num_bits - 1
-            column = fitting(name, column, np.uint16, f"LAS's {target}", at_most=most, first=first)
+            column = integers(name, column, np.uint16, f"LAS's {target}", at_most=most, first=first)
         record[target] = column
 
 
-def _rounded(
+def _round(
     name: str, values: npt.NDArray[Any], steps: npt.NDArray[Any], expected: str, first: int, *, low: int, high: int
 ) -> npt.NDArray[Any]:
     """Return the steps rounded, after checking that each is within `low` to `high`; errors show `values`."""

@@ -16,7 +16,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarsim.io._records import BLOCK, check_plausible, columns_of, headerless, to_columns, to_records
+from lidarsim.io._records import check_plausible, headerless, write_headerless
 from lidarsim.io._units import reflectivity, warn_above
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
@@ -33,9 +33,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
     if "intensity" in kept:
         check_plausible({"intensity": kept["intensity"]}, np.inf, 0)
         kept["intensity"] = reflectivity(kept["intensity"])
-    for number, records in enumerate(to_records(to_columns(kept, (), {"f4", "f8", "u1", "u2"}), RECORD)):
-        check_plausible(columns_of(records), MOST, number * BLOCK)
-        file.write(records.data)
+    write_headerless(kept, file, RECORD, MOST)
 
 
 def _save(fields: Fields, file: BinaryIO) -> None:

@@ -28,24 +28,7 @@ import numpy.typing as npt
 from lidarsim._base.extras import import_extra
 from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import (
-    HEADER,
-    as_declared,
-    blocks,
-    check_columns,
-    check_expansion,
-    class_comments,
-    columns_of,
-    commented_classes,
-    from_records,
-    header_lines,
-    joined,
-    parsed,
-    record_of,
-    to_columns,
-    to_fields,
-    to_records,
-)
+from lidarsim.io import _records
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
 
@@ -55,7 +38,6 @@ DEFAULTS = {"SIZE": "4", "TYPE": "F", "COUNT": "1"}
 """Keys that describe a field, with their defaults for old files."""
 
 KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
-
 
 KEPT = 1e-4
 """Error of a coordinate that float32 may bring by default, m."""
@@ -78,13 +60,13 @@ def save(
         fields = fields | {"xyz": _as_readers_take(fields["xyz"])}
     if "normal" in fields:
         fields = fields | {"normal": fields["normal"].astype(fields["xyz"].dtype)}
-    columns = to_columns(fields, NORMAL, CODES)
-    record = record_of(columns)
+    columns = _records.to_columns(fields, NORMAL, CODES)
+    record = _records.record_of(columns)
     parts = [record[name] for name in columns]
     points = len(fields["xyz"])
     header = [
         "# .PCD v0.7 - Point Cloud Data file format",
-        *(f"# {comment}" for comment in class_comments(class_names or {})),
+        *(f"# {comment}" for comment in _records.class_comments(class_names or {})),
         "VERSION 0.7",
         f"FIELDS {' '.join(columns)}",
         f"SIZE {' '.join(str(part.itemsize) for part in parts)}",
@@ -96,8 +78,8 @@ def save(
         f"POINTS {points}",
         "DATA binary",
     ]
-    file.write(header_lines(header))
-    file.writelines(records.data for records in to_records(columns, record))
+    file.write(_records.header_lines(header))
+    file.writelines(records.data for records in _records.to_records(columns, record))
 
 
 def _as_readers_take(xyz: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -133,22 +115,24 @@ def load(file: BinaryIO) -> dict[str, Any]:
         each = sum(math.prod(dtype[name].shape) for name in dtype.names or ())
         if points and 2 * each > os.fstat(file.fileno()).st_size - file.tell() + 1:  # a digit and a space each
             raise FileFormatError(f"it is truncated: 0 of {points} points")
-        parts = parsed((line.decode("ascii", "replace") for line in file), dtype, points)
+        parts = _records.parse_lines((line.decode("ascii", "replace") for line in file), dtype, points)
     elif encoding == "binary":
-        parts = from_records(file, dtype, points)
+        parts = _records.from_records(file, dtype, points)
     elif encoding == "binary_compressed":
-        parts = blocks(_decompressed(file, points, dtype) if points else columns_of(np.empty(0, dtype)))
+        empty = _records.columns_of(np.empty(0, dtype))
+        parts = _records.blocks(_decompress(file, points, dtype) if points else empty)
     else:
         raise FileFormatError(f"its DATA is {encoding!r}, expected ascii, binary or binary_compressed")
-    columns = {name: column for name, column in joined(parts).items() if not name.startswith("_ ")}
-    return to_fields(as_declared(columns, dtype), NORMAL) | {"class_names": commented_classes(header.get("#", ()))}
+    columns = {name: column for name, column in _records.joined(parts).items() if not name.startswith("_ ")}
+    fields = _records.to_fields(_records.as_declared(columns, dtype), NORMAL)
+    return fields | {"class_names": _records.commented_classes(header.get("#", ()))}
 
 
 def _header(file: BinaryIO) -> dict[str, list[str]]:
     """Return the values of each key, and the comments under "#"."""
     header: dict[str, list[str]] = {}
     while "DATA" not in header:
-        line = file.readline(HEADER)
+        line = file.readline(_records.HEADER)
         if line.startswith(b"#"):
             header.setdefault("#", []).append(line[1:].decode("ascii", "replace"))
             continue
@@ -184,7 +168,7 @@ def _points(header: dict[str, list[str]]) -> int:
 def _layout(header: dict[str, list[str]]) -> np.dtype[np.void]:
     """Return the dtype of a point."""
     fields = header["FIELDS"]
-    check_columns(len(fields))
+    _records.check_columns(len(fields))
     values = [header.get(key) or [default] * len(fields) for key, default in DEFAULTS.items()]
     for key, given in zip(DEFAULTS, values, strict=True):
         if len(given) != len(fields):
@@ -204,7 +188,7 @@ def _layout(header: dict[str, list[str]]) -> np.dtype[np.void]:
     return np.dtype([(name, *part) for name, part in parts.items()])
 
 
-def _decompressed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Fields:
+def _decompress(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Fields:
     """Return the columns of ``DATA binary_compressed``: the concatenated fields, compressed by LZF."""
     lzf = import_extra("lzf", "formats", "reading compressed PCD files")
     sizes = file.read(8)
@@ -213,7 +197,7 @@ def _decompressed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Fiel
         raise FileFormatError("it is truncated inside its compressed data")
     if size != points * dtype.itemsize:
         raise FileFormatError(f"its compressed data holds {size} bytes, expected {points * dtype.itemsize}")
-    check_expansion(size, compressed)
+    _records.check_expansion(size, compressed)
     data = lzf.decompress(file.read(compressed), size)
     if data is None or len(data) != size:
         raise FileFormatError("its compressed data is damaged")

@@ -14,35 +14,22 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, Literal, TextIO
 
 import numpy as np
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import (
-    HEADER,
-    as_declared,
-    check_columns,
-    class_comments,
-    commented_classes,
-    from_records,
-    header_lines,
-    joined,
-    parsed,
-    record_of,
-    to_columns,
-    to_fields,
-    to_records,
-)
+from lidarsim.io import _records
 from lidarsim.scan.fields import Fields, narrow
 from lidarsim.scan.formats import register_format
 
 NORMAL = ("nx", "ny", "nz")
 CODES = {"f4", "f8", "i4", "u1", "u2"}
 WIDENED = {"i1", "i2", "u4"}
-ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+Order = Literal["=", "<", ">"]
+ORDERS: dict[str, Order] = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 """Byte order of each encoding."""
 
 SPELLINGS = {
@@ -65,19 +52,20 @@ def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | Non
     uint32: these are widened, and a comment names the original type. Comments also hold the class names.
     """
     widened = {name: array for name, array in fields.items() if array.dtype.str[1:] in WIDENED}
-    columns = to_columns(fields | {name: narrow(name, array) for name, array in widened.items()}, NORMAL, CODES)
-    record = record_of(columns)
+    fields = fields | {name: narrow(name, array) for name, array in widened.items()}
+    columns = _records.to_columns(fields, NORMAL, CODES)
+    record = _records.record_of(columns)
     header = [
         "ply",
         "format binary_little_endian 1.0",
         *(f"comment type {name} {array.dtype.name}" for name, array in widened.items()),
-        *(f"comment {comment}" for comment in class_comments(class_names or {})),
+        *(f"comment {comment}" for comment in _records.class_comments(class_names or {})),
         f"element vertex {len(fields['xyz'])}",
         *(f"property {record[name].name} {name}" for name in columns),
         "end_header",
     ]
-    file.write(header_lines(header))
-    file.writelines(records.data for records in to_records(columns, record))
+    file.write(_records.header_lines(header))
+    file.writelines(records.data for records in _records.to_records(columns, record))
 
 
 @dataclass
@@ -117,22 +105,21 @@ def load(file: BinaryIO) -> dict[str, Any]:
         dtypes = [_dtype(element, ORDERS[header.encoding]) for element in (*before, vertices)]
         skipped = sum(element.count * dtype.itemsize for element, dtype in zip(before, dtypes, strict=False))
         file.seek(skipped, os.SEEK_CUR)
-        columns = joined(from_records(file, dtypes[-1], vertices.count))
+        columns = _records.joined(_records.from_records(file, dtypes[-1], vertices.count))
     else:
         with _text(file) as text:
-            lines = itertools.islice(
-                (line for line in text if not line.isspace()), sum(element.count for element in before), None
-            )
+            skipped = sum(element.count for element in before)
+            lines = itertools.islice((line for line in text if not line.isspace()), skipped, None)
             dtype = _dtype(vertices, "=")
-            columns = as_declared(joined(parsed(lines, dtype, vertices.count)), dtype)
-    fields: dict[str, Any] = to_fields(columns, NORMAL)
+            columns = _records.as_declared(_records.joined(_records.parse_lines(lines, dtype, vertices.count)), dtype)
+    fields: dict[str, Any] = _records.to_fields(columns, NORMAL)
     for comment in header.comments:
         match comment.split():
             case ["type", name, "int8" | "int16" | "uint32" as was] if name in fields:
                 narrow = fields[name].astype(was)
                 if np.array_equal(narrow, fields[name]):
                     fields[name] = narrow
-    return fields | {"class_names": commented_classes(header.comments)}
+    return fields | {"class_names": _records.commented_classes(header.comments)}
 
 
 def _dtype(element: _Element, order: str) -> np.dtype[np.void]:
@@ -146,7 +133,7 @@ def _header(file: BinaryIO) -> _Header:
         raise FileFormatError(f"it does not begin with 'ply' alone, but with {short(repr(first))}")
     header = _Header("", [], {}, size)
     for number, line in enumerate(lines, 2):
-        _understand(header, line, number)
+        _add_line(header, line, number)
     if not header.encoding:
         raise FileFormatError("its header has no format")
     return header
@@ -163,12 +150,12 @@ def _header_lines(file: BinaryIO) -> tuple[list[bytes], int]:
         newline = re.search(rb"\r\n|\r(?=.)|\n|$", head, re.DOTALL)
         last = b"\r" if newline and newline[0] == b"\r" else b"\n"
         end = re.search(rb"[\r\n][ \t]*end_header[ \t\r]*?(?:%s%s)" % (last, b"" if more else rb"|\Z"), head)
-        if not end and (not more or len(head) > HEADER):
+        if not end and (not more or len(head) > _records.HEADER):
             raise FileFormatError("its header has no end")
     return re.split(rb"\r?\n|\r", head[: end.start()]), end.end()
 
 
-def _understand(header: _Header, line: bytes, number: int) -> None:
+def _add_line(header: _Header, line: bytes, number: int) -> None:
     """Parse one line of the header."""
     words = line.decode("utf-8", "replace").split()
     element = next(reversed(header.elements.values()), None)
@@ -182,15 +169,15 @@ def _understand(header: _Header, line: bytes, number: int) -> None:
         case ["element", name, count] if count.isdecimal() and name not in header.elements:
             header.elements[name] = _Element(name, int(count))
         case ["property", "list", length, kind, *name] if element and name and {length, kind} <= TYPES.keys():
-            _add(element, " ".join(name), f"list {length} {kind}")
+            _add_property(element, " ".join(name), f"list {length} {kind}")
         case ["property", kind, *name] if element and name and kind in TYPES:
-            _add(element, " ".join(name), TYPES[kind])
+            _add_property(element, " ".join(name), TYPES[kind])
         case _:
             raise FileFormatError(f"line {number} of its header is not understood: {short(repr(' '.join(words)))}")
 
 
-def _add(element: _Element, name: str, kind: str) -> None:
-    check_columns(len(element.types) + 1)
+def _add_property(element: _Element, name: str, kind: str) -> None:
+    _records.check_columns(len(element.types) + 1)
     if name in element.types:
         raise FileFormatError(f"its element {element.name!r} has two properties named {short(repr(name))}")
     element.types[name] = kind
@@ -233,7 +220,7 @@ def _with_lists(file: BinaryIO, header: _Header) -> Fields:
             rest = "".join(line for line in text if not line.isspace()).encode("ascii", "replace")
     else:
         rest = file.read()
-    ply = plyfile.PlyData.read(io.BytesIO(header_lines([*lines, "end_header"]) + rest))
+    ply = plyfile.PlyData.read(io.BytesIO(_records.header_lines([*lines, "end_header"]) + rest))
     number = list(header.elements).index("vertex")
     vertices = ply[f"e{number}"]
     kinds = header.elements["vertex"].types

@@ -96,7 +96,7 @@ def read(path: str | PathLike[str], *, band: int, window: npt.ArrayLike | None, 
     rasterio = import_extra("rasterio", "geo", "reading a raster")
 
     def read_file() -> Raster:
-        with _opened(path, rasterio) as file:
+        with _open(path, rasterio) as file:
             if number > file.count:
                 raise ArgumentValueError("band", f"a band of {path}, 1 to {file.count}", number)
             _check(file, number, path.stat().st_size)
@@ -109,7 +109,7 @@ def read(path: str | PathLike[str], *, band: int, window: npt.ArrayLike | None, 
                 x, y, z = (values[::-1] if values.ndim == 2 else values for values in (x, y, z))
         return Raster(x, y, z, crs)
 
-    with _reading(path):
+    with _refusals(path):
         return _with_options(rasterio, read_file)
 
 
@@ -146,7 +146,7 @@ def _window(value: npt.ArrayLike) -> list[float]:
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[None]:
+def _refusals(path: Path) -> Iterator[None]:
     """Turn exceptions, of GDAL and PROJ as well, into one-line `FileFormatError` exceptions that name the file."""
     try:
         yield
@@ -165,7 +165,7 @@ def projections(path: Path) -> list[Path]:
 
 
 @contextmanager
-def _opened(path: Path, rasterio: Any) -> Iterator[Any]:
+def _open(path: Path, rasterio: Any) -> Iterator[Any]:
     with path.open("rb") as head:
         tiff = head.read(4) in TIFF
     if not tiff:
@@ -265,7 +265,7 @@ def _nodes(file: Any, window: list[float] | None, stride: int, path: Path) -> No
         if transform.b or transform.d:
             raise ArgumentValueError("window", f"none, since the pixels of {path} are rotated or sheared", window)
         spans = (transform.e, transform.f, window[1::2]), (transform.a, transform.c, window[::2])
-        nodes = Nodes(*(_covering(of, *span) for of, span in zip(every, spans, strict=True)))
+        nodes = Nodes(*(_cover(of, *span) for of, span in zip(every, spans, strict=True)))
         if not all(map(len, nodes)):
             ends = Nodes(*(of[:: len(of) - 1] for of in every))
             x, y = (" to ".join(map(str, sorted(values.ravel().tolist()))) for values in _positions(transform, ends))
@@ -281,7 +281,7 @@ def _nodes(file: Any, window: list[float] | None, stride: int, path: Path) -> No
     return nodes
 
 
-def _covering(nodes: range, step: float, start: float, interval: Sequence[float]) -> range:
+def _cover(nodes: range, step: float, start: float, interval: Sequence[float]) -> range:
     """Return the fewest rows or columns whose nodes cover an interval; none if they do not overlap it."""
     low, high = interval
     if step < 0:  # the mirror image, which rounds alike

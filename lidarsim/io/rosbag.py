@@ -65,9 +65,19 @@ import numpy.typing as npt
 
 from lidarsim._base import validation
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, Place, check_name, check_regular, check_suffix, linked, parsing, unquoted
+from lidarsim._base.files import (
+    PathLike,
+    Place,
+    check_name,
+    check_regular,
+    check_suffix,
+    linked,
+    parse_each,
+    parsing,
+    unquoted,
+)
 from lidarsim._base.shown import plain
-from lidarsim._base.validation import Transform
+from lidarsim._base.validation import Floats, Transform
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._cuts import Cut
@@ -233,7 +243,7 @@ class Writer:
         self._open: dict[str, _Open] = {}
         self._ticks: Iterator[int] = iter(())
         self._next = -1
-        self._pending: list[tuple[int, int, Iterator[_Sample]]] = []
+        self._pending: list[tuple[int, int, Callable[[], None], Iterator[tuple[int, Callable[[], None]]]]] = []
         self._numbers = itertools.count()
 
     def __enter__(self) -> Self:
@@ -340,10 +350,7 @@ class Writer:
         ValueError
             If no sensor has that name, the bag is not open, or a cloud to be cut has no times.
         """
-        self._check_open()
-        name = self._only() if sensor is None else sensor
-        if name not in self._mounts:
-            raise ArgumentValueError("sensor", f"one of {', '.join(self._mounts)}", repr(name))
+        name = self._sensor(sensor)
         stamp = self._stamp(time)
         layout = self._layouts.get(name) or layout_of(lidar)
         if layout == _LASER_LAYOUT:
@@ -384,25 +391,19 @@ class Writer:
         unknown[0] = -1.0
         densities = (0.0, 0.0) if imu is None else (imu.gyroscope.noise_density, imu.accelerometer.noise_density)
         of_rate, of_force = (np.eye(3).ravel() * density**2 * (imu.rate if imu else 0.0) for density in densities)
-        new = self._ros.types
-        vector = new["geometry_msgs/msg/Vector3"]
-
-        def send(stamp: int, rate: list[float], force: list[float]) -> None:
-            self._send_new(
-                f"/{name}/data_raw",
-                _IMU,
-                stamp,
-                header=self._header(stamp, name),
-                orientation=new["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-                orientation_covariance=unknown,
-                angular_velocity=vector(*rate),
-                angular_velocity_covariance=of_rate,
-                linear_acceleration=vector(*force),
-                linear_acceleration_covariance=of_force,
-            )
-
         rows = zip(samples.angular_rate.tolist(), samples.specific_force.tolist(), strict=True)
-        self._await(samples.time, (partial(send, rate=rate, force=force) for rate, force in rows))
+        messages = (
+            {
+                "orientation": self._geometry("Quaternion", 0.0, 0.0, 0.0, 1.0),
+                "orientation_covariance": unknown,
+                "angular_velocity": self._geometry("Vector3", *rate),
+                "angular_velocity_covariance": of_rate,
+                "linear_acceleration": self._geometry("Vector3", *force),
+                "linear_acceleration_covariance": of_force,
+            }
+            for rate, force in rows
+        )
+        self._await(name, f"/{name}/data_raw", _IMU, samples.time, messages)
 
     def write_gnss(self, fixes: GnssFixes, *, sensor: str | None = None) -> None:
         """Write the fixes of a GNSS receiver.
@@ -430,38 +431,40 @@ class Writer:
         covariance = np.diag(variance).ravel()
         status = self._ros.types["sensor_msgs/msg/NavSatStatus"](_STATUS_FIX, _SERVICE_GPS)
 
-        def send(stamp: int, latitude: float, longitude: float, altitude: float) -> None:
-            self._send_new(
-                f"/{name}/fix",
-                _FIX,
-                stamp,
-                header=self._header(stamp, name),
-                status=status,
-                latitude=latitude,
-                longitude=longitude,
-                altitude=altitude,
-                position_covariance=covariance,
-                position_covariance_type=_COVARIANCE_DIAGONAL_KNOWN if variance.any() else _COVARIANCE_UNKNOWN,
-            )
+        places = np.degrees(fixes.latitude), np.degrees(fixes.longitude), fixes.altitude
+        messages = (
+            {
+                "status": status,
+                **dict(zip(("latitude", "longitude", "altitude"), place, strict=True)),
+                "position_covariance": covariance,
+                "position_covariance_type": _COVARIANCE_DIAGONAL_KNOWN if variance.any() else _COVARIANCE_UNKNOWN,
+            }
+            for place in np.stack(places, axis=1).tolist()
+        )
+        self._await(name, f"/{name}/fix", _FIX, fixes.time, messages)
 
-        degrees = np.degrees(fixes.latitude).tolist(), np.degrees(fixes.longitude).tolist()
-        rows = zip(*degrees, fixes.altitude.tolist(), strict=True)
-        self._await(fixes.time, (partial(send, latitude=n, longitude=e, altitude=up) for n, e, up in rows))
-
-    def _sensor(self, name: str | None, sensor: Imu | Gnss | None) -> str:
-        """Return the name under which samples are written, given one or taken from their sensor."""
+    def _sensor(self, name: str | None, sensor: Imu | Gnss | None = None) -> str:
+        """Return the name of the sensor: as given, else that of the sensor itself, else the only one."""
         self._check_open()
         found = name if name is not None else self._only() if sensor is None else sensor.name
         if found not in self._mounts:
             raise ArgumentValueError("sensor", f"one of {', '.join(self._mounts)}", repr(found))
         return found
 
-    def _await(self, times: npt.NDArray[np.float64], sends: Iterator[Callable[[int], None]]) -> None:
-        """Write samples at their times, among the messages that come in the meantime."""
+    def _await(self, name: str, topic: str, kind: str, times: Floats, messages: Iterator[dict[str, Any]]) -> None:
+        """Write messages but their headers at their times, among those that come in the meantime."""
         stamps = [self._stamp(time) for time in times.tolist()]
-        samples = map(_Sample, stamps, sends)
-        if stamps:
-            heapq.heappush(self._pending, (stamps[0], next(self._numbers), samples))
+        sends = (
+            partial(self._send_new, topic, kind, stamp, header=self._header(stamp, name), **parts)
+            for stamp, parts in zip(stamps, messages, strict=True)
+        )
+        self._push(next(self._numbers), zip(stamps, sends, strict=True))
+
+    def _push(self, number: int, samples: Iterator[tuple[int, Callable[[], None]]]) -> None:
+        """Let the next of some samples wait for its time; of equal times, those of the lowest number come first."""
+        if (sample := next(samples, None)) is not None:
+            stamp, send = sample
+            heapq.heappush(self._pending, (stamp, number, send, samples))
 
     def _write_cut(self, name: str, cloud: PointCloud, lidar: Sensor, *, layout: str, frame: int, cut: int) -> None:
         """Publish the message that ends at the cut of a frame, and keep the one that begins there.
@@ -473,11 +476,11 @@ class Writer:
             self._publish_open(name)
             begun = None
         stamp = begun.stamp if begun else frame
-        before, since = _cuts.divided(cloud, cut, stamp - frame)
+        before, since = _cuts.divide(cloud, cut, stamp - frame)
         records, last = to_layout(before, layout, lidar, stamp)
         self._open[name] = _Open(layout, frame, frame + cut, *to_layout(since, layout, lidar, frame + cut))
         if begun:
-            records, last = _joined(begun.records, records), max(begun.last, last)
+            records, last = _concatenate(begun.records, records), max(begun.last, last)
         message = self._message(name, layout, stamp, records)
         del before, since, begun, records
         self._publish(name, layout, stamp, last, message)
@@ -525,7 +528,7 @@ class Writer:
             self._ticks = (since + round(tick / self._rate * 1e9) for tick in itertools.count())
             self._next = next(self._ticks)
             transforms = [self._transform(since, self._body, name, mount) for name, mount in self._mounts.items()]
-            self._send_new("/tf_static", "tf2_msgs/msg/TFMessage", since, transforms=transforms)
+            self._send_new("/tf_static", _TRANSFORMS, since, transforms=transforms)
         while True:
             sample = self._pending[0][0] if self._pending else until + 1
             if self._next <= min(sample, until):
@@ -534,19 +537,11 @@ class Writer:
                     self._move(self._next, self._trajectory)
                 self._next = next(self._ticks)
             elif sample <= until:
-                self._sample()
+                _, number, send, samples = heapq.heappop(self._pending)
+                send()
+                self._push(number, samples)
             else:
                 return
-
-    def _sample(self) -> None:
-        """Write the first of the pending samples."""
-        stamp, number, samples = self._pending[0]
-        found = next(samples)
-        found.send(stamp)
-        following = next(samples, None)
-        heapq.heappop(self._pending)
-        if following is not None:
-            heapq.heappush(self._pending, (following.stamp, number, itertools.chain([following], samples)))
 
     def _move(self, stamp: int, trajectory: Trajectory) -> None:
         """Write the body's pose and velocity if the trajectory covers the stamp."""
@@ -555,18 +550,12 @@ class Writer:
         if not first <= time <= last:
             return
         pose = trajectory.at(time).as_matrix()
-        self._send_new(
-            "/tf", "tf2_msgs/msg/TFMessage", stamp, transforms=[self._transform(stamp, self._world, self._body, pose)]
-        )
-        linear, angular = _velocity(trajectory, time)
-        new = self._ros.types
-        twist = new["geometry_msgs/msg/Twist"](
-            new["geometry_msgs/msg/Vector3"](*linear), new["geometry_msgs/msg/Vector3"](*angular)
-        )
+        self._send_new("/tf", _TRANSFORMS, stamp, transforms=[self._transform(stamp, self._world, self._body, pose)])
+        linear, angular = trajectory.velocity(time)
+        linear = trajectory.at(time).rotation.inv().apply(linear)  # in the body's frame, as the angular one is
+        vectors = (self._geometry("Vector3", *velocity.tolist()) for velocity in (linear, angular))
         position, orientation = _parts(pose)
-        where = new["geometry_msgs/msg/Pose"](
-            new["geometry_msgs/msg/Point"](*position), new["geometry_msgs/msg/Quaternion"](*orientation)
-        )
+        place = self._geometry("Point", *position), self._geometry("Quaternion", *orientation)
         exact = np.zeros(36)
         self._send_new(
             "/odom",
@@ -574,17 +563,19 @@ class Writer:
             stamp,
             header=self._header(stamp, self._world),
             child_frame_id=self._body,
-            pose=new["geometry_msgs/msg/PoseWithCovariance"](where, exact),
-            twist=new["geometry_msgs/msg/TwistWithCovariance"](twist, exact),
+            pose=self._geometry("PoseWithCovariance", self._geometry("Pose", *place), exact),
+            twist=self._geometry("TwistWithCovariance", self._geometry("Twist", *vectors), exact),
         )
 
     def _transform(self, stamp: int, parent: str, child: str, pose: npt.NDArray[np.float64]) -> Any:
-        new = self._ros.types
         position, orientation = _parts(pose)
-        transform = new["geometry_msgs/msg/Transform"](
-            new["geometry_msgs/msg/Vector3"](*position), new["geometry_msgs/msg/Quaternion"](*orientation)
+        parts = self._geometry("Vector3", *position), self._geometry("Quaternion", *orientation)
+        return self._geometry(
+            "TransformStamped", self._header(stamp, parent), child, self._geometry("Transform", *parts)
         )
-        return new["geometry_msgs/msg/TransformStamped"](self._header(stamp, parent), child, transform)
+
+    def _geometry(self, name: str, *parts: Any) -> Any:
+        return self._ros.types[f"geometry_msgs/msg/{name}"](*parts)
 
     def _time(self, stamp: int) -> Any:
         return self._ros.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
@@ -594,7 +585,7 @@ class Writer:
 
     def _cloud(self, header: Any, records: npt.NDArray[np.void]) -> memoryview:
         """Return a PointCloud2 as CDR."""
-        new, packed = self._ros.types, _packed(records)
+        new, packed = self._ros.types, _pack(records)
         fields = [new["sensor_msgs/msg/PointField"](name, offset, code, 1) for name, offset, code in packed.fields]
         message = new[_CLOUD](
             header=header,
@@ -624,13 +615,6 @@ class Writer:
 
     def _send(self, topic: str, kind: str, stamp: int, data: bytes | memoryview) -> None:
         self._files.write(topic, kind, stamp, data, latched=topic == "/tf_static")
-
-
-class _Sample(NamedTuple):
-    """A sample that is written when its time has come."""
-
-    stamp: int  # ns
-    send: Callable[[int], None]
 
 
 class _Open(NamedTuple):
@@ -719,10 +703,10 @@ def point_cloud2(
         known = ", ".join(name for name in LAYOUTS if name != "livox")
         raise ArgumentValueError("layout", f"one of {known}", validation.shown(layout))
     records, _ = to_layout(cloud, chosen, lidar, validation.integer("stamp", stamp, at_least=0))
-    return _packed(records)
+    return _pack(records)
 
 
-def _packed(records: npt.NDArray[np.void]) -> PointCloud2:
+def _pack(records: npt.NDArray[np.void]) -> PointCloud2:
     places = (records.dtype.fields or {}).items()
     fields = [(name, place[1], _CODES[place[0].str[1:]]) for name, place in places]
     return PointCloud2(len(records), fields, records.dtype.itemsize, records.view(np.uint8).data)
@@ -793,19 +777,10 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     """
     place = Place(path)
     with place.errors_as_given():
-        paths = _storage.listed(place.path) if place.path.is_dir() else [place.path]
+        paths = _storage.list_files(place.path) if place.path.is_dir() else [place.path]
         for each in paths:
             check_regular(each)
-    return place.each(_each(place.path, _read(paths, topic)))
-
-
-def _each(path: Path, messages: Iterator[Message]) -> Iterator[Message]:
-    while True:
-        with parsing(path, "ROS 2 bag"):
-            if (message := next(messages, None)) is None:
-                return
-        yield message
-        del message  # free it before the next is read
+    return place.each(parse_each(place.path, "ROS 2 bag", _read(paths, topic)))
 
 
 def static_mounts(path: PathLike) -> dict[str, tuple[str, npt.NDArray[np.float64]]]:
@@ -843,7 +818,7 @@ def _static_transforms(path: Path) -> dict[str, tuple[str, npt.NDArray[np.float6
     ros, found, seen = _typestore(), {}, set()
     for name, kind, _, data in _messages(path):
         if kind == _TRANSFORMS and name == "/tf_static":
-            message: Any = ros.deserialize_cdr(_storage.decompressed(data), kind)
+            message: Any = ros.deserialize_cdr(_storage.decompress(data), kind)
             for stamped in message.transforms:
                 place, turn = stamped.transform.translation, stamped.transform.rotation
                 numbers = np.array([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w])
@@ -906,7 +881,7 @@ def _read(paths: list[Path], topic: str | None) -> Iterator[Message]:
             continue
         message = None
         try:
-            message = Message(name, *_PARSERS[kind](ros, _storage.decompressed(data), recorded))
+            message = Message(name, *_PARSERS[kind](ros, _storage.decompress(data), recorded))
             read[name] += 1
         except Exception as error:
             if isinstance(error, ImportError | OSError | MemoryError):  # no fault of this message
@@ -945,29 +920,28 @@ def _messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
             head = opened.read(max(map(len, SIGNATURES.values())))
         if head.startswith(ROS_1):
             raise FileFormatError(ROS_1_HINT)
-        told = next((suffix for suffix, start in SIGNATURES.items() if head.startswith(start)), None)
-        if told is None:
+        if not head.startswith(tuple(SIGNATURES.values())):
             raise FileFormatError("it begins neither as an MCAP file nor as an SQLite database does")
-        yield from _mcap.messages(file) if told == ".mcap" else _rows(file)
+        yield from _mcap.messages(file) if head.startswith(_mcap.MAGIC) else _rows(file)
 
 
 def _rows(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
     """Yield topic, type, recording time (ns) and data of each message of a bag in SQLite storage."""
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
     _storage.check_tables(path)
-    with _plainly_named(path) as place, rosbag2.Reader(place) as bag:
+    with _plain_path(path) as place, rosbag2.Reader(place) as bag:
         for connection, recorded, data in bag.messages(bag.connections):
             yield connection.topic, connection.msgtype, recorded, memoryview(data)
 
 
-def _plainly_named(path: Path) -> AbstractContextManager[Path]:
+def _plain_path(path: Path) -> AbstractContextManager[Path]:
     """Return a path of the file that ends in .db3 and means itself in a URI, as which rosbags gives it to SQLite."""
     text = str(path)
     plain = path.suffix == ".db3" and text.isprintable() and not text.startswith("//") and not set("%?#") & set(text)
     return nullcontext(path) if plain else linked(path, "bag.db3")
 
 
-def _parsed_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:
+def _parse_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:
     message: Any = ros.deserialize_cdr(data, _CLOUD)
     stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
     step = _row_step(message)
@@ -992,7 +966,7 @@ def _parsed_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str,
     return message.header.frame_id, stamp, to_cloud(columns, stamp, recorded)
 
 
-def _joined(first: npt.NDArray[np.void], second: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+def _concatenate(first: npt.NDArray[np.void], second: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     """Return the records of both in their common layout, whose padding np.concatenate would drop."""
     whole = np.zeros(len(first) + len(second), first.dtype)
     return np.concatenate([first, second], out=whole)
@@ -1016,7 +990,7 @@ def _row_step(message: Any) -> int:
     return step
 
 
-def _parsed_custom(_: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:
+def _parse_custom(_: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:
     """Parse a CustomMsg; rosbags would create one object per point."""
     if bytes(data[:2]) != b"\x00\x01":
         raise FileFormatError("its CustomMsg is not in little-endian CDR")
@@ -1036,7 +1010,7 @@ def _parsed_custom(_: Typestore, data: memoryview, recorded: int) -> tuple[str, 
     return frame, seconds * 10**9 + nanoseconds, cloud
 
 
-def _parsed_laser(ros: Typestore, data: memoryview, _: int) -> tuple[str, int, PointCloud]:
+def _parse_laser(ros: Typestore, data: memoryview, _: int) -> tuple[str, int, PointCloud]:
     message: Any = ros.deserialize_cdr(data, _LASER)
     stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
     ranges = message.ranges.astype(np.float64)
@@ -1059,7 +1033,7 @@ def _parsed_laser(ros: Typestore, data: memoryview, _: int) -> tuple[str, int, P
     return message.header.frame_id, stamp, PointCloud(fields)
 
 
-_PARSERS = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom, _LASER: _parsed_laser}
+_PARSERS = {_CLOUD: _parse_cloud, _CUSTOM: _parse_custom, _LASER: _parse_laser}
 """Parsers of messages with point clouds, by type."""
 
 
@@ -1082,7 +1056,7 @@ def _typestore() -> Typestore:
 
 
 def _limits(path: PathLike, size: int | None, duration: float | None) -> dict[str, int | None]:
-    """Return where the files of a bag end, after checking the path of a folder and that only folders have limits."""
+    """Validate and return the limits of the files of a bag, which only a folder has."""
     if is_folder(path):
         check_folder(path)
     limits: dict[str, int | None] = {"max_size": None, "max_duration": None}
@@ -1118,12 +1092,6 @@ def _parts(pose: npt.NDArray[np.float64]) -> tuple[list[float], list[float]]:
     from scipy.spatial.transform import Rotation
 
     return pose[:3, 3].tolist(), Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True).tolist()
-
-
-def _velocity(trajectory: Trajectory, time: float) -> tuple[list[float], list[float]]:
-    """Return the linear and the angular velocity in the body's frame, m/s and rad/s."""
-    linear, angular = trajectory.velocity(time)
-    return trajectory.at(time).rotation.inv().apply(linear).tolist(), angular.tolist()
 
 
 for _suffix, _signature in SIGNATURES.items():

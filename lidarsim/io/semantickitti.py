@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from lidarsim._base.files import PathLike, check_regular
 from lidarsim.errors import FileFormatError
-from lidarsim.io._units import fitting
+from lidarsim.io._units import integers
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
 
@@ -27,9 +27,9 @@ def save(fields: Fields, file: BinaryIO) -> None:
     """Write the labels one after the other."""
     if "label" not in fields:
         raise FileFormatError(f"label: expected a label for each point, got only {', '.join(fields)}")
-    label = fitting("label", fields["label"], np.uint16, "a class of SemanticKITTI")
+    label = integers("label", fields["label"], np.uint16, "a class of SemanticKITTI")
     instance = fields.get("instance", fields.get("object_id", np.array(-1, np.int32)) + 1)
-    both = fitting("instance", np.atleast_1d(instance), np.uint16, "an instance of SemanticKITTI").astype("<u4")
+    both = integers("instance", np.atleast_1d(instance), np.uint16, "an instance of SemanticKITTI").astype("<u4")
     file.write((both << 16 | label).astype("<u4").data)
 
 

@@ -85,7 +85,7 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
         if head.names is None and columns is None and 0 < head.columns < 3:
             raise FileFormatError(f"its first line has no column names, and there are {head.columns} columns")
         lines = itertools.chain(head.first, _lines(text, head.first[0][0] if head.first else 0))
-        read = _joined(_parsed(lines, names, head.between))
+        read = _join(_parse(lines, names, head.between))
         count = _count(head, names, read)
         names, read = names[:count], read[:count]
     finally:
@@ -123,11 +123,11 @@ def _head(text: TextIO) -> _Head:
         if words.startswith(COMMENTS):
             comments.append(words.lstrip("#/"))
         elif words:
-            told = _uncommented(words)
-            between = _separator(told)
-            cells = told.split(between)
-            if not above and points is None and len(cells) == 1 and told.isdecimal():
-                points = int(told)
+            bare = _strip_comment(words)
+            between = _separator(bare)
+            cells = bare.split(between)
+            if not above and points is None and len(cells) == 1 and bare.isdecimal():
+                points = int(bare)
             elif not above and points is None and not _numeric(cells):
                 above = words
             else:
@@ -204,9 +204,7 @@ def _are_normals(columns: list[npt.NDArray[Any]]) -> bool:
     return bool(len(length)) and bool((np.abs(length - 1) <= 1e-3).all())
 
 
-def _parsed(
-    lines: Iterable[tuple[int, str]], names: list[str], between: str | None
-) -> Iterator[list[npt.NDArray[Any]]]:
+def _parse(lines: Iterable[tuple[int, str]], names: list[str], between: str | None) -> Iterator[list[npt.NDArray[Any]]]:
     """Yield the columns block by block; at least one block."""
     yield [_narrow(name, np.empty(0)) for name in names]
     iterator = iter(lines)
@@ -224,13 +222,13 @@ def _parsed(
         yield columns
 
 
-def _uncommented(line: str) -> str:
+def _strip_comment(line: str) -> str:
     """Return a line without the comment at its end."""
     return COMMENT.split(line)[0].strip(" ")
 
 
 def _cells(line: str, between: str | None) -> list[str]:
-    return list(map(_bare, _uncommented(line).strip(None if between is None else " \r\n").split(between)))
+    return list(map(_bare, _strip_comment(line).strip(None if between is None else " \r\n").split(between)))
 
 
 def _bare(cell: str) -> str:
@@ -261,15 +259,10 @@ def _exact(cells: list[str], column: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.array(numbers, np.uint64) if low >= 0 and high < 2**64 else column
 
 
-def _joined(parts: Iterable[list[npt.NDArray[Any]]]) -> list[npt.NDArray[Any]]:
+def _join(parts: Iterable[list[npt.NDArray[Any]]]) -> list[npt.NDArray[Any]]:
     """Join the blocks, holding at most one column twice at a time."""
     columns = [list(blocks) for blocks in zip(*parts, strict=True)][::-1]
-    return [_whole(columns.pop()) for _ in range(len(columns))]
-
-
-def _whole(parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """Join the parts of a column, as integers if all parts can be."""
-    return np.concatenate(_alike(parts))
+    return [np.concatenate(_alike(columns.pop())) for _ in range(len(columns))]
 
 
 def _alike(parts: list[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:

@@ -176,7 +176,7 @@ def test_a_pulse_at_the_cut_begins_the_message(rate: float, clockwise: bool) -> 
     for degrees in range(-179, 180):
         cut = _cuts.time_of(radians(degrees), "velodyne", lidar)
         assert cut is not None
-        before, since = _cuts.divided(cloud, cut, 0)
+        before, since = _cuts.divide(cloud, cut, 0)
         first = 180 - degrees if clockwise else 180 + degrees
         assert [len(before), len(since)] == [first, 360 - first]
         assert 0 <= since.time[0] < 1.5e-9

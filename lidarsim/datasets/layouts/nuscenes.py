@@ -45,7 +45,7 @@ from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Lay
 from lidarsim.datasets.samples import Annotation, Record, Sample
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io import nuscenes
-from lidarsim.io._units import fitting
+from lidarsim.io._units import integers
 from lidarsim.viewers._classes import class_color
 from lidarsim.viewers._colors import QUALITATIVE
 
@@ -167,7 +167,7 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
             nuscenes.save(fields, buffer)
             files.write(self.points(record), buffer.getbuffer(), **about)
             if self.shares_stamp(record.frame):
-                label = fitting("label", sample.cloud.label, np.uint8, "a class of lidarseg")
+                label = integers("label", sample.cloud.label, np.uint8, "a class of lidarseg")
                 files.write(_labels(record), label.astype(np.uint8).tobytes(), **about)
             return {}
 

@@ -115,10 +115,8 @@ class Writer:
         finally:
             self._capture = None
 
-    def _complete(
-        self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
-        if error is None:
+    def _complete(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
             self._write(self._merged.rest())
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:

@@ -24,16 +24,8 @@ class Cycles:
     """Cuts a stream of cycles into packets of `size` cycles; those that fill none wait for the next.
 
     The cycles of a packet follow each other. Before a gap, such as the part of a turn outside the field of view, the
-    packet is filled with cycles without returns.
-
-    Parameters
-    ----------
-    size : int
-        Cycles of a packet.
-    period : float
-        Time from one cycle to the next, ns.
-    empty : callable
-        ``empty(last, count)`` returns `count` cycles without returns that follow the cycle `last`.
+    packet is filled with cycles without returns: ``empty(last, count)`` returns `count` of them that follow the cycle
+    `last`. `period` is the time from one cycle to the next, ns.
     """
 
     def __init__(self, size: int, period: float, empty: Callable[[Any, int], Records]) -> None:
@@ -44,17 +36,8 @@ class Cycles:
     def add(self, cycles: Records, starts: Times) -> Part:
         """Return the packets that further cycles complete.
 
-        Parameters
-        ----------
-        cycles : ndarray, shape (n, ...)
-            The cycles.
-        starts : ndarray of int64, shape (n,)
-            When they start, ns.
-
-        Returns
-        -------
-        cycles : ndarray, shape (packets, size, ...)
-        starts : ndarray of int64, shape (packets, size)
+        The cycles, of shape (n, ...), start at `starts`, ns, shape (n,). Returned are the cycles of the packets, shape
+        (packets, size, ...), and when they start, shape (packets, size).
         """
         if len(self._starts):
             cycles, starts = _joined([(self._cycles, self._starts), (cycles, starts)])
@@ -62,23 +45,23 @@ class Cycles:
         *before, (cycles, starts) = zip(np.split(cycles, gaps), np.split(starts, gaps), strict=True)
         whole = len(cycles) // self._size * self._size
         self._cycles, self._starts = cycles[whole:].copy(), starts[whole:].copy()
-        return self._grouped([*(self._filled(*part) for part in before), (cycles[:whole], starts[:whole])])
+        return self._group([*(self._fill(*part) for part in before), (cycles[:whole], starts[:whole])])
 
     def rest(self) -> Part | None:
         """Return the last packet, filled with cycles without returns, as `add` does; None if no cycles wait."""
         if not len(self._starts):
             return None
-        filled = self._filled(self._cycles, self._starts)
+        filled = self._fill(self._cycles, self._starts)
         self._starts = self._starts[:0]
-        return self._grouped([filled])
+        return self._group([filled])
 
-    def _filled(self, cycles: Records, starts: Times) -> Part:
+    def _fill(self, cycles: Records, starts: Times) -> Part:
         """Return consecutive cycles, followed by as many empty ones as fill the last packet."""
         missing = -len(cycles) % self._size
         later = starts[-1] + np.rint(self._period * np.arange(1, missing + 1)).astype(np.int64)
         return _joined([(cycles, starts), (self._empty(cycles[-1], missing), later)])
 
-    def _grouped(self, parts: list[Part]) -> Part:
+    def _group(self, parts: list[Part]) -> Part:
         cycles, starts = _joined(parts)
         return cycles.reshape(-1, self._size, *cycles.shape[1:]), starts.reshape(-1, self._size)
 
@@ -93,13 +76,7 @@ def _joined(parts: list[Part]) -> Part:
 
 
 def moments(scan: Scan, start: int, times: npt.NDArray[np.float64]) -> Times:
-    """Return times since the start of a scan as ns since 1970, where `start` is time 0 of the scans.
-
-    Raises
-    ------
-    FileFormatError
-        If the scan starts before 1970 or after the last second of PCAP files, in 2106.
-    """
+    """Return times since the start of a scan as ns since 1970, where `start` is time 0 of the scans."""
     began = start + round(scan.time * 1e9)
     if not 0 <= began < LAST * 10**9:
         last = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=LAST - 1)

@@ -20,11 +20,6 @@ class Merged:
 
     A packet is held back until each sensor has one that is not earlier, since an earlier one may come before then. If
     so much waits for a silent sensor that memory would suffer (`MOST`), the earlier half no longer waits.
-
-    Parameters
-    ----------
-    encoders : mapping of str to Encoder
-        The encoders by name of the sensor.
     """
 
     def __init__(self, encoders: Mapping[str, Encoder]) -> None:

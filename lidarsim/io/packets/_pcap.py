@@ -26,14 +26,9 @@ _PART = 1500 - _IP.size
 
 
 class Capture:
-    """Append packets to a file, with time stamps in microseconds.
+    """Append packets to an empty file, with time stamps in microseconds.
 
     A packet that is larger than the payload of an Ethernet frame is fragmented, as it is on its way from a sensor.
-
-    Parameters
-    ----------
-    file : binary file
-        An empty file.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -42,13 +37,7 @@ class Capture:
         file.write(_HEADER.pack(_MAGIC, *_VERSION, 0, 0, _MOST, _ETHERNET))
 
     def write(self, packet: Packet, source: IPv4Address) -> None:
-        """Append a packet that the sensor at the address `source` broadcasts from the port that it is sent to.
-
-        Raises
-        ------
-        FileFormatError
-            If its time is not from 1970 to 2106.
-        """
+        """Append a packet that the sensor at the address `source` broadcasts from the port that it is sent to."""
         seconds, nanoseconds = divmod(packet.time, 10**9)
         if not 0 <= seconds < 1 << 32:
             raise FileFormatError(f"time: expected 0 to {(1 << 32) - 1} s since 1970 in PCAP files, got {seconds}")

@@ -267,7 +267,7 @@ class _Encoder:
         cycles = self._columns(len(since))
         cycles["state"] = state
         place = pulses.column.astype(np.intp) * self._layout.channels + pulses.ring
-        distances, brightness = self._measured(scan)
+        distances, brightness = self._measurements(scan)
         values: npt.NDArray[np.uint16] | npt.NDArray[np.uint8]
         for name, values in (("distance", distances), ("reflectivity", brightness)):
             image = np.empty(len(place), values.dtype)
@@ -328,7 +328,7 @@ class _Encoder:
         column["blocks"] = self._template["blocks"][0, 0]
         return np.repeat(column, number)
 
-    def _measured(self, scan: Scan) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint8]]:
+    def _measurements(self, scan: Scan) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint8]]:
         """Return distances in steps, 0 for none, and reflectivities, shape (returns, n), in the order of the blocks."""
         offset = np.asarray(self._lidar.range_offset)
         reported = np.ascontiguousarray(scan.range.T) + (offset[scan.pulses.ring] if offset.ndim else offset)
@@ -446,16 +446,11 @@ def _in_turn(table: Table, layout: _Layout) -> _Rotor | None:
     if table.columns is None or columns < states:
         return None
     order = np.lexsort((table.rings, table.columns))
-    cells = np.arange(columns * channels)
-    if (
-        len(order) != len(cells)
-        or (table.columns[order].astype(np.intp) * channels + table.rings[order] != cells).any()
-    ):
+    places = table.columns[order].astype(np.intp) * channels + table.rings[order]
+    if not np.array_equal(places, np.arange(columns * channels)):
         return None
-    direction, time = (
-        table.directions[order].reshape(columns, channels, 3),
-        table.times[order].reshape(columns, channels),
-    )
+    direction = table.directions[order].reshape(columns, channels, 3)
+    time = table.times[order].reshape(columns, channels)
     firing = time - np.arange(columns)[:, None] / (columns * table.rate)
     # Azimuths of the beams before the rotor has turned, counted from its start at pi.
     turn = 2.0 * np.pi

@@ -194,8 +194,7 @@ class _Encoder:
             packet["points"][f"tag{number}"] = number * SECOND
         return packet
 
-    def _empty(self, last: Any, number: int) -> npt.NDArray[np.void]:
-        del last
+    def _empty(self, _last: Any, number: int) -> npt.NDArray[np.void]:
         point: npt.NDArray[np.void] = self._template["points"][0, :1]
         return np.repeat(point, number * self._model.lines).reshape(number, -1)
 

@@ -39,7 +39,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
-from lidarsim.io._units import fitting, reflectivity
+from lidarsim.io._units import integers, reflectivity
 from lidarsim.io.packets._format import Packet, PacketFormat, register
 from lidarsim.io.vendors.ouster import MODES
 from lidarsim.lidar import Lidar
@@ -146,7 +146,7 @@ class _Encoder:
         columns["timestamp"][fired] = times = self._times(scan)
         columns["status"][fired] = VALID.get(self._variant, 1)
         self._fill(columns["pixels"][fired], scan)
-        packets = self._packed(columns, number)
+        packets = self._pack(columns, number)
         last = np.minimum(number[COLUMNS - 1 :: COLUMNS], end - 1) - begin
         for packet, time in zip(packets, times[last].tolist(), strict=True):
             yield Packet(time, self._port, packet.tobytes())
@@ -168,7 +168,7 @@ class _Encoder:
             columns["encoder"] = number % per_turn * (TICKS // per_turn)
         return columns
 
-    def _packed(self, columns: npt.NDArray[np.void], number: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
+    def _pack(self, columns: npt.NDArray[np.void], number: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
         """Return the columns in packets."""
         packets = np.zeros(len(columns) // COLUMNS, self._type)
         column = f"V{columns.itemsize}"  # NumPy copies bytes faster than fields
@@ -186,7 +186,7 @@ class _Encoder:
         with np.errstate(over="ignore"):
             since = np.rint((scan.time + scan.pulses.time.reshape(self._geometry.used, -1)[:, 0]) * 1e9)
         # A start fits in 62 bits, and so does the sum in 63.
-        return self._start + fitting("time in ns", since, np.int64, "packets", at_least=-self._start, at_most=1 << 62)
+        return self._start + integers("time in ns", since, np.int64, "packets", at_least=-self._start, at_most=1 << 62)
 
     def _fill(self, pixels: npt.NDArray[np.void], scan: Scan) -> None:
         """Write the returns of a scan into its pixels, shape (columns, channels)."""
@@ -194,7 +194,7 @@ class _Encoder:
         for k, number in zip(range(scan.range.shape[1]), ("", "2"), strict=False):
             found = np.isfinite(scan.range[:, k])
             steps = np.where(found, np.rint((scan.range[:, k] + self._offset) * 1e3 / step), 1.0)
-            steps = fitting(f"range in {step} mm", steps, np.uint32, f"a return in {name}", at_least=1, at_most=most)
+            steps = integers(f"range in {step} mm", steps, np.uint32, f"a return in {name}", at_least=1, at_most=most)
             bright = np.where(found, reflectivity(scan.intensity[:, k]), 0)
             pixels[f"range{number}"] = np.where(found, steps, 0).reshape(pixels.shape)
             pixels[f"reflectivity{number}"] = bright.reshape(pixels.shape)
@@ -369,9 +369,9 @@ def crc64(words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
     while left.shape[1] > 1:
         if left.shape[1] % 2:
             left = np.pad(left, ((0, 0), (1, 0)))  # leading zeros change nothing, since the ones are added
-        left = _stepped(_step(doublings), left[:, ::2]) ^ left[:, 1::2]
+        left = _apply(_step(doublings), left[:, ::2]) ^ left[:, 1::2]
         doublings += 1
-    return _stepped(_step(0), left)[:, 0] ^ ones
+    return _apply(_step(0), left)[:, 0] ^ ones
 
 
 @cache
@@ -379,14 +379,14 @@ def _step(doublings: int) -> npt.NDArray[np.uint64]:
     """Return A of each value of each byte of a word, or A^(2^doublings), shape (8, 256)."""
     if doublings:
         half = _step(doublings - 1)
-        return _stepped(half, half)
+        return _apply(half, half)
     values = np.arange(256, dtype=np.uint64) << (8 * np.arange(8, dtype=np.uint64)[:, None])
     for _ in range(64):
         values = (values >> np.uint64(1)) ^ np.where(values & np.uint64(1), _POLYNOMIAL, np.uint64(0))
     return values
 
 
-def _stepped(step: npt.NDArray[np.uint64], words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
+def _apply(step: npt.NDArray[np.uint64], words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
     """Return a step of each word, which is that of its bytes, added."""
     values = np.ascontiguousarray(words, dtype="<u8").view(np.uint8).reshape(*words.shape, 8)
     result, part = np.zeros(words.shape, np.uint64), np.empty(words.shape, np.uint64)

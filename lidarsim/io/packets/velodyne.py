@@ -99,7 +99,7 @@ class _Encoder:
         self._groups = BLOCKS // (self._model.banks * self._returns)
         self._columns = self._groups * self._columns_per_block
 
-        self._pattern = _fitting(lidar, self._columns)
+        self._pattern = _check_pattern(lidar, self._columns)
         laser_rings = _laser_rings(lidar)
         fired = np.argsort(self._pattern.firing_times, kind="stable")  # the order of the pulses of a column
         self._order = np.argsort(fired)[laser_rings]
@@ -248,7 +248,7 @@ def _laser_rings(lidar: Lidar) -> npt.NDArray[np.intp]:
     return np.argsort(nearest)
 
 
-def _fitting(lidar: Lidar, columns: int) -> Spinning:
+def _check_pattern(lidar: Lidar, columns: int) -> Spinning:
     """Return the pattern, after checking that its times are those by which decoders read packets of `columns`."""
     design, pattern = _pattern(lidar.model), lidar.pattern
     what = f"for {lidar.model} packets"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterable, Sequence
+from typing import BinaryIO
 
 import numpy as np
 
@@ -15,13 +16,7 @@ ROUNDED = 0.01
 
 
 def poses_of(rows: Iterable[Sequence[float]]) -> tuple[Floats, Floats]:
-    """Return times, (n,), and poses, (n, 4, 4), of rows t, x, y, z, qx, qy, qz, qw.
-
-    Raises
-    ------
-    ValueError
-        If there are no rows, or at the first quaternion that is not of unit length.
-    """
+    """Return times, (n,), and poses, (n, 4, 4), of rows t, x, y, z, qx, qy, qz, qw, at least one."""
     from scipy.spatial.transform import Rotation
 
     values = array("d")
@@ -39,9 +34,10 @@ def poses_of(rows: Iterable[Sequence[float]]) -> tuple[Floats, Floats]:
     return table[:, 0].copy(), poses
 
 
-def table_of(times: Floats, poses: Floats) -> Floats:
-    """Return rows t, x, y, z, qx, qy, qz, qw of times, (n,), and poses, (n, 4, 4): the inverse of `poses_of`."""
+def write_poses(times: Floats, poses: Floats, file: BinaryIO, between: str) -> None:
+    """Write rows t, x, y, z, qx, qy, qz, qw of times, (n,), and poses, (n, 4, 4)."""
     from scipy.spatial.transform import Rotation
 
     quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True)
-    return np.hstack([times[:, None], poses[:, :3, 3], quaternions])
+    table = np.hstack([times[:, None], poses[:, :3, 3], quaternions])
+    file.writelines((between.join(map(repr, row)) + "\n").encode("ascii") for row in table.tolist())

@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 from lidarsim._base.lines import cells, numbers
 from lidarsim._base.validation import Floats
-from lidarsim.io.trajectories._quaternions import poses_of, table_of
+from lidarsim.io.trajectories._quaternions import poses_of, write_poses
 from lidarsim.motion.formats import register_trajectory_format
 
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
@@ -38,7 +38,7 @@ def read(lines: Iterator[str]) -> tuple[Floats, Floats]:
 def write(times: Floats, poses: Floats, file: BinaryIO) -> None:
     """Write times and poses."""
     file.write((",".join(COLUMNS) + "\n").encode("ascii"))
-    file.writelines((",".join(map(repr, row)) + "\n").encode("ascii") for row in table_of(times, poses).tolist())
+    write_poses(times, poses, file, ",")
 
 
 register_trajectory_format(

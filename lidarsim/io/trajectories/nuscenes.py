@@ -39,20 +39,15 @@ def recognise(path: Path) -> bool:
 
 
 def read(path: Path, scene: str | None) -> tuple[Floats, Floats]:
-    """Return the times since the first pose, s, shape (n,), and the poses of a scene, shape (n, 4, 4).
-
-    Raises
-    ------
-    FileFormatError
-        If a table cannot be read, there is no such scene, or a row lacks a key or has values of another kind.
-    """
+    """Return the times since the first pose, s, shape (n,), and the poses of a scene, shape (n, 4, 4)."""
     scenes, samples, data, poses = (path.with_name(name) for name in TABLES)
     token = _scene(scenes, scene)
     of_scene = {row["token"] for row in _rows(samples, token=str, scene_token=str) if row["scene_token"] == token}
     keys = {"sample_token": str, "ego_pose_token": str}
     wanted = {row["ego_pose_token"] for row in _rows(data, **keys) if row["sample_token"] in of_scene}
     if not wanted:
-        raise FileFormatError(f"{data}: expected data of the scene {_named(scene)}, got none")
+        named = "" if scene is None else shown(scene)
+        raise FileFormatError(f"{data}: expected data of the scene {named}, got none")
     if len(wanted) > MOST_POSES:
         raise FileFormatError(f"{data}: expected at most {MOST_POSES:,} poses of a scene, got {len(wanted):,}")
     found: dict[int, list[float]] = {}
@@ -63,10 +58,9 @@ def read(path: Path, scene: str | None) -> tuple[Floats, Floats]:
             where = _numbers(row, "translation", 3, poses)
             found.setdefault(row["timestamp"], [*where, x, y, z, w])  # sensors that fire at once have the same pose
     if wanted:
-        error = f"expected the poses of all sample data, got none of token {shown(min(wanted))}"
-        raise FileFormatError(
-            f"{poses}: {error} and {len(wanted) - 1} more" if len(wanted) > 1 else f"{poses}: {error}"
-        )
+        more = f" and {len(wanted) - 1} more" if len(wanted) > 1 else ""
+        got = f"got none of token {shown(min(wanted))}{more}"
+        raise FileFormatError(f"{poses}: expected the poses of all sample data, {got}")
     times = sorted(found)
     try:
         return poses_of([(time - times[0]) / 1e6, *found[time]] for time in times)
@@ -74,15 +68,9 @@ def read(path: Path, scene: str | None) -> tuple[Floats, Floats]:
         raise FileFormatError(f"{poses}: {error}") from None
 
 
-def _named(scene: str | None) -> str:
-    return "" if scene is None else shown(scene)
-
-
 def _scene(path: Path, name: str | None) -> str:
     """Return the token of a scene, by its name; the only one's if no name is given."""
-    tokens: dict[str, str] = {}
-    for row in _rows(path, token=str, name=str):
-        tokens[row["name"]] = row["token"]
+    tokens: dict[str, str] = {row["name"]: row["token"] for row in _rows(path, token=str, name=str)}
     if name is None and len(tokens) == 1:
         return next(iter(tokens.values()))
     if name is None or name not in tokens:
@@ -100,13 +88,7 @@ def _numbers(row: dict[str, Any], key: str, count: int, path: Path) -> list[floa
 
 
 def _rows(path: Path, **kinds: type) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a table after checking that they have keys of these types.
-
-    Raises
-    ------
-    FileFormatError
-        If the table cannot be read, is not a list of objects, or is too large.
-    """
+    """Yield the rows of a table after checking that they have keys of these types."""
     number = 0
     try:
         check_regular(path)

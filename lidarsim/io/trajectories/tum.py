@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from lidarsim._base.lines import numbers
 from lidarsim._base.validation import Floats
-from lidarsim.io.trajectories._quaternions import poses_of, table_of
+from lidarsim.io.trajectories._quaternions import poses_of, write_poses
 from lidarsim.motion.formats import register_trajectory_format
 
 COLUMNS = 8
@@ -29,7 +29,7 @@ def read(lines: Iterator[str]) -> tuple[Floats, Floats]:
 def write(times: Floats, poses: Floats, file: BinaryIO) -> None:
     """Write times and poses."""
     file.write(b"# timestamp tx ty tz qx qy qz qw\n")
-    file.writelines((" ".join(map(repr, row)) + "\n").encode("ascii") for row in table_of(times, poses).tolist())
+    write_poses(times, poses, file, " ")
 
 
 register_trajectory_format(

@@ -79,9 +79,8 @@ Firings = list[tuple[npt.NDArray[np.intp], Floats]]
 in which the kinds alternate."""
 
 
-def recognise_angles(path: Path, text: str) -> bool:
+def recognise_angles(_path: Path, text: str) -> bool:
     """Return whether `text` is the head of an angle correction CSV."""
-    del path
     return re.match(r"(EEFF.*\n)?(Channel|Laser id)\s*,\s*Elevation\s*,\s*Azimuth\s", text, re.IGNORECASE) is not None
 
 
@@ -93,9 +92,8 @@ def recognise_mirror_angles(path: Path, text: str) -> bool:
         return file.read(2) == b"\xee\xff"
 
 
-def recognise_firing_times(path: Path, text: str) -> bool:
+def recognise_firing_times(_path: Path, text: str) -> bool:
     """Return whether `text` is the head of a firetime correction CSV."""
-    del path
     heads = (
         r"Channel\s*,\s*fire ?time",
         r"([\d.]+,distance.*\n)?operation(al state| mode)\s*,",
@@ -151,9 +149,7 @@ def read(
     firings = [] if firing_times is None else _firings(Path(firing_times), model)
     if len(firings) == 1:
         changes["firing_times"] = firings[0][1]
-    with refusals(
-        path if firing_times is None else Path(firing_times), ANGLES if firing_times is None else FIRING_TIMES
-    ):
+    with refusals(*((path, ANGLES) if firing_times is None else (Path(firing_times), FIRING_TIMES))):
         pattern = dataclasses.replace(cast("PolygonMirror | Spinning", lidar.pattern), **changes)
         if isinstance(pattern, PolygonMirror):
             return dataclasses.replace(lidar, pattern=pattern)
@@ -274,8 +270,8 @@ class _Mirror(NamedTuple):
             cycle = np.arange(first, end)[:, None]
             time = cycle / preset.pulse_rate + firing_times
             turned = before + speed * time - since  # from the start of the facet
-            azimuth = 90.0 - 2.0 * turned + self.azimuth - self._adjusted(self.azimuth_adjust, start + turned)
-            elevation = self.elevation + self._adjusted(self.elevation_adjust, start + turned)
+            azimuth = 90.0 - 2.0 * turned + self.azimuth - self._adjustments(self.azimuth_adjust, start + turned)
+            elevation = self.elevation + self._adjustments(self.elevation_adjust, start + turned)
             directions = directions_of(np.radians(azimuth), np.radians(elevation))
             rings, columns = np.broadcast_arrays(channels, cycle - first)
             tables.append((directions.reshape(-1, 3), time.ravel(), rings.ravel(), columns.ravel()))
@@ -283,7 +279,7 @@ class _Mirror(NamedTuple):
         return Table(directions, times=times, rings=rings, columns=columns, rate=rate)
 
     @staticmethod
-    def _adjusted(table: Floats, encoder: Floats) -> Floats:
+    def _adjustments(table: Floats, encoder: Floats) -> Floats:
         """Return the adjustments of the channels, one row of `table` each, at encoder angles of shape (n, channels)."""
         place = encoder % 360.0 / 2.0
         before = np.floor(place).astype(np.intp)
@@ -361,7 +357,7 @@ def _states(cells: list[list[str]]) -> Firings:
             columns.setdefault(state, column)  # the first column of each state is for far ranges
     if not columns or any(len(row) != len(modes) for row in rows):
         raise ValueError(f"expected rows of {len(modes)} cells, and some of them in operation mode 2")
-    channel = _channels([row[0] for row in rows])
+    channel = _channels(np.array(_numbers(row[0] for row in rows)))
     return [
         (channel, array("fire times", _numbers(row[column] for row in rows), (len(rows),)) * unit)
         for column in columns.values()
@@ -379,12 +375,11 @@ def _loops(cells: list[list[str]]) -> Firings:
     return [(loop[:, 0].astype(np.intp) - 1, loop[:, 1] / 1e6) for loop in fired]
 
 
-def _channels(numbers: list[str]) -> npt.NDArray[np.intp]:
+def _channels(numbers: Floats) -> npt.NDArray[np.intp]:
     """Return the indices, from 0, of channels that are numbered from 1."""
-    channel = np.array(_numbers(numbers))
-    if not np.array_equal(np.sort(channel), np.arange(1, len(channel) + 1)):
-        raise ValueError(f"expected each of the channels 1 to {len(channel)} once")
-    return channel.astype(np.intp) - 1
+    if not np.array_equal(np.sort(numbers), np.arange(1, len(numbers) + 1)):
+        raise ValueError(f"expected each of the channels 1 to {len(numbers)} once")
+    return numbers.astype(np.intp) - 1
 
 
 def _numbers(cells: Iterable[str]) -> list[float]:
@@ -402,16 +397,13 @@ def _by_channel(path: Path, *names: str) -> list[Floats]:
         del lines[0]
     if lines and re.fullmatch(r"[0-9a-fA-F]{64}", lines[-1].strip()):  # the SHA-256 of the file
         del lines[-1]
-    (_, channel), *others = columns_of(lines).items()
-    count = len(channel)
-    if not np.array_equal(np.sort(channel), np.arange(1, count + 1)):
-        raise ValueError(f"expected each of the channels 1 to {count} once")
-    order = np.argsort(channel)
+    (_, numbers), *others = columns_of(lines).items()
+    order = np.argsort(_channels(numbers))
     named = {start: values for start in names for name, values in others if name.startswith(start)}
     missing = [name for name in names if name not in named]
     if missing:
         raise ValueError(f"expected a column that starts with {missing[0]}")
-    return [array(name, named[name], (count,))[order] for name in names]
+    return [array(name, named[name], (len(order),))[order] for name in names]
 
 
 def _model(elevations: Floats, azimuths: Floats) -> Model:

@@ -45,9 +45,8 @@ MARGIN = 2.0
 """Tolerance for the field of view of a file, degrees; ten thousand rows are within 1."""
 
 
-def recognise(path: Path, text: str) -> bool:
+def recognise(_path: Path, text: str) -> bool:
     """Return whether `text` is the head of a Livox scan pattern CSV."""
-    del path
     return re.match(r"Time/s\s*,\s*Azimuth/deg\s*,\s*Zenith/deg\s", text, re.IGNORECASE) is not None
 
 

@@ -54,9 +54,8 @@ LOW_DATA_RATE_STEP = 0.008
 LIDAR_TO_SENSOR = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]
 
 
-def recognise(path: Path, text: str) -> bool:
+def recognise(_path: Path, text: str) -> bool:
     """Return whether `text` is the head of an Ouster metadata JSON."""
-    del path
     keys = r'"(beam_altitude_angles|beam_azimuth_angles|beam_intrinsics|lidar_origin_to_beam_origin_mm)"'
     return text.lstrip().startswith("{") and re.search(keys, text) is not None
 

@@ -43,9 +43,8 @@ MODELS = {
 """Models by the number of lines and of values per line."""
 
 
-def recognise(path: Path, text: str) -> bool:
+def recognise(_path: Path, text: str) -> bool:
     """Return whether `text` is the head of a RoboSense angle CSV."""
-    del path
     number = r"[ \t]*-?\d+(\.\d+)?[ \t]*"
     return re.fullmatch(rf"({number}(\r?\n|$)){{16}}|({number},{number}(\r?\n|$)){{32}}", text) is not None
 

@@ -59,9 +59,8 @@ MODELS = {
 }
 
 
-def recognise(path: Path, text: str) -> bool:
+def recognise(_path: Path, text: str) -> bool:
     """Return whether `text` is the head of a Velodyne calibration YAML."""
-    del path
     return re.search(r"^lasers\s*:", text, re.MULTILINE) is not None and "vert_correction" in text
 
 
