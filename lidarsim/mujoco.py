@@ -105,7 +105,7 @@ class World(Pickled):
             report(path, left_out)
         elif not isinstance(model, module.MjModel):
             raise ArgumentTypeError("model", "a mujoco.MjModel or the path of a file", shown(model))
-        data = mjcf.placed(model, keyframe)
+        data = mjcf.place_bodies(model, keyframe)
         self.model = model
         options = Options.checked(None, None, rules, reflectivity)
         geoms, found = mjcf.objects(model, data, Path(), options, groups)

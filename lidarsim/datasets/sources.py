@@ -19,7 +19,7 @@ from lidarsim.config.document import Node, entries, folder_of, read
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import raster
 from lidarsim.io.scenes import mjcf
-from lidarsim.io.scenes._mjcf import closed
+from lidarsim.io.scenes._mjcf import collect
 from lidarsim.io.scenes.mesh_files import file_name, map_kd
 from lidarsim.io.trajectories.nuscenes import TABLES
 
@@ -139,7 +139,7 @@ def _named_in(path: Path) -> list[Path]:
             names = [name.decode().strip() for name in re.findall(rb"<(?:init_from|ref)>([^<]+)<", file.read())]
         elif mjcf.recognise(path):
             with noting_reads() as found:
-                closed(path)
+                collect(path)
         elif file.read(4) not in raster.TIFF:  # a grid may have any suffix
             names = [quote(place.name) for place in raster.projections(path)]
     for name in names:

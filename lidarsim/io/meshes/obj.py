@@ -52,7 +52,7 @@ def contents(path: Path) -> Contents:
     states: dict[tuple[str, ...], int] = {}
     state_of: list[int] = []
     state = -1
-    for number, text in _continued(lines) if any(text.endswith("\\") for text in lines.texts) else lines:
+    for number, text in _join_continued(lines) if any(text.endswith("\\") for text in lines.texts) else lines:
         word, _, rest = text.replace("\t", " ", 1).partition(" ")
         if word == "v":
             vertices.append(number, rest)
@@ -100,7 +100,7 @@ def _corners(faces: Lines, vertices: int, before: Indices) -> tuple[Indices, Ind
     return corners, sizes
 
 
-def _continued(lines: Lines) -> Lines:
+def _join_continued(lines: Lines) -> Lines:
     """Join continued lines: any line but a comment continues after a backslash at its end."""
     whole = Lines()
     begun = ""

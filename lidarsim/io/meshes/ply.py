@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,24 +19,11 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes._lines import Indices, Lines, floats, lines_of, polygons
+from lidarsim.io.ply import ORDERS, TYPES, Order
 from lidarsim.world.shapes._polygons import of_strips
 from lidarsim.world.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
-_CODES = {
-    "i1": ("char", "int8"),
-    "u1": ("uchar", "uint8"),
-    "i2": ("short", "int16"),
-    "u2": ("ushort", "uint16"),
-    "i4": ("int", "int32"),
-    "u4": ("uint", "uint32"),
-    "i8": ("int64",),
-    "u8": ("uint64",),
-    "f4": ("float", "float32"),
-    "f8": ("double", "float64"),
-}
-_TYPES = {name: np.dtype(code) for code, names in _CODES.items() for name in names}
-Order = Literal["", "<", ">"]
-_ORDERS: dict[str, Order] = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_TYPES = {name: np.dtype(code) for name, code in {**TYPES, "int64": "i8", "uint64": "u8"}.items()}
 _INDICES = ("vertex_indices", "vertex_index")
 _COLORS = ("red", "green", "blue")
 
@@ -75,7 +62,10 @@ def read(path: Path) -> MeshFile:
     """Read a file."""
     data = path.read_bytes()
     order, elements, start, line = _header(data)
-    values = _text(data[start:], line, elements) if not order else _binary(memoryview(data)[start:], order, elements)
+    if order == ORDERS["ascii"]:
+        values = _text(data[start:], line, elements)
+    else:
+        values = _binary(memoryview(data)[start:], order, elements)
     vertices = np.empty((0, 3))
     colors = None
     corners, sizes = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
@@ -95,7 +85,7 @@ def read(path: Path) -> MeshFile:
 
 
 def _header(data: bytes) -> tuple[Order, list[_Element], int, int]:
-    """Return the byte order ("" for text), the elements, and the first byte and line after the header."""
+    """Return the byte order ("=" for text), the elements, and the first byte and line after the header."""
     mark = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     if mark is None:
         raise FileFormatError("it does not begin with the line 'ply'")
@@ -116,8 +106,8 @@ def _header(data: bytes) -> tuple[Order, list[_Element], int, int]:
                 return order, elements, start, number + 1
             case [] | ["comment" | "obj_info", *_]:
                 pass
-            case ["format", name, "1.0"] if name in _ORDERS:
-                order = _ORDERS[name]
+            case ["format", name, "1.0"] if name in ORDERS:
+                order = ORDERS[name]
             case ["element", name, count] if count.isascii() and count.isdigit() and len(count) < 19:
                 elements.append(_Element(name, int(count)))
             case ["property", "list", count, kind, name] if elements and {count, kind} <= _TYPES.keys():
@@ -206,8 +196,8 @@ def _binary(data: memoryview, order: Order, elements: list[_Element]) -> list[_V
     values = []
     for element in elements:
         for prop in element.properties:
-            prop.dtype = prop.dtype.newbyteorder(order or "=")
-            prop.count = prop.count and prop.count.newbyteorder(order or "=")
+            prop.dtype = prop.dtype.newbyteorder(order)
+            prop.count = prop.count and prop.count.newbyteorder(order)
         found, size = _binary_rows(data, element) or _binary_lists(data, element)
         values.append(found)
         data = data[size:]

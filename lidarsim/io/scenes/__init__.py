@@ -9,7 +9,7 @@ from typing import Literal
 
 from lidarsim.io.meshes import SUFFIXES
 from lidarsim.io.scenes import mjcf
-from lidarsim.io.scenes._build import Imported, Reader, imported, mesh_of, scene_of
+from lidarsim.io.scenes._build import Imported, Reader, import_file, mesh_of, scene_of
 from lidarsim.io.scenes.others import CONVERTERS
 from lidarsim.world.rules import Appearance, Options, Rule
 from lidarsim.world.scene import Scene, register_scene_reader
@@ -57,8 +57,8 @@ class Load:
     def __call__(self, path: Path) -> Imported:
         """Read a file."""
         if mjcf.recognise(path):
-            return mjcf.imported(path, self.options)
-        return imported(path, _reader(path), self.options)
+            return mjcf.import_file(path, self.options)
+        return import_file(path, _reader(path), self.options)
 
 
 def _read_mesh(path: Path) -> MeshFile:

@@ -17,24 +17,16 @@ WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 
 
 class Sampler(NamedTuple):
-    """Values at times, and how to interpolate between them.
-
-    Parameters
-    ----------
-    times : ndarray of float64, shape (k,)
-        Ascending, s.
-    values : ndarray of float64, shape (k, w), or (k, 3, w)
-        The values; for cubic splines each with its in-tangent before it and its out-tangent after it.
-    interpolation : str
-        "LINEAR", "STEP" or "CUBICSPLINE".
-    turns : bool
-        Whether the values are quaternions, between which LINEAR is spherical.
-    """
+    """Values at times, and how to interpolate between them."""
 
     times: Floats
+    """Ascending, s, shape (k,)."""
     values: Floats
+    """Shape (k, w), or (k, 3, w) for cubic splines: each with its in-tangent before it and its out-tangent after it."""
     interpolation: str
+    """One of LINEAR, STEP and CUBICSPLINE."""
     turns: bool
+    """Whether the values are quaternions, between which LINEAR is spherical."""
 
     def at(self, time: float) -> Floats:
         """Return the value at a time, shape (w,): before the first time the first, after the last the last."""

@@ -64,21 +64,13 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Moved(Immutable):
-    """The objects of a scene that the animations of its file move.
-
-    Parameters
-    ----------
-    figure : Figure
-        The nodes of the file.
-    upright : ndarray of float64, shape (4, 4)
-        From the units and axes of the file to metres and z up.
-    sources : mapping of int to Source
-        By the id of the object.
-    """
+    """The objects of a scene that the animations of its file move."""
 
     figure: Figure
     upright: Floats
+    """From the units and axes of the file to metres and z up, shape (4, 4)."""
     sources: Mapping[int, Source]
+    """By the id of the object."""
 
     @property
     def durations(self) -> dict[str, float]:
@@ -140,14 +132,8 @@ UNTOUCHED = Rule()
 """What applies to a part that no rule matches."""
 
 
-def imported(path: Path, read: Reader, options: Options) -> Imported:
-    """Return what a file holds.
-
-    Raises
-    ------
-    FileFormatError, MissingExtraError
-        If the file cannot be read, or its objects are none.
-    """
+def import_file(path: Path, read: Reader, options: Options) -> Imported:
+    """Return what a file holds: at least one object, unless rules leave all out."""
     check_regular(path)
     with reading_as(path, "a scene"):
         result = _built(path, read(path), options)
@@ -163,7 +149,7 @@ def report(path: Path, left_out: list[str]) -> None:
 
 def scene_of(path: Path, read: Reader, options: Options) -> Scene:
     """Return the scene that a file holds."""
-    return scene_with(imported(path, read, options))
+    return scene_with(import_file(path, read, options))
 
 
 def scene_with(found: Imported) -> Scene:
@@ -202,7 +188,7 @@ def mesh_of(read: Reader, path: Path) -> MeshFile:
             faces = triangulated(part.vertices, part.corners, part.sizes)[0]
             if np.linalg.det(transform[:3, :3]) < 0:  # a reflection, which would turn the surface inside out
                 faces = faces[:, ::-1]
-            vertices.append(_moved(part.vertices, transform))
+            vertices.append(_move(part.vertices, transform))
             corners.append(faces.ravel() + count)
             count += len(part.vertices)
     joined = np.concatenate(corners)
@@ -217,7 +203,7 @@ def _upright(file: SceneFile, options: Options) -> Floats:
     return matrix
 
 
-def _moved(points: Floats, transform: Floats) -> Floats:
+def _move(points: Floats, transform: Floats) -> Floats:
     """Return points at their place; they are not changed at all by the identity."""
     if np.array_equal(transform, IDENTITY):
         return points
@@ -246,7 +232,7 @@ def _built(path: Path, file: SceneFile, options: Options) -> Imported:
                 continue
             if not len(meshes.cuts(part)):
                 continue
-            shape, place = meshes.placed(part, transform)
+            shape, place = meshes.place(part, transform)
             source = None
             if file.figure is not None and file.figure.moves(node.key[0], part.bend):
                 source = Source(node.key[0], node.copy, meshes.mesh(part), part.bend)
@@ -283,7 +269,7 @@ def _set_at(mesh: TriangleMesh, transform: Floats) -> tuple[TriangleMesh, Floats
     try:
         mesh._native.transformed(placement(transform))
     except ValueError:
-        return TriangleMesh(_moved(mesh.vertices, transform), mesh.faces), None
+        return TriangleMesh(_move(mesh.vertices, transform), mesh.faces), None
     return mesh, transform
 
 
@@ -313,7 +299,7 @@ class _Meshes:
             self._shapes[part] = TriangleMesh(part.vertices, part.corners[self.cuts(part)])
         return self._shapes[part]
 
-    def placed(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
+    def place(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
         """Return the mesh of a part and its transform."""
         return _set_at(self.mesh(part), transform)
 
@@ -341,7 +327,7 @@ class _Meshes:
                 return Material(reflectivity=float(color @ LUMINANCE))
             return Material(reflectivity=np.clip(color * colors, 0.0, 1.0) @ LUMINANCE, per="vertex")
         if colors is not None:
-            texels = self._textures.sampled(paint.picture, mean_of_corners(part.corners, paint.uv))
+            texels = self._textures.sample(paint.picture, mean_of_corners(part.corners, paint.uv))
             return Material(reflectivity=np.clip(color * colors * texels, 0.0, 1.0) @ LUMINANCE, per="vertex")
         texture = self._textures.texture(paint.picture, color)
         return Material(reflectivity=texture, texture_coordinates=paint.uv[self.cuts(part)])

@@ -14,7 +14,7 @@ from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
 from lidarsim.io.scenes._animation import WIDTHS, Animation, Figure, Pose, Sampler, rotations
-from lidarsim.io.scenes._gltf_data import Data, at
+from lidarsim.io.scenes._gltf_data import Data, at, check_finite
 from lidarsim.io.scenes._model import affine
 
 
@@ -64,10 +64,7 @@ def _sampler(
         key = accessor, name
         if key not in samples:
             values = data.numbers(accessor, f"{where}.{name}", kinds)
-            wrong = np.argwhere(~np.isfinite(values))
-            if len(wrong):
-                i, j = wrong[0]
-                raise FileFormatError(f"{where}.{name}[{i}]: expected finite numbers, got {values[i, j]}")
+            check_finite(values, f"{where}.{name}")
             samples[key] = values
         return samples[key]
 

@@ -37,22 +37,7 @@ MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 
 class Data:
-    """The data of a document.
-
-    Parameters
-    ----------
-    path : Path
-        The file, beside or below which its buffers are.
-    document : Document
-        The document.
-    binary : bytes or memoryview, optional
-        Binary chunk of a GLB.
-
-    Attributes
-    ----------
-    expansion : Expansion
-        What has been made of the document.
-    """
+    """The data of a document: in files beside or below its own, `path`, or in the binary chunk of a GLB."""
 
     def __init__(self, path: Path, document: gltf.Document, binary: bytes | memoryview | None) -> None:
         self._path = path
@@ -86,9 +71,7 @@ class Data:
             try:
                 content = beside(self._path, uri).read_bytes()
             except (FileFormatError, OSError) as error:
-                raise FileFormatError(
-                    f"{where}.uri: {error.strerror or error if isinstance(error, OSError) else error}"
-                ) from None
+                raise FileFormatError(f"{where}.uri: {getattr(error, 'strerror', None) or error}") from None
             self.expansion.size += len(content)
             return content
         head, comma, text = uri.partition(",")
@@ -120,23 +103,10 @@ class Data:
         return buffer[view.byte_offset : end]
 
     def accessor(self, index: int, where: str, kinds: Collection[str], dtypes: str) -> npt.NDArray[Any]:
-        """Return the numbers of an accessor as they are stored.
+        """Return the numbers of an accessor as they are stored, read-only, shape (count, width).
 
-        Parameters
-        ----------
-        index : int
-            Number of the accessor.
-        where : str
-            Place of the index, for errors.
-        kinds : collection of str
-            Types that are expected, such as "VEC3".
-        dtypes : str
-            Kinds of numbers that are expected, as NumPy's: "f" floating-point, "i" signed, "u" unsigned integers.
-
-        Returns
-        -------
-        ndarray, shape (count, width)
-            Read-only.
+        `where` is the place of its index, for errors. Expected are its types, such as "VEC3", in `kinds`, and the kinds
+        of its numbers in `dtypes`, as NumPy's: "f" floating-point, "i" signed, "u" unsigned integers.
         """
         accessor = at(self._document.accessors, index, where)
         name = f"accessors[{index}]"
@@ -146,9 +116,9 @@ class Data:
         if dtype.kind not in dtypes:
             raise FileFormatError(f"{name}.componentType: {accessor.component_type} is none of {where}")
         if index not in self._accessors:
-            values = self._stored(accessor, name, dtype)
+            values = self._load(accessor, name, dtype)
             if accessor.sparse is not None:
-                values = self._replaced(values, accessor.sparse, f"{name}.sparse")
+                values = self._replace(values, accessor.sparse, f"{name}.sparse")
             values.setflags(write=False)
             self.expansion.take(values.nbytes)
             self._accessors[index] = values
@@ -164,7 +134,7 @@ class Data:
             self._numbers[index] = values
         return self._numbers[index]
 
-    def _stored(self, accessor: gltf.Accessor, name: str, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    def _load(self, accessor: gltf.Accessor, name: str, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
         width = WIDTHS[accessor.type]
         if accessor.buffer_view is None:
             if accessor.count > MOST_ZEROS:
@@ -175,7 +145,7 @@ class Data:
         stride = self._document.buffer_views[accessor.buffer_view].byte_stride
         return _table(view, accessor.byte_offset, (accessor.count, width), dtype, name, stride=stride)
 
-    def _replaced(self, values: npt.NDArray[Any], sparse: gltf.Sparse, name: str) -> npt.NDArray[Any]:
+    def _replace(self, values: npt.NDArray[Any], sparse: gltf.Sparse, name: str) -> npt.NDArray[Any]:
         """Return the values with some replaced."""
         if sparse.count > len(values):
             raise FileFormatError(f"{name}.count: expected at most {len(values):,}, got {sparse.count:,}")
@@ -200,6 +170,14 @@ def at(items: Sequence[T], index: int, where: str) -> T:
     if index >= len(items):
         raise FileFormatError(f"{where}: expected an index below {len(items)}, got {index}")
     return items[index]
+
+
+def check_finite(values: npt.NDArray[Any], where: str) -> None:
+    """Raise an error at the first number of rows that is not finite."""
+    wrong = np.argwhere(~np.isfinite(values))
+    if len(wrong):
+        i, j = wrong[0]
+        raise FileFormatError(f"{where}[{i}]: expected finite numbers, got {values[i, j]}")
 
 
 def real(stored: npt.NDArray[Any], *, normalized: bool) -> Floats:

@@ -326,13 +326,7 @@ class Document(Model):
 
 
 def parse(data: bytes) -> Document:
-    """Return the document in JSON.
-
-    Raises
-    ------
-    FileFormatError
-        If it is no JSON or not such a document; the message names the path of the first offender.
-    """
+    """Return the document in JSON; errors name the path of the first offender."""
     try:
         return Document.model_validate_json(data.removeprefix(b"\xef\xbb\xbf"))
     except pydantic.ValidationError as error:

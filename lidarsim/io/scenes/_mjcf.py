@@ -105,49 +105,33 @@ class Document:
 
 @dataclass(slots=True)
 class Closed:
-    """A model with everything that it names.
-
-    Parameters
-    ----------
-    main : Path
-        The file; all others must be beside or below it.
-    xml : str
-        The model.
-    assets : dict of str to bytes
-        The files that it names.
-    names : dict of str to str
-        How the original documents call each of them.
-    models : dict of Path to Document
-        The models that it attaches.
-    written : int
-        Number of elements in all documents.
-    unseen : int
-        Number of links of a URDF that have visuals and no collision, of which MuJoCo keeps nothing.
-    contents : dict of Path to bytes
-        What the files of geometry hold, read once.
-    repeated : dict of str to int
-        Numbers of each name of a file that other elements name as well, and of each image beyond what its bytes allow.
-    pixels, vertices : int
-        Most pixels of a camera, and most vertices of a mesh.
-    keys : int
-        Number of keyframes.
-    each : int
-        Numbers that each element of a kind may have: user data, and those of defaults.
-    """
+    """A model with everything that it names."""
 
     main: Path
+    """The file; all others must be beside or below it."""
     xml: str = ""
     assets: dict[str, bytes] = field(default_factory=dict)
+    """The files that it names."""
     names: dict[str, str] = field(default_factory=dict)
+    """How the original documents call each of them."""
     models: dict[Path, Document] = field(default_factory=dict)
+    """The models that it attaches."""
     written: int = 0
+    """Number of elements in all documents."""
     unseen: int = 0
+    """Number of links of a URDF that have visuals and no collision, of which MuJoCo keeps nothing."""
     contents: dict[Path, bytes] = field(default_factory=dict)
+    """What the files of geometry hold, read once."""
     repeated: dict[str, int] = field(default_factory=dict)
+    """Numbers of each name of a file that others name as well, and of each image beyond what its bytes allow."""
     pixels: int = 1
+    """Most pixels of a camera."""
     vertices: int = 0
+    """Most vertices of a mesh."""
     keys: int = 0
+    """Number of keyframes."""
     each: int = 0
+    """Numbers that each element of a kind may have: user data, and those of defaults."""
 
     def new_name(self, original: str) -> str:
         """Return a name for a file in memory, with the suffix by which MuJoCo knows the format."""
@@ -157,17 +141,8 @@ class Closed:
         return name
 
 
-def closed(path: Path) -> Closed:
-    """Return the model of a file, closed over the files that it names.
-
-    Raises
-    ------
-    FileFormatError
-        If a document is no well-formed XML without a document type, has another root element than mujoco or robot,
-        names a file that is not beside or below the main one, uses a plugin, or asks for too much.
-    OSError
-        If a file cannot be read.
-    """
+def collect(path: Path) -> Closed:
+    """Return the model of a file, closed over the files that it names, after checking all that it asks for."""
     files = Closed(path)
     main = _Model(files, path, "", ()).main
     if main.numbers + main.weight * (files.each + PER_KEY * files.keys) > NUMBERS:
@@ -189,7 +164,7 @@ def root_of(path: Path) -> str:
     return found[0] if found else ""
 
 
-def parsed(path: Path, name: str, depth: int = 0) -> Document:
+def parse(path: Path, name: str, depth: int = 0) -> Document:
     """Parse a document that stands below `depth` elements of others."""
     document, open_ = Document(path, name, []), [""] * depth
     parser = expat.ParserCreate()
@@ -253,7 +228,7 @@ class _Model:
 
     def _read(self, path: Path, folder: str, depth: int) -> Document:
         """Parse a document and those that it includes, and collect where their files are, as MuJoCo's first pass."""
-        document = parsed(path, self._files.new_name(path.name), depth)
+        document = parse(path, self._files.new_name(path.name), depth)
         self._documents[path.resolve()] = document
         self._files.written += sum(1 for _ in document.elements)
         for element in document.elements:

@@ -146,14 +146,9 @@ def affine(matrix: Floats, where: str) -> Floats:
 
 
 def mean_of_corners(corners: Indices, values: Floats) -> Floats:
-    """Return for each vertex the mean of the values that the corners of its faces have, shape (vertices, k).
+    """Return for each vertex the mean of the values, (n, k), that its corners have, shape (vertices, k).
 
-    Parameters
-    ----------
-    corners : ndarray of int64, shape (n,)
-        Vertices of the corners, each at least once.
-    values : ndarray of float64, shape (n, k)
-        Values of the corners.
+    `corners` are the vertices of the corners, (n,), each at least once.
     """
     counts = np.bincount(corners)
     total = np.zeros((len(counts), values.shape[1]))

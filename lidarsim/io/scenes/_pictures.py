@@ -32,7 +32,7 @@ class Textures:
         """Return a texture of the luminance of an image, each pixel of which is multiplied by a linear colour."""
         key = picture, color.tobytes()
         if key not in self._made:
-            pixels = self._decoded(picture)
+            pixels = self._decode(picture)
             shares = linear_light(np.arange(256) / 255.0)[:, None] * (color * LUMINANCE)
             values = np.empty(pixels.shape[:2], np.float32)
             for row, line in zip(values, pixels, strict=True):  # by rows, since float64 takes eight times the memory
@@ -40,15 +40,26 @@ class Textures:
             self._made[key] = Texture(values, wrap=picture.wrap, interpolation=picture.interpolation)
         return self._made[key]
 
-    def sampled(self, picture: Picture, uv: Floats) -> Floats:
+    def sample(self, picture: Picture, uv: Floats) -> Floats:
         """Return the linear colours of a texture at places, shape (n, 3)."""
         if picture not in self._pixels:
-            self._pixels[picture] = self._decoded(picture)
-        return _sampled(self._pixels[picture], picture, uv)
+            self._pixels[picture] = self._decode(picture)
+        pixels = self._pixels[picture]
+        height, width = pixels.shape[:2]
+        columns, right = _neighbours(uv[:, 0], width, picture.wrap[0])
+        rows, below = _neighbours(uv[:, 1], height, picture.wrap[1])
+        if picture.interpolation == "nearest":
+            right, below = (np.where(share < 0.5, 0.0, 1.0) for share in (right, below))
+        colors = np.zeros((len(uv), 3))
+        for i in (0, 1):
+            for j in (0, 1):
+                weight = (below if i else 1.0 - below) * (right if j else 1.0 - right)
+                colors += weight[:, None] * linear_light(pixels[rows[i], columns[j]] / 255.0)
+        return colors
 
-    def _decoded(self, picture: Picture) -> npt.NDArray[np.uint8]:
+    def _decode(self, picture: Picture) -> npt.NDArray[np.uint8]:
         content = picture.read()
-        pixels = _decoded(content)
+        pixels = _decode(content)
         self._count += pixels.shape[0] * pixels.shape[1]
         self._size += len(content)
         most = max(MOST_PIXELS, EXPANSION * self._size)
@@ -57,21 +68,7 @@ class Textures:
         return pixels
 
 
-def _sampled(pixels: npt.NDArray[np.uint8], picture: Picture, uv: Floats) -> Floats:
-    height, width = pixels.shape[:2]
-    columns, right = _neighbours(uv[:, 0], width, picture.wrap[0])
-    rows, below = _neighbours(uv[:, 1], height, picture.wrap[1])
-    if picture.interpolation == "nearest":
-        right, below = (np.where(share < 0.5, 0.0, 1.0) for share in (right, below))
-    colors = np.zeros((len(uv), 3))
-    for i in (0, 1):
-        for j in (0, 1):
-            weight = (below if i else 1.0 - below) * (right if j else 1.0 - right)
-            colors += weight[:, None] * linear_light(pixels[rows[i], columns[j]] / 255.0)
-    return colors
-
-
-def _decoded(content: bytes) -> npt.NDArray[np.uint8]:
+def _decode(content: bytes) -> npt.NDArray[np.uint8]:
     """Return the pixels of an image, shape (height, width, 3), after checking its size."""
     module = import_extra("PIL.Image", "formats", "reading textures")
     most = min(MOST_PIXELS, max(FEW_PIXELS, EXPANSION * len(content)))

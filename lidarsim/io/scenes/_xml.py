@@ -11,6 +11,7 @@ import numpy as np
 
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
+from lidarsim.io._records import EXPANSION, expansion_limit
 from lidarsim.io.scenes._model import Indices
 
 Element = ET.Element
@@ -32,18 +33,14 @@ def parse(data: bytes, what: str) -> Element:
     return root
 
 
-SMALL, RATIO = 1 << 26, 100
-"""A file of an archive may have that many bytes, or that many times those that it takes there: a bomb has more."""
-
-
-def unpacked(archive: zipfile.ZipFile, name: str) -> bytes:
+def unpack(archive: zipfile.ZipFile, name: str) -> bytes:
     """Return a file of an archive after checking its size."""
     try:
         info = archive.getinfo(name)
     except KeyError:
         raise FileFormatError(f"{name!a:.60}: missing in the archive") from None
-    if info.file_size > max(SMALL, RATIO * info.compress_size):
-        raise FileFormatError(f"{name!a:.60}: expected at most {RATIO} bytes for each that it takes in the archive")
+    if info.file_size > expansion_limit(info.compress_size):
+        raise FileFormatError(f"{name!a:.60}: expected at most {EXPANSION} bytes for each that it takes in the archive")
     return archive.read(info)
 
 

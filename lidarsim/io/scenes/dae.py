@@ -3,6 +3,8 @@
 Skinned meshes are read at rest. Lines, cameras, lights and physics are passed over; morphed meshes are left out.
 Base colours are the diffuse colours and textures of the common profile and the colours of vertices, all in sRGB.
 
+pycollada reads coordinates as float32, and accepts document types, truncated sources and wrong counts of corners.
+
 Format: https://www.khronos.org/files/collada_spec_1_4.pdf.
 """
 
@@ -42,7 +44,7 @@ from lidarsim.io.scenes._model import (
     affine,
     mean_of_corners,
 )
-from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpacked
+from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpack
 from lidarsim.materials import Interpolation, Wrap, linear_light
 from lidarsim.world.shapes._polygons import check_faces, of_strips, with_holes
 
@@ -64,16 +66,16 @@ def read(path: Path) -> SceneFile:
     archive = zipfile.ZipFile(BytesIO(data))
     names = [name for name in archive.namelist() if name.lower().endswith(".dae")]
     if "manifest.xml" in archive.namelist():
-        root = parse(unpacked(archive, "manifest.xml"), "manifest.xml").findtext("{*}dae_root")
+        root = parse(unpack(archive, "manifest.xml"), "manifest.xml").findtext("{*}dae_root")
         names = names if root is None else [root.strip()]
     if len(names) != 1:
         raise FileFormatError(f"expected one COLLADA document in the archive, got {len(names)}")
     document = names[0]
 
     def within(name: str) -> bytes:
-        return unpacked(archive, posixpath.normpath(posixpath.join(posixpath.dirname(document), unquote(name))))
+        return unpack(archive, posixpath.normpath(posixpath.join(posixpath.dirname(document), unquote(name))))
 
-    content = unpacked(archive, document)
+    content = unpack(archive, document)
     expansion.take(ELEMENT * content.count(b"<"))
     return _Reader(parse(content, "the document in the archive"), within, expansion).read()
 
@@ -131,7 +133,7 @@ class _Reader:
         scene = self._root.find("{*}scene/{*}instance_visual_scene")
         visual = self._root.find("{*}library_visual_scenes/{*}visual_scene")
         if scene is not None:
-            visual = self._referred(scene, "visual_scene")
+            visual = self._refer(scene, "visual_scene")
         tops = [] if visual is None else visual.findall("{*}node")
         visits: list[tuple[Element, Node]] = []
         stack = [_Visit(top) for top in reversed(tops)]
@@ -151,7 +153,7 @@ class _Reader:
             below = []
             for child in element:
                 if local(child) in {"node", "instance_node"}:
-                    other = child if local(child) == "node" else self._referred(child, "node")
+                    other = child if local(child) == "node" else self._refer(child, "node")
                     below.append(_Visit(other, place, names, top or key, key, depth + 1))
             stack += reversed(below)
         for element, node in visits:
@@ -165,19 +167,19 @@ class _Reader:
         for child in element:
             if local(child) == "instance_geometry":
                 parts += self._geometry(child)
-            elif local(child) == "instance_controller" and (skinned := self._skinned(child)):
+            elif local(child) == "instance_controller" and (skinned := self._skin(child)):
                 file.add(replace(node, transform=np.eye(4), parts=skinned))
         if parts:
             file.add(replace(node, parts=tuple(parts)))
 
-    def _skinned(self, instance: Element) -> tuple[Part, ...]:
+    def _skin(self, instance: Element) -> tuple[Part, ...]:
         """Return the parts of a skinned mesh at rest; none for a morphed one, which is left out."""
-        skin = self._referred(instance, "controller").find("{*}skin")
+        skin = self._refer(instance, "controller").find("{*}skin")
         geometry = None if skin is None else self._by_id.get(skin.get("source", "").removeprefix("#"))
         if skin is None or geometry is None or local(geometry) != "geometry":
             self._left_out["morphed meshes"] += 1
             return ()
-        return tuple(self._made(geometry, dict(_bound(instance)), partial(self._at_rest, skin, instance)))
+        return tuple(self._parts_of(geometry, dict(_materials_of(instance)), partial(self._at_rest, skin, instance)))
 
     def _at_rest(self, skin: Element, instance: Element, vertices: Floats) -> Floats:
         """Return the vertices of a skinned mesh in the scene: the mean of their places by their joints, by weight.
@@ -189,7 +191,7 @@ class _Reader:
         joints, weights = skin.find("{*}joints"), skin.find("{*}vertex_weights")
         if joints is None or weights is None:
             raise FileFormatError(f"{where}: expected joints and vertex_weights")
-        sources = {found.get("semantic"): self._referred(found, "source", "source", skin) for found in joints}
+        sources = {found.get("semantic"): self._refer(found, "source", "source", skin) for found in joints}
         if not {"JOINT", "INV_BIND_MATRIX"} <= sources.keys():
             raise FileFormatError(f"{where}: expected JOINT and INV_BIND_MATRIX of its joints")
         names = "".join(sources["JOINT"].itertext()).split()
@@ -211,7 +213,7 @@ class _Reader:
             raise FileFormatError(f"{where}: expected {len(vertices)} counts and indices for each, got {got}")
         rows = rows.reshape(-1, stride)
         chosen = rows[:, offsets["JOINT"]]
-        shares = self._source(self._referred(inputs["WEIGHT"], "source", "source", skin), 1)[:, 0]
+        shares = self._source(self._refer(inputs["WEIGHT"], "source", "source", skin), 1)[:, 0]
         if len(rows) and (chosen.max() >= len(names) or rows[:, offsets["WEIGHT"]].max() >= len(shares)):
             raise FileFormatError(f"{where}: expected joints below {len(names)} and weights below {len(shares)}")
         share = shares[rows[:, offsets["WEIGHT"]]]
@@ -238,7 +240,7 @@ class _Reader:
                         return self._places[node]
         raise FileFormatError(f"joint {name!a:.60}: expected a node of the scene")
 
-    def _referred(self, element: Element, kind: str, attribute: str = "url", within: Element | None = None) -> Element:
+    def _refer(self, element: Element, kind: str, attribute: str = "url", within: Element | None = None) -> Element:
         """Return the element of a kind that an element refers to by ``#id``.
 
         Some programs give the data of each geometry the same ids: those below `within`, if given, come first.
@@ -254,14 +256,14 @@ class _Reader:
 
     def _geometry(self, instance: Element) -> tuple[Part, ...]:
         """Return the parts of a geometry, with the materials that an instance gives its symbols."""
-        geometry = self._referred(instance, "geometry")
-        bound = _bound(instance)
+        geometry = self._refer(instance, "geometry")
+        bound = _materials_of(instance)
         key = id(geometry), bound
         if key not in self._parts:
-            self._parts[key] = tuple(self._made(geometry, dict(bound), np.asarray))
+            self._parts[key] = tuple(self._parts_of(geometry, dict(bound), np.asarray))
         return self._parts[key]
 
-    def _made(self, geometry: Element, bound: dict[str, str], move: Callable[[Floats], Floats]) -> Iterator[Part]:
+    def _parts_of(self, geometry: Element, bound: dict[str, str], move: Callable[[Floats], Floats]) -> Iterator[Part]:
         """Yield the parts of a geometry, whose vertices are moved."""
         mesh = geometry.find("{*}mesh")
         name = f"geometry {geometry.get('id', '')!a:.60}"
@@ -275,19 +277,20 @@ class _Reader:
             if kind not in FACES:
                 continue
             where = f"{name}, {kind}"
-            inputs = {
-                source.get("semantic", ""): (source, int(integers(source.get("offset", "0"), f"{where}, offset")[0]))
-                for source in reversed(element.findall("{*}input"))  # of several texture coordinates, the first
-            }
-            offsets = [integers(source.get("offset", "0"), where)[0] for source in element.iterfind("{*}input")]
-            stride = int(max(offsets, default=0)) + 1
+            sources = [
+                (source, int(integers(source.get("offset", "0"), f"{where}, offset")[0]))
+                for source in element.iterfind("{*}input")
+            ]
+            stride = max((offset for _, offset in sources), default=0) + 1
+            # Of several texture coordinates, the first.
+            inputs = {source.get("semantic", ""): (source, offset) for source, offset in reversed(sources)}
             if "VERTEX" not in inputs:
                 raise FileFormatError(f"{where}: expected an input VERTEX")
             source, offset = inputs["VERTEX"]
-            vertices = move(self._positions(self._referred(source, "vertices", "source", mesh), mesh))
+            vertices = move(self._positions(self._refer(source, "vertices", "source", mesh), mesh))
             faces = _faces(element, kind, stride, where)
             for polygon in element.iterfind("{*}ph"):
-                faces = faces.joined(_holed(polygon, stride, vertices, offset, where))
+                faces = faces.joined(_triangulate(polygon, stride, vertices, offset, where))
             corners = faces.indices[:, offset]
             try:
                 check_faces(vertices, corners, faces.sizes)
@@ -306,7 +309,7 @@ class _Reader:
         """Return the positions of the vertices of a mesh, shape (n, 3)."""
         for source in vertices.iterfind("{*}input"):
             if source.get("semantic") == "POSITION":
-                return self._source(self._referred(source, "source", "source", mesh), 3)
+                return self._source(self._refer(source, "source", "source", mesh), 3)
         raise FileFormatError(f"vertices {vertices.get('id', '')!a:.60}: expected an input POSITION")
 
     def _source(self, source: Element, width: int) -> Floats:
@@ -347,7 +350,7 @@ class _Reader:
             if semantic not in inputs:
                 return None
             source, offset = inputs[semantic]
-            values = self._source(self._referred(source, "source", "source", mesh), width)
+            values = self._source(self._refer(source, "source", "source", mesh), width)
             indices = rows[:, offset]
             if len(indices) and indices.max() >= len(values):
                 raise FileFormatError(f"{where}: expected {semantic} below {len(values)}, got {indices.max()}")
@@ -368,7 +371,7 @@ class _Reader:
         effect = None if material is None else material.find("{*}instance_effect")
         if effect is None:
             return white, None
-        profile = self._referred(effect, "effect").find("{*}profile_COMMON")
+        profile = self._refer(effect, "effect").find("{*}profile_COMMON")
         diffuse = None if profile is None else profile.find("{*}technique/*/{*}diffuse")
         if profile is None or diffuse is None:
             return white, None
@@ -408,15 +411,15 @@ def _ids(top: Element) -> dict[str, Element]:
 def _sampling(sampler: Element | None) -> tuple[tuple[Wrap, Wrap], Interpolation]:
     """Return what a texture is beyond its edges along u and v, and between its pixels."""
 
-    def told(name: str) -> str:
+    def text_of(name: str) -> str:
         return "" if sampler is None else (sampler.findtext(f"{{*}}{name}") or "").strip()
 
-    nearest = (told("magfilter") or told("minfilter")).startswith("NEAREST")
-    wrap = WRAPS.get(told("wrap_s"), "repeat"), WRAPS.get(told("wrap_t"), "repeat")
+    nearest = (text_of("magfilter") or text_of("minfilter")).startswith("NEAREST")
+    wrap = WRAPS.get(text_of("wrap_s"), "repeat"), WRAPS.get(text_of("wrap_t"), "repeat")
     return wrap, "nearest" if nearest else "linear"
 
 
-def _bound(instance: Element) -> tuple[tuple[str, str], ...]:
+def _materials_of(instance: Element) -> tuple[tuple[str, str], ...]:
     """Return the materials that an instance gives its symbols."""
     return tuple(
         (material.get("symbol", ""), material.get("target", ""))
@@ -452,7 +455,7 @@ def _faces(element: Element, kind: str, stride: int, where: str) -> _Faces:
     return _Faces(joined, sizes)
 
 
-def _holed(polygon: Element, stride: int, vertices: Floats, offset: int, where: str) -> _Faces:
+def _triangulate(polygon: Element, stride: int, vertices: Floats, offset: int, where: str) -> _Faces:
     """Return the triangles of a polygon with holes."""
     rings = [integers(ring.text, where) for ring in (*polygon.findall("{*}p"), *polygon.findall("{*}h"))]
     if any(len(ring) % stride or len(ring) < 3 * stride for ring in rings) or len(polygon.findall("{*}p")) != 1:
@@ -469,13 +472,10 @@ def _holed(polygon: Element, stride: int, vertices: Floats, offset: int, where: 
 
 def _of_fans(lengths: Indices) -> tuple[Indices, Indices]:
     """Return the triangles of fans as faces, and their sizes."""
-    starts = np.cumsum(lengths) - lengths
-    triangles = [np.empty((0, 3), np.int64)]
-    for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
-        step = start + np.arange(1, max(length - 1, 1))
-        triangles.append(np.stack([np.full(len(step), start), step, step + 1], axis=1))
-    joined = np.concatenate(triangles)
-    return joined.ravel(), np.full(len(joined), 3)
+    counts = np.maximum(lengths - 2, 0)
+    first = np.repeat(np.cumsum(lengths) - lengths, counts)
+    step = first + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
+    return np.stack([first, step, step + 1], axis=1).ravel(), np.full(len(first), 3)
 
 
 def _local(node: Element, where: str) -> Floats:

@@ -27,7 +27,7 @@ from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
 from lidarsim.io.scenes._animation import Bend, Pose, Skin, rotations, total_of
 from lidarsim.io.scenes._gltf_animation import animations_of, figure_of, local_of, weights_animated
-from lidarsim.io.scenes._gltf_data import Data, at, real
+from lidarsim.io.scenes._gltf_data import Data, at, check_finite, real
 from lidarsim.io.scenes._model import MOST_DEPTH, OBJECT, Indices, Names, Node, Paint, Part, Picture, SceneFile
 from lidarsim.materials import Wrap
 from lidarsim.world.shapes._polygons import of_strips
@@ -52,13 +52,13 @@ NEAREST = {9728, 9984, 9986}
 
 def read(path: Path) -> SceneFile:
     """Read a file."""
-    document, binary = _opened(path.read_bytes())
+    document, binary = _open(path.read_bytes())
     reader = _Reader(path, document, binary)
     reader.read()
     return reader.file
 
 
-def _opened(data: bytes) -> tuple[gltf.Document, memoryview | None]:
+def _open(data: bytes) -> tuple[gltf.Document, memoryview | None]:
     """Return the document and the binary chunk of a file, after checking versions and extensions."""
     binary = None
     if data.startswith(b"glTF"):
@@ -217,7 +217,7 @@ class _Reader:
         count = counts.pop()
         self._data.expansion.take(OBJECT * count)
         for name, values in found.items():
-            _check_finite(values, f"{where}.{name}")
+            check_finite(values, f"{where}.{name}")
         turns = rotations(found.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), where)
         placed = np.tile(np.eye(4), (count, 1, 1))
         placed[:, :3, :3] = turns * found.get("SCALE", np.ones((count, 3)))[:, None, :]
@@ -257,7 +257,7 @@ class _Reader:
         inverse = self._data.numbers(skin.inverse_bind_matrices, name, ["MAT4"], "f")
         if len(inverse) < len(joints):
             raise FileFormatError(f"{name}: expected {len(joints)}, one a joint, got {len(inverse)}")
-        _check_finite(inverse, name)
+        check_finite(inverse, name)
         columns = inverse[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)  # stored column by column
         self._skins[number] = Skin(joints, columns)
 
@@ -273,12 +273,12 @@ class _Reader:
             return None
         attribute, faces = self._attributes(primitive, where)
         vertices = attribute("POSITION", ["VEC3"])
-        _check_finite(vertices, f"{where}.attributes.POSITION")
+        check_finite(vertices, f"{where}.attributes.POSITION")
         bend = self._bend(vertices, primitive, where, attribute, weights=weights, index=index)
         if bend is not None:
             vertices = bend.at(self._rest)
             if bend.skin is not None:
-                _check_finite(vertices, f"{where}, moved by its skin")
+                check_finite(vertices, f"{where}, moved by its skin")
         indices = self._indices(primitive, where, len(vertices), faces)
         triangles = _triangles(primitive.mode if faces is None else TRIANGLES, indices, where)
         corners = triangles.ravel()
@@ -322,7 +322,7 @@ class _Reader:
             found["COLOR_0"] = attribute("COLOR_0", ["VEC3", "VEC4"])[:, :3]
         for name, values in found.items():
             if values is not None:
-                _check_finite(values, f"{where}.attributes.{name}")
+                check_finite(values, f"{where}.attributes.{name}")
                 if len(values) != len(used):
                     raise FileFormatError(f"{where}.attributes.{name}: expected {len(used)}, got {len(values)}")
                 found[name] = values[used]
@@ -334,7 +334,7 @@ class _Reader:
         draco = primitive.extensions.draco
         decoded: Any = None
         if draco is not None and self._needs_draco(primitive):
-            decoded = self._decoded(draco, where)
+            decoded = self._decode(draco, where)
 
         def attribute(name: str, kinds: Sequence[str], dtypes: str = "fiu") -> Any:
             index = primitive.attributes[name]
@@ -359,7 +359,7 @@ class _Reader:
         stored = [at(self._document.accessors, place, "accessors") for place in places]
         return any(accessor.buffer_view is None and accessor.sparse is None for accessor in stored)
 
-    def _decoded(self, draco: gltf.Draco, where: str) -> Any:
+    def _decode(self, draco: gltf.Draco, where: str) -> Any:
         """Return what DracoPy decodes."""
         name = f"{where}.extensions.{DRACO}"
         module = import_extra("DracoPy", "formats", f"{self._path}: {DRACO}")
@@ -428,7 +428,7 @@ class _Reader:
         if "POSITION" not in target:
             return None
         moves = self._data.numbers(target["POSITION"], where, ["VEC3"])
-        _check_finite(moves, where)
+        check_finite(moves, where)
         if len(moves) != vertices:
             raise FileFormatError(f"{where}: expected {vertices}, one a vertex, got {len(moves)}")
         return moves
@@ -505,7 +505,7 @@ def _influences(
         if joints.shape != weights.shape or len(joints) != vertices:
             got = f"{len(joints)} and {len(weights)}"
             raise FileFormatError(f"{where}.attributes: expected {vertices} {names[0]} and {names[1]}, got {got}")
-        _check_finite(weights, f"{where}.attributes.{names[1]}")
+        check_finite(weights, f"{where}.attributes.{names[1]}")
         wrong = np.argwhere((joints >= joints_of_skin) & (weights != 0.0))
         if len(wrong):
             i, j = wrong[0]
@@ -536,10 +536,3 @@ def _uv(texture: gltf.TextureInfo, primitive: gltf.Primitive, attribute: Callabl
     cos, sin = np.cos(change.rotation), np.sin(change.rotation)
     turned: Floats = uv * change.scale @ np.array([[cos, -sin], [sin, cos]]) + change.offset
     return turned
-
-
-def _check_finite(values: npt.NDArray[Any], where: str) -> None:
-    finite = np.isfinite(values)
-    if not finite.all():
-        i, j = np.argwhere(~finite)[0]
-        raise FileFormatError(f"{where}[{i}]: expected finite numbers, got {values[i, j]}")

@@ -34,7 +34,7 @@ def read(path: Path) -> SceneFile:
     """Read a file."""
     if path.suffix.lower() != ".obj":
         mesh = read_mesh(path)
-        return _nodes(mesh, path.name, painter=_ColorsPaint(path, mesh.colors) if mesh.colors else None)
+        return _nodes(mesh, path.name, painter=_vertex_painter(path, mesh.colors) if mesh.colors else None)
     contents = obj.contents(path)
     return _nodes(contents.mesh, path.name, contents.materials, _ObjPaint(path, contents))
 
@@ -84,16 +84,15 @@ class _Material(NamedTuple):
     picture: Picture | None
 
 
-class _ColorsPaint:
-    """The colours of the vertices of a mesh, which are computed once they are asked for."""
+def _vertex_painter(path: Path, encoded: Callable[[], Floats]) -> Painter:
+    """Return the painter of a mesh whose vertices have colours, which are computed once they are asked for."""
+    linear = cache(lambda: _linear(path, encoded()))
 
-    def __init__(self, path: Path, colors: Callable[[], Floats]) -> None:
-        self._colors = cache(lambda: _linear(path, colors()))
-
-    def __call__(self, _number: int, used: Indices, _chosen: Chosen) -> Paint:
-        """Return the colours of a part, of which `used` are the vertices."""
-        colors = self._colors()
+    def paint(_number: int, used: Indices, _chosen: Chosen) -> Paint:
+        colors = linear()
         return Paint(np.ones(3), None if colors is None else colors[used])
+
+    return paint
 
 
 def _linear(path: Path, encoded: Floats) -> Floats | None:
@@ -119,9 +118,7 @@ class _ObjPaint:
         """Return the colours of a part, of which `used` are the vertices, and `chosen` the corners."""
         name = self._contents.materials[number] if self._contents.materials else ""
         material = self._library().get(name, _Material(np.ones(3), None))
-        colors, uv = self._colors(), None
-        if material.picture is not None:
-            uv = self._uv()[chosen]
+        colors, uv = self._colors(), None if material.picture is None else self._uv()[chosen]
         return Paint(material.color, None if colors is None else colors[used], material.picture, uv)
 
     def _vertex_colors(self) -> Floats | None:
@@ -162,7 +159,7 @@ class _ObjPaint:
             try:
                 yield beside(self._path, file_name(text))
             except (FileFormatError, OSError):
-                yield from (_named(self._path, "mtllib", word) for word in text.split())
+                yield from (_find(self._path, "mtllib", word) for word in text.split())
 
     def _texture_places(self) -> Floats:
         """Return the texture coordinates of the corners of all faces, shape (k, 2); (0, 1) for those without."""
@@ -181,7 +178,7 @@ class _ObjPaint:
         return np.column_stack((uv[:, 0], 1.0 - uv[:, 1]))  # v of OBJ counts from the lower edge
 
 
-def _named(path: Path, statement: str, name: str) -> Path:
+def _find(path: Path, statement: str, name: str) -> Path:
     """Return the file that a statement in a file names; the error quotes both."""
     try:
         return beside(path, name)
@@ -218,13 +215,7 @@ NUMBER = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s+(?=\S)",
 
 
 def map_kd(value: str) -> Map:
-    """Return what a ``map_Kd`` names: an image after options of one word each, or of numbers that change nothing.
-
-    Raises
-    ------
-    FileFormatError
-        If an option moves or scales the image or changes its colours.
-    """
+    """Return what a ``map_Kd`` names: an image after options of one word each, or of numbers that change nothing."""
     clamped, rest = False, value.strip()
     while found := OPTION.match(rest):
         option, rest = found[1], rest[found.end() :]
@@ -253,4 +244,4 @@ def file_name(text: str) -> str:
 
 def _image(library: Path, name: str) -> bytes:
     """Return the bytes of the image of a ``map_Kd``."""
-    return _named(library, "map_Kd", name).read_bytes()
+    return _find(library, "map_Kd", name).read_bytes()

@@ -29,7 +29,7 @@ from lidarsim._base.files import LONGEST, PathLike, check_regular
 from lidarsim._base.validation import Floats, integer, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.scenes._build import UNTOUCHED, Imported, Placed, report, scene_with
-from lidarsim.io.scenes._mjcf import closed, root_of
+from lidarsim.io.scenes._mjcf import collect, root_of
 from lidarsim.materials import Material
 from lidarsim.world.rules import Appearance, Options, Rule
 from lidarsim.world.scene import Scene, register_scene_reader
@@ -63,19 +63,12 @@ def recognise(path: Path, _head: bytes = b"") -> bool:
 def load(path: PathLike) -> tuple[MjModel, list[str]]:
     """Return the model that an MJCF or URDF file describes, without its textures, and what MuJoCo leaves out of it.
 
-    Raises
-    ------
-    MissingExtraError
-        If mujoco is not installed.
-    FileFormatError
-        If the file names one that is not beside or below it, or MuJoCo refuses it.
-    OSError
-        If it cannot be opened.
+    It may name only files beside or below it.
     """
     mujoco, path = mujoco_module(), Path(path)
     check_regular(path)
-    files = closed(path)
-    with _warnings_logged(mujoco, path):
+    files = collect(path)
+    with _log_warnings(mujoco, path):
         try:
             model = mujoco.MjModel.from_xml_string(files.xml, files.assets)
         except Exception as error:
@@ -88,7 +81,7 @@ def load(path: PathLike) -> tuple[MjModel, list[str]]:
 
 
 @contextmanager
-def _warnings_logged(mujoco: ModuleType, path: Path) -> Iterator[None]:
+def _log_warnings(mujoco: ModuleType, path: Path) -> Iterator[None]:
     """Log warnings of MuJoCo, which else writes them to MUJOCO_LOG.TXT in the working folder.
 
     MuJoCo has one handler for all threads: they take turns, so that the last one leaves that of the program.
@@ -105,36 +98,28 @@ def _warnings_logged(mujoco: ModuleType, path: Path) -> Iterator[None]:
 
 def read(path: Path, *, rules: tuple[Rule, ...] = (), reflectivity: Appearance = None) -> Scene:
     """Read a file as documented in `lidarsim.Scene.from_file`, which checks the options."""
-    return scene_with(imported(path, Options(rules=rules, reflectivity=reflectivity)))
+    return scene_with(import_file(path, Options(rules=rules, reflectivity=reflectivity)))
 
 
-def imported(path: Path, options: Options) -> Imported:
-    """Return the objects of a file.
-
-    Raises
-    ------
-    FileFormatError, MissingExtraError
-        If the file cannot be read, or holds nothing that is seen.
-    ValueError
-        If the options name an axis or a unit: models of MuJoCo are z up and in metres.
-    """
+def import_file(path: Path, options: Options) -> Imported:
+    """Return the objects of a file, at least one, after checking that the options name neither an axis nor a unit."""
     for name in ("up", "unit"):
         if getattr(options, name) is not None:
             raise ArgumentValueError(name, "none, since MJCF and URDF are z up and in metres", getattr(options, name))
     model, left_out = load(path)
     try:
-        _, found = objects(model, placed(model), path, options)
+        _, found = objects(model, place_bodies(model), path, options)
     except ValueError as error:
         raise FileFormatError(f"{path}: {error}") from error
     found.left_out.extend(left_out)
     if not found.objects and not found.skipped:
-        told = f"; left out: {', '.join(found.left_out)}" * bool(found.left_out)
-        raise FileFormatError(f"{path}: it holds no geoms that are seen{told}")
+        others = f"; left out: {', '.join(found.left_out)}" * bool(found.left_out)
+        raise FileFormatError(f"{path}: it holds no geoms that are seen{others}")
     report(path, found.left_out)
     return found
 
 
-def placed(model: MjModel, keyframe: int | str | None = None) -> MjData:
+def place_bodies(model: MjModel, keyframe: int | str | None = None) -> MjData:
     """Return data with the poses of all bodies, those of a keyframe or else the model's own (``qpos0``)."""
     mujoco = mujoco_module()
     data = mujoco.MjData(model)

@@ -869,9 +869,9 @@ def test_textures_under_vertex_colors_are_sampled(wrap: Any) -> None:
                 expected[n] += weight * decoded(pixels[texel(row, 3), texel(column, 4)] / 255)
     # Places of texels up to 4, their weights, and the sum of four texels of at most 1.
     np.testing.assert_allclose(
-        _pictures.Textures().sampled(picture, uv), expected, rtol=0, atol=(2 * 4 + 2 * 4) * ROUNDING
+        _pictures.Textures().sample(picture, uv), expected, rtol=0, atol=(2 * 4 + 2 * 4) * ROUNDING
     )
-    nearest = _pictures.Textures().sampled(dataclasses.replace(picture, interpolation="nearest"), uv[:200])
+    nearest = _pictures.Textures().sample(dataclasses.replace(picture, interpolation="nearest"), uv[:200])
     places = [(texel(int(np.floor(v * 3)), 3), texel(int(np.floor(u * 4)), 4)) for u, v in uv[:200]]
     np.testing.assert_array_equal(nearest, [decoded(pixels[place] / 255) for place in places])
 
