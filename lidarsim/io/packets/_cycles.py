@@ -75,6 +75,12 @@ def _joined(parts: list[Part]) -> Part:
     return np.concatenate(plain).view(kind), np.concatenate([starts for _, starts in parts])
 
 
+def payloads(packets: Records) -> list[bytes]:
+    """Return the bytes of each packet, faster than NumPy does of each record."""
+    content, size = packets.tobytes(), packets.itemsize
+    return [content[i : i + size] for i in range(0, len(content), size)]
+
+
 def moments(scan: Scan, start: int, times: npt.NDArray[np.float64]) -> Times:
     """Return times since the start of a scan as ns since 1970, where `start` is time 0 of the scans."""
     began = start + round(scan.time * 1e9)

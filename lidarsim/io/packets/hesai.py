@@ -49,7 +49,7 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
-from lidarsim.io.packets._cycles import Cycles, moments
+from lidarsim.io.packets._cycles import Cycles, moments, payloads
 from lidarsim.io.packets._format import Packet, PacketFormat, mode_of, register
 from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning, Table
@@ -375,7 +375,7 @@ class _Encoder:
             self._check(packets, stamp)
         latest = np.rint(1e9 * self._rotor.firing_times.max(axis=1)).astype(np.int64)
         last = (starts[:, -1] + latest[cycles["state"][:, -1]]).tolist()
-        yield from map(Packet, last, repeat(self._port), (packet.tobytes() for packet in packets))
+        yield from map(Packet, last, repeat(self._port), payloads(packets))
 
     def _check(self, packets: npt.NDArray[np.void], stamp: npt.NDArray[np.int64]) -> None:
         """Fill in the state of the sensor and the checksums of the body, of the state and of the tail."""

@@ -34,7 +34,7 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
-from lidarsim.io.packets._cycles import Cycles, moments
+from lidarsim.io.packets._cycles import Cycles, moments, payloads
 from lidarsim.io.packets._format import Packet, PacketFormat, register
 from lidarsim.lidar import Lidar
 from lidarsim.patterns import Pulses
@@ -246,8 +246,8 @@ class _Encoder:
             header["count"] = (self._count + np.arange(len(packets))) & 0xFFFF
             self._count += len(packets)
             checked = _NEW.fields["time"][1] if _NEW.fields else 0
-            header["crc"] = [zlib.crc32(packet.tobytes()[checked:]) for packet in packets]  # of time stamp and points
-        yield from map(Packet, starts[:, -1].tolist(), repeat(self._port), (packet.tobytes() for packet in packets))
+            header["crc"] = [zlib.crc32(payload[checked:]) for payload in payloads(packets)]  # of time stamp and points
+        yield from map(Packet, starts[:, -1].tolist(), repeat(self._port), payloads(packets))
 
 
 for _name, _model in MODELS.items():

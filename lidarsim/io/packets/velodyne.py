@@ -36,7 +36,7 @@ import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
-from lidarsim.io.packets._cycles import Cycles
+from lidarsim.io.packets._cycles import Cycles, payloads
 from lidarsim.io.packets._format import Packet, PacketFormat, mode_of, register
 from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning
@@ -200,8 +200,8 @@ class _Encoder:
         packets["stamp"] = _stamp(starts[:, 0] + self._stamped)
         packets["mode"], packets["product"] = self._mode, self._model.product
 
-        for packet, time in zip(packets, (starts[:, -1] + self._last_firing).tolist(), strict=True):
-            yield Packet(time, self._port, packet.tobytes())
+        for payload, time in zip(payloads(packets), (starts[:, -1] + self._last_firing).tolist(), strict=True):
+            yield Packet(time, self._port, payload)
             self._sent += 1
             if self._sent % DATA_PER_POSITION == 0:
                 yield Packet(time, self._position_port, POSITION.pack(_stamp(time), LOCKED, _sentence(time // 10**9)))
