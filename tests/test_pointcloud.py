@@ -385,8 +385,8 @@ def test_names_of_columns_become_names_of_fields_each_another() -> None:
         "a_b_3", "a_b", "a_b_4", "a_b_2", "unnamed", "_2d", "__", "x_", "save_", "class", "Gr__e", "__dict___", "ring",
         "ring_2", "a_b_5",
     ]  # fmt: skip
-    many = field_names(["a b"] * 100_000)  # with the square of their number it would not end
-    assert (len(set(many)), many[-1]) == (100_000, "a_b_100000")
+    many = field_names(["a b"] * 20_000)  # with the square of their number it would take a minute
+    assert (len(set(many)), many[-1]) == (20_000, "a_b_20000")
 
 
 @pytest.mark.parametrize("suffix", [".pcd", ".ply", ".npz", ".PCD"])

@@ -434,9 +434,11 @@ def test_command_line_measures(
     results: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plans: list[Plan] = []
+    written: list[tuple[dict[str, Any], Path]] = []
     monkeypatch.setattr(speed, "measure", lambda plan, _: plans.append(plan) or results)
+    monkeypatch.setattr(speed.report, "write", lambda *arguments: written.append(arguments))
     assert speed.main(["--quick", "-o", str(tmp_path)]) == 0
     assert speed.main(["-o", str(tmp_path)]) == 0
     assert plans == [speed.QUICK, speed.FULL]
-    assert json.loads((tmp_path / "speed.json").read_text(encoding="utf-8")) == results
+    assert written == [(results, tmp_path)] * 2
     assert "speed.md" in capsys.readouterr().out

@@ -60,6 +60,8 @@ def test_every_command_of_the_notes_runs_in_a_new_project(
         assert program == "lidarsim"
         if words[0] == "view":
             words += ["--screenshot", "seen.png", "--size", "320x200"]
+        if words[0] == "generate":
+            words += ["--set", "sequences=1", "--set", "frames=1", "--pictures", "0"]  # so that it takes seconds
         assert lidarsim(*words) == 0, command
     made = {"street.pcd", "other.pcd", "seen.png", "detection", "street.ply"}
     assert {path.name for path in Path().iterdir()} == made | {file.parts[0] for file in starter.files()}

@@ -167,10 +167,12 @@ RECIPES = sorted((Path(__file__).parents[2] / "configs" / "recipes").glob("*.yam
 
 
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
-def test_the_recipes_that_come_along(path: Path, tmp_path: Path) -> None:
-    small = ["sequences=2", "frames=1", "layout=semantickitti"]
+def test_the_recipes_that_come_along(path: Path, tmp_path: Path, slow: bool) -> None:
+    """One sequence; more draws of each if thorough tests are asked for."""
+    sequences = 10 if slow else 1
+    small = [f"sequences={sequences}", "frames=1", "layout=semantickitti"]
     made = ls.generate(path, tmp_path / "out", overrides=small, pictures=0)
-    assert made.frames == 2
+    assert made.frames == sequences
     assert made.points > 10_000
     labels = [np.unique(np.fromfile(file, np.uint32) & 0xFFFF) for file in sorted(tmp_path.rglob("*.label"))]
     assert set(np.concatenate(labels)) <= set(load(path).class_names)
