@@ -12,23 +12,27 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from io import StringIO
 from types import TracebackType
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
 from rich.console import Console
-from rich.markdown import Markdown
 from rich.table import Table
 
 from lidarsim._base.shown import plain
 from lidarsim.errors import LidarsimError
+
+if TYPE_CHECKING:
+    from rich.markdown import Markdown
+    from rich.progress import Progress
 
 __all__ = [
     "facts",
     "paragraph",
     "print_line",
     "print_markdown",
+    "progress_bar",
     "say",
     "standard_streams",
     "table",
@@ -113,9 +117,18 @@ def facts(lines: dict[str, str]) -> None:
 def print_markdown(text: str) -> None:
     """Print Markdown to stdout, formatted if that is a terminal; raises the errors of `print_line`."""
     if sys.stdout.isatty():
+        from rich.markdown import Markdown
+
         _render(Markdown(_fitting_lines(text)))
     else:
         _write(_fitting_lines(text))
+
+
+def progress_bar() -> Progress:
+    """Return a progress bar on stderr, hidden unless that is a terminal."""
+    from rich.progress import Progress
+
+    return Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
 
 
 def say(text: object) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
@@ -13,15 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import atomic_writer, check_folder, check_suffix
 from lidarsim._base.shown import counted, format_size, plain
-from lidarsim._base.terminal import paragraph, print_line, print_markdown, table, without_native_logs
+from lidarsim._base.terminal import paragraph, print_line, print_markdown, progress_bar, table, without_native_logs
 from lidarsim._base.validation import integer
 from lidarsim.cli.options import (
     Background,
@@ -175,7 +172,7 @@ def scan(
     rows: list[tuple[object, ...]] = []
     points = 0
 
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+    with progress_bar() as progress:
         task = progress.add_task("scanning", total=len(run.numbers))
 
         def tell(frame: RunFrame) -> None:
@@ -492,7 +489,7 @@ def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: 
     count = len(run.numbers)
     with (
         without_native_logs(),
-        Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
+        progress_bar() as progress,
     ):
         task = progress.add_task("scanning", total=count)
         start = time.perf_counter()
@@ -543,7 +540,7 @@ def compare(
     total = None if None in counts else sum(filter(None, counts))
     with (
         without_native_logs(),
-        Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
+        progress_bar() as progress,
     ):
         task = progress.add_task("comparing", total=total)
         one, other = (
@@ -609,7 +606,7 @@ def fit(
     start, noise = sensor_of(preset)
     with (
         without_native_logs(),
-        Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
+        progress_bar() as progress,
     ):
         task = progress.add_task("fitting", total=frames.count)
         counting = dataclasses.replace(frames, frames=_counted(frames.frames, lambda: progress.advance(task)))

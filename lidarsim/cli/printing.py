@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 import lidarsim as ls
 from lidarsim._base.shown import counted, format_size, plain
-from lidarsim._base.terminal import facts, paragraph, print_line, table
+from lidarsim._base.terminal import facts, paragraph, print_line, progress_bar, table
 from lidarsim.config.units import argument_of
 from lidarsim.io import packets
 from lidarsim.patterns import describe
@@ -127,7 +124,7 @@ def format_list(names: list[str]) -> str:
 
 def track(items: Iterable[Item], count: int) -> Iterator[Item]:
     """Yield the items, with a progress bar if stderr is a terminal."""
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+    with progress_bar() as progress:
         yield from progress.track(items, total=count, description="reading")
 
 
