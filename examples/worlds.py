@@ -19,7 +19,7 @@ SIZE, COLUMNS = 200, 6  # pixels of a draw, and draws in a row of the picture
 KINDS = {
     "vehicle": ("hatchback", "saloon", "estate", "suv", "van", "pickup", "lorry", "bus", "motorcycle", "bicycle"),
     "pedestrian": (None,),
-    "tree": ("broadleaf", "conifer", "young", "hedge", "bush", "grass"),
+    "tree": ("broadleaf", "conifer", "young", "hedge", "bed", "bush", "grass"),
     "building": ("house", "terrace", "block", "garage"),
     "furniture": ("lamp", "sign", "traffic_light", "bin", "bench", "bollard", "fence", "wall"),
     "street": ("residential", "city", "rural", "car_park"),

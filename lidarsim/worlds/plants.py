@@ -17,7 +17,7 @@ from lidarsim.worlds._labels import TERRAIN, TRUNK, VEGETATION
 
 __all__ = ["TREES", "TreeKind", "tree"]
 
-TreeKind = Literal["broadleaf", "conifer", "young", "hedge", "bush", "grass"]
+TreeKind = Literal["broadleaf", "conifer", "young", "hedge", "bed", "bush", "grass"]
 TREES: tuple[TreeKind, ...] = get_args(TreeKind)
 
 Span = tuple[float, float]
@@ -56,6 +56,7 @@ HABITS: dict[TreeKind, Habit] = {
     "conifer": Habit((7.0, 16.0), (0.06, 0.16), (0.14, 0.22), 0.016, 1.8, 0.15),
     "young": Habit((4.0, 6.5), (0.33, 0.45), (0.14, 0.22), 0.008, 0.9, 0.1),
     "hedge": Habit((0.7, 2.3), (0.0, 0.0), (0.0, 0.0), 0.0, 10.0, 0.09),
+    "bed": Habit((0.25, 0.8), (0.0, 0.0), (0.0, 0.0), 0.0, 10.0, 0.09),
     "bush": Habit((0.8, 2.2), (0.0, 0.0), (0.4, 0.65), 0.0, 6.0, 0.1),
     "grass": Habit((0.15, 0.45), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.035),
 }
@@ -67,6 +68,13 @@ ground-based measurements in Gothenburg, Sweden, Urban Forestry & Urban Greening
 
 HEDGE_DEPTH = 0.4
 """Half the thickness of a hedge over its height."""
+
+BED = 2.0
+"""Width of a bed of low shrubs, m: that of a strip for parking, which such beds divide."""
+
+SHELL = 0.04
+"""Depth of the leaves of clipped shrubs below the surface, m: ranges along a row of SemanticKITTI 00 scatter by 2 cm
+(median of half the second difference)."""
 
 FILL = 0.55
 """Share of a disk that its bunch of leaves fills: with full disks, vegetation has a median intensity of 0.49, and
@@ -89,13 +97,14 @@ def tree(
     Parameters
     ----------
     kind : str
-        "broadleaf", "conifer", "young", "hedge" (along x), "bush" or "grass" (tufts on a square of 2 m).
+        "broadleaf", "conifer", "young", "hedge" (along x), "bed" (of low shrubs, along x, 2 m wide), "bush" or "grass"
+        (tufts on a square of 2 m).
     rng : numpy.random.Generator
         Draws size, branches and leaves.
     height : float, optional
         Height, 0.05 to 60 m. Default: drawn.
     length : float, optional
-        Length of a hedge, 0.5 to 50 m. Default: drawn, 2 to 6 m.
+        Length of a hedge or bed, 0.5 to 50 m. Default: drawn, 2 to 6 m.
     clearance : float
         Height up to which a tree is pruned, 0 to 60 m: 4.5 m over roads.
 
@@ -109,7 +118,7 @@ def tree(
     ------
     TypeError, ValueError
         If `rng` is no generator, there is no such kind, or a length is out of range or given for something else than a
-        hedge.
+        hedge or bed.
 
     Examples
     --------
@@ -123,11 +132,12 @@ def tree(
     check_generator(rng)
     habit = HABITS[kind]
     tall = drawn(rng, habit.height) if height is None else real("height", height, at_least=0.05, at_most=60.0)
-    if kind == "hedge":
+    if kind in {"hedge", "bed"}:
         long = drawn(rng, (2.0, 6.0)) if length is None else real("length", length, at_least=0.5, at_most=50.0)
-        return Asset((_clipped(rng, habit, tall, long),))
+        wide = BED if kind == "bed" else 2 * HEDGE_DEPTH * min(tall, 1.5)
+        return Asset((_clipped(rng, habit, np.array([long, wide, tall])),))
     if length is not None:
-        raise ArgumentValueError("length", "None, but for a hedge", shown(length))
+        raise ArgumentValueError("length", "None, but for a hedge or bed", shown(length))
     if kind == "grass":
         return Asset((_tufts(rng, habit, tall),))
     clear = real("clearance", clearance, at_least=0.0, at_most=60.0)
@@ -150,12 +160,14 @@ def tree(
     return Asset((*wood, leaves))
 
 
-def _leaves(rng: np.random.Generator, at: Floats, radius: float, material: Material, label: int = VEGETATION) -> Part:
-    """Return leaves that face all ways alike."""
-    normals = rng.normal(size=(len(at), 3))
+def _leaves(
+    rng: np.random.Generator, at: Floats, radius: float, material: Material, *, outward: Floats | float = 0.0
+) -> Part:
+    """Return leaves that face all ways alike, or rather outward."""
+    normals = rng.normal(size=(len(at), 3)) + outward
     looks = {key: value for key, value in material._contents().items() if key != "reflectivity"}
     filled = Material(reflectivity=FILL * np.asarray(material.reflectivity), **looks)
-    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.8, 1.2, len(at))), label, filled)
+    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.8, 1.2, len(at))), VEGETATION, filled)
 
 
 def _twigs(kind: TreeKind, rng: np.random.Generator, foot: float, tall: float, radius: float) -> Floats:
@@ -197,17 +209,17 @@ def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, ta
     return pieces
 
 
-def _clipped(rng: np.random.Generator, habit: Habit, tall: float, long: float) -> Part:
-    """Return the leaves of a hedge, most of which are near its surface."""
-    size = np.array([long, 2 * HEDGE_DEPTH * min(tall, 1.5), tall])
+def _clipped(rng: np.random.Generator, habit: Habit, size: Floats) -> Part:
+    """Return the leaves of clipped shrubs, most of which are just below its sides and top and face outwards."""
     count = int(habit.density * size.prod() / (np.pi * habit.leaf**2))
     at = rng.uniform(-0.5, 0.5, (count, 3))
-    side = rng.integers(1, 3, count)
-    near = np.flatnonzero(rng.random(count) < 0.7)
-    at[near, side[near]] = np.where(at[near, side[near]] < 0, -0.5, 0.5) * rng.uniform(0.86, 1.0, len(near))
-    at = at * size + (0, 0, tall / 2) + rng.normal(0, 0.02, (count, 3))
-    at[:, 2] = np.clip(at[:, 2], 1.1 * habit.leaf, tall)
-    return _leaves(rng, at, habit.leaf, materials.FOLIAGE)
+    outward = np.array([(0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+    area = np.array([size[2], size[2], size[1]])
+    facing = outward[rng.choice(3, count, p=area / area.sum())] * (rng.random((count, 1)) < 0.8)
+    at = np.where(facing, facing / 2, at) * size - facing * rng.uniform(0.0, SHELL, (count, 1))
+    wave = 0.08 * size[2] * np.sin(at[:, :2] * rng.uniform(1.5, 3.0, 2) + rng.uniform(0, 6.3, 2)).sum(axis=1)
+    at[:, 2] = np.clip(at[:, 2] + size[2] / 2 - np.abs(wave) * (facing[:, 2] > 0), 1.1 * habit.leaf, size[2])
+    return _leaves(rng, at, habit.leaf, materials.FOLIAGE, outward=facing)
 
 
 def _tufts(rng: np.random.Generator, habit: Habit, tall: float) -> Part:

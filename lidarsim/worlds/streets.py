@@ -25,7 +25,7 @@ from lidarsim.worlds._asset import Asset, drawn
 from lidarsim.worlds.buildings import BuildingKind, building
 from lidarsim.worlds.furnishings import FurnitureKind, furniture
 from lidarsim.worlds.pedestrians import pedestrian
-from lidarsim.worlds.plants import TreeKind, tree
+from lidarsim.worlds.plants import BED, TreeKind, tree
 from lidarsim.worlds.vehicles import VehicleKind, vehicle
 
 __all__ = ["GROUND", "STREETS", "Street", "StreetKind", "Ways", "street"]
@@ -94,6 +94,9 @@ REACH = 75.0
 
 ROOM = 4.5
 """Height over a road that is kept free, m (RASt 06)."""
+
+BEDS = 0.4
+"""Share of the bays without a vehicle that are beds of low shrubs."""
 
 BEND = 1 / 130
 """Greatest curvature of the street, 1/m, so that its neighbourhood does not fold."""
@@ -662,15 +665,19 @@ class _Builder:
         pitch = 2.6 if upright else 6.0
         stretch = np.arange(-self.plan.length / 2, self.plan.length / 2, pitch)
         for s in stretch:
-            if (
-                self.rng.random() < layout.occupied
-                and self._free(s, side, CLEAR + 3.0)
-                and self._free(s, -side, CLEAR + 3.0)
-            ):
+            if not (self._free(s, side, CLEAR + 3.0) and self._free(s, -side, CLEAR + 3.0)):
+                continue
+            middle = side * (widths.lane + widths.parking / 2)
+            if self.rng.random() < layout.occupied:
                 ahead = np.pi * (side > 0) + np.pi * (self.rng.random() < 0.1)
                 yaw = np.pi / 2 * self.rng.choice((1, -1)) if upright else ahead
-                middle = widths.lane + widths.parking / 2 + (0 if upright else -0.05)
-                self._car(s + self.rng.uniform(-0.3, 0.3) * (not upright), side * middle, yaw)
+                shift = (0.0, 0.0) if upright else (self.rng.uniform(-0.3, 0.3), -0.05 * side)
+                self._car(s + shift[0], middle + shift[1], yaw)
+            elif self.rng.random() < BEDS:
+                self._put(self._one("bed", partial(tree, "bed"), 4), "bed", (s, middle), np.pi / 2 * upright)
+                if self.rng.random() < 0.5:
+                    street_tree = self._one("street tree", partial(tree, "broadleaf", clearance=ROOM), 4)
+                    self._put(street_tree, "broadleaf", (s, middle), self.rng.uniform(0, 6.3))
 
     def _houses(self, side: int) -> None:
         widths, layout, rng = self.plan.sides[side], self.plan.layout, self.rng
@@ -692,21 +699,21 @@ class _Builder:
                 s += width + drawn(rng, layout.gap)
 
     def _garden(self, side: int, start: float, stop: float) -> None:
-        """Put a fence, wall or hedge at the pavement, and plants behind it and behind the house."""
+        """Put a fence, wall, hedge or bed at the pavement, and plants behind it and behind the house."""
         widths, rng = self.plan.sides[side], self.rng
         if self.plan.kind == "residential" and widths.set_back > 1.5 and rng.random() < 0.9:
-            kinds: tuple[Literal["hedge", "fence", "wall"], ...] = ("hedge", "hedge", "hedge", "fence", "wall")
-            border = kinds[rng.integers(5)]
+            border = _BORDERS[rng.choice(len(_BORDERS), p=(0.5, 0.2, 0.15, 0.15))]
             for middle in np.arange(start + 1.5, stop - 1.5, 3.0):
                 if any(low - 1.6 < middle < high + 1.6 and left == side for low, high, left in self.plan.drives):
                     continue
                 d = side * (widths.plot + 0.45)
-                if border == "hedge":
-                    plant = self._one("hedge", partial(tree, "hedge", length=3.0), 4)
-                    self._put(plant, "hedge", (middle, d))
-                else:
-                    make = partial(furniture, border, length=3.0)
-                    self._put(self._one(f"{border} 3 m", make, 2), border, (middle, d), side * np.pi / 2)
+                match border:
+                    case "fence" | "wall":
+                        make = partial(furniture, border, length=3.0)
+                        self._put(self._one(f"{border} 3 m", make, 2), border, (middle, d), side * np.pi / 2)
+                    case "hedge" | "bed":
+                        plant = self._one(f"{border} 3 m", partial(tree, border, length=3.0), 4)
+                        self._put(plant, border, (middle, d + side * (BED / 2 - 0.4) * (border == "bed")))
         if widths.set_back > 1.8:
             low, high = widths.plot + 1.2, max(widths.front - 0.9, widths.plot + 1.3)
             for _ in range(rng.poisson((stop - start) * (high - low) * rng.choice((0.1, 0.3, 0.5)))):
@@ -784,6 +791,7 @@ class _Builder:
                     self._tree("grass", s, side * d)
 
 
+_BORDERS: tuple[Literal["hedge", "bed", "fence", "wall"], ...] = ("hedge", "bed", "fence", "wall")
 _WIDTHS: dict[BuildingKind, Span] = {
     "house": (8.0, 13.0),
     "terrace": (8.0, 18.0),

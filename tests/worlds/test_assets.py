@@ -91,7 +91,7 @@ def test_surfaces_are_closed(name: str) -> None:
     for seed in range(5):
         asset = GENERATORS[name](np.random.default_rng(seed))
         meshes = surfaces(asset)
-        assert meshes or name in {"hedge", "bush", "grass"}
+        assert meshes or name in {"hedge", "bed", "bush", "grass"}
         for vertices, faces in meshes.values():
             assert open_edges(vertices, faces) == 0
             assert volume(vertices, faces) > 0
@@ -185,6 +185,21 @@ def test_trees_are_as_tall_as_they_are_said_to_be_with_gaps_between_their_leaves
     assert pruned.parts[-1].shape.bounds[0, 2] >= 3.0
 
 
+@pytest.mark.parametrize(("kind", "wide", "tall"), [("hedge", 1.12, 1.4), ("bed", 2.0, 0.6)])
+def test_clipped_shrubs_have_even_surfaces(kind: Any, wide: float, tall: float) -> None:
+    """Few rays from above pass the leaves near the top, which rises and falls by less than a tenth of the height."""
+    plant = ls.worlds.tree(kind, np.random.default_rng(0), height=tall, length=4.0)
+    np.testing.assert_allclose(np.diff(plant.bounds, axis=0)[0], [4.0, wide, tall], atol=0.25)
+    scene = ls.Scene()
+    plant.add_to(scene)
+    x, y = np.meshgrid(np.linspace(-1.8, 1.8, 60), np.linspace(-0.4, 0.4, 20))
+    origins = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 5.0)])
+    hits = scene.cast(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape))
+    heights = np.where(hits.hit, 5.0 - hits.t, 0.0)
+    assert np.mean(heights > 0.7 * tall) > 0.85
+    assert np.subtract(*np.percentile(heights, [75, 25])) < 0.12
+
+
 @pytest.mark.parametrize("kind", BUILDINGS)
 def test_buildings_have_the_size_that_is_asked_for(kind: Any) -> None:
     made = ls.worlds.building(kind, np.random.default_rng(3), width=12.0, depth=9.0, storeys=2)
@@ -210,7 +225,7 @@ def test_what_has_a_length_is_as_long(kind: Any) -> None:
             "load: expected 'nothing', 'bag'",
         ),
         (lambda rng: ls.worlds.tree(cast("Any", "palm"), rng), "kind: expected 'broadleaf'"),
-        (lambda rng: ls.worlds.tree("bush", rng, length=2.0), "length: expected None, but for a hedge, got 2.0"),
+        (lambda rng: ls.worlds.tree("bush", rng, length=2.0), "length: expected None, but for a hedge or bed, got 2.0"),
         (lambda rng: ls.worlds.tree("young", rng, height=99.0), "height: expected a finite number from 0.05 to 60"),
         (lambda rng: ls.worlds.building("house", rng, width=0.0), "width: expected a finite number from 2 to 100"),
         (lambda rng: ls.worlds.building("house", rng, storeys=0), "storeys: expected an integer from 1 to 40, got 0"),
