@@ -17,7 +17,7 @@ import lidarsim as ls
 from lidarsim.datasets.loading import LabelledFrame
 from lidarsim.io.semantickitti import read_labels
 
-WORLDS, STEPS, BATCH, SEED = 160, 600, 4, 1
+WORLDS, STEPS, BATCH, CROP, SEED = 100, 200, 4, 256, 1
 SIZE, ELEVATIONS = (64, 1024), (float(np.radians(-25.0)), float(np.radians(3.0)))
 CLASSES = {
     "car": [10, 252],
@@ -26,6 +26,9 @@ CLASSES = {
     "building": [50],
     "vegetation": [70, 71],
 }
+PATCH = (2, 4)
+"""Rows and columns of pixels that the network looks at as one."""
+
 OTHER = 255
 """Class of pixels without a point or of other things, which count neither in training nor in tests."""
 
@@ -34,13 +37,14 @@ Classes = npt.NDArray[np.uint8]
 
 
 def image(frame: LabelledFrame) -> tuple[Images, Classes]:
-    """Return ranges and heights (m) as images, 0 where there is no point, and the classes of the pixels."""
-    distance, xyz, label = (frame.image(of, size=SIZE, elevations=ELEVATIONS) for of in ("range", "xyz", "label"))
+    """Return ranges and heights (m) and intensities as images, 0 where there is no point, and classes of the pixels."""
+    fields = "range", "xyz", "intensity", "label"
+    distance, xyz, intensity, label = (frame.image(of, size=SIZE, elevations=ELEVATIONS) for of in fields)
     class_of = np.full(2**16, OTHER, np.uint8)
     for number, labels in enumerate(CLASSES.values()):
         class_of[labels] = number
     seen = distance > 0  # not where it is NaN
-    channels = np.where(seen, [distance, xyz[..., 2]], 0.0)
+    channels = np.where(seen, [distance, xyz[..., 2], intensity], 0.0)
     return channels.astype(np.float32), np.where(seen, class_of[label], OTHER).astype(np.uint8)
 
 
@@ -55,36 +59,40 @@ def real(sequence: Path | str) -> list[LabelledFrame]:
 
 
 def varied(rng: np.random.Generator, channels: Images, classes: Classes) -> tuple[Images, Classes]:
-    """Return a frame turned, mirrored, scaled and tilted at random, with more noise and more gaps."""
+    """Return part of a frame turned, mirrored, scaled and tilted at random, with more noise and more gaps."""
     rows, columns = classes.shape
     turn, mirror = rng.integers(columns), rng.choice([-1, 1])
-    distance, height = np.roll(channels, turn, axis=2)[..., ::mirror]
-    classes = np.roll(classes, turn, axis=1)[:, ::mirror]
-    azimuth = np.linspace(0.0, 2 * np.pi, columns)
+    distance, height, intensity = np.roll(channels, turn, axis=2)[..., ::mirror][..., :CROP]
+    classes = np.roll(classes, turn, axis=1)[:, ::mirror][:, :CROP]
+    azimuth = np.linspace(0.0, 2 * np.pi, columns)[:CROP]
     height = height + distance * (rng.normal(0, 0.01, 2) @ [np.cos(azimuth), np.sin(azimuth)]) + rng.normal(0, 0.1)
     scale = rng.lognormal(0, 0.06) * (1 + rng.normal(0, 0.02, classes.shape) / np.maximum(distance, 1.0))
     gaps = rng.random(classes.shape) < rng.uniform(0.0, 0.3)
-    v, u = np.ogrid[:rows, :columns]
+    v, u = np.ogrid[:rows, :CROP]
     for _ in range(rng.integers(2, 8)):  # what stands on the roof hides parts of the ground nearby
         across = (u - rng.integers(columns)) % columns - columns / 2
         gaps |= (across / rng.uniform(15, 145)) ** 2 + ((v - rows + rng.uniform(0, 12)) / rng.uniform(4, 18)) ** 2 < 1
-    patches = np.kron(rng.random((rows // 4, columns // 8)), np.ones((4, 8))) < rng.uniform(0.0, 0.4)
+    patches = np.kron(rng.random((rows // 4, CROP // 8)), np.ones((4, 8))) < rng.uniform(0.0, 0.4)
     gaps |= (classes == list(CLASSES).index("car")) & patches  # dark or smooth paint returns little
+    intensity = intensity ** rng.lognormal(0, 0.25) * rng.lognormal(0, 0.2)  # sensors differ most in their intensities
+    intensity = intensity + rng.uniform(0.0, 0.06) * rng.normal(size=classes.shape)
+    intensity = np.where(intensity < rng.uniform(0.0, 0.15), 0.0, intensity).clip(0.0, 1.0)
     seen = (distance > 0) & ~gaps
-    channels = np.where(seen, [distance * scale, height * scale], 0.0)
+    channels = np.where(seen, [distance * scale, height * scale, intensity], 0.0)
     return channels.astype(np.float32), np.where(seen, classes, OTHER).astype(np.uint8)
 
 
 def features(channels: Images) -> Images:
-    """Return the input of the network for images (n, 2, rows, columns): range, height, steps and gaps, scaled."""
-    distance, height = channels[:, 0], channels[:, 1]
+    """Return the input of the network for images (n, 3, rows, columns): the three, steps and gaps, scaled."""
+    distance, height, intensity = channels.swapaxes(0, 1)
     seen = distance > 0
     step = np.arcsinh(distance - np.roll(distance, 1, axis=-1)) * (seen & np.roll(seen, 1, axis=-1))
-    return np.stack([(np.log1p(distance) - 2.5) * seen, height / 2, step, seen], axis=1).astype(np.float32)
+    scaled = (np.log1p(distance) - 2.5) * seen, height / 2, step, 4 * (intensity - 0.3) * seen, seen
+    return np.stack(scaled, axis=1).astype(np.float32)
 
 
 def network() -> Any:
-    """Return a U-Net of 170,000 weights whose images close around the sensor."""
+    """Return a U-Net of 270,000 weights whose images close around the sensor."""
     import torch
     from torch import nn
 
@@ -95,16 +103,17 @@ def network() -> Any:
             coarse = nn.functional.interpolate(super().forward(images), size=images.shape[2:])
             return torch.cat([images, coarse], dim=1)
 
-    def layer(inputs: int, outputs: int, stride: int | tuple[int, int] = 1) -> nn.Module:
+    def layer(inputs: int, outputs: int, stride: int = 1) -> nn.Module:
         closed = nn.CircularPad2d((1, 1, 0, 0))
         convolution = nn.Conv2d(inputs, outputs, 3, stride, padding=(1, 0), bias=False)
         return nn.Sequential(closed, convolution, nn.BatchNorm2d(outputs), nn.LeakyReLU(0.1))
 
-    inner = Skip(layer(48, 64, 2), layer(64, 64))
-    inner = Skip(layer(32, 48, 2), layer(48, 48), inner, layer(112, 48))
-    inner = Skip(layer(16, 32, (1, 2)), layer(32, 32), inner, layer(80, 32))
-    inner = Skip(layer(4, 16, (1, 2)), layer(16, 16), inner, layer(48, 16))
-    return nn.Sequential(inner, nn.Conv2d(20, len(CLASSES), 1))
+    inner = Skip(layer(48, 64, 2), layer(64, 64), Skip(layer(64, 64, 2), layer(64, 64)), layer(128, 48))
+    inner = Skip(layer(32, 48, 2), inner, layer(96, 32))
+    patches = nn.Sequential(nn.Conv2d(5, 32, PATCH, PATCH, bias=False), nn.BatchNorm2d(32), nn.LeakyReLU(0.1))
+    return nn.Sequential(
+        patches, layer(32, 32), inner, layer(64, 32), nn.ConvTranspose2d(32, len(CLASSES), PATCH, PATCH)
+    )
 
 
 def train(groups: list[list[LabelledFrame]], steps: int, seed: int) -> Any:
@@ -115,7 +124,7 @@ def train(groups: list[list[LabelledFrame]], steps: int, seed: int) -> Any:
     torch.manual_seed(seed)
     rng, net = np.random.default_rng(seed), network()
     optimizer = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 5e-3, total_steps=steps)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 4e-3, total_steps=steps)
     images = [[image(frame) for frame in frames] for frames in groups]
     for step in range(steps):
         frames = [of[rng.integers(len(of))] for of in (images[k % len(images)] for k in range(BATCH))]
