@@ -15,10 +15,9 @@ import numpy as np
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import short
 from lidarsim.datasets import manifest
-from lidarsim.datasets.frames import boxes_at
 from lidarsim.datasets.layouts import class_name
 from lidarsim.datasets.samples import RANGES
-from lidarsim.datasets.sampling import samples
+from lidarsim.datasets.sampling import boxes_of, samples
 from lidarsim.datasets.statistics import POINTS, VISIBILITY, BoxStatistics, box_statistics
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
@@ -92,8 +91,8 @@ Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, r
 ## Ranges
 
 {_table("range", list(zip(spans, ranges, strict=True))[used[0] : used[-1] + 1], points)}"""
-    if recipe.layout.kept is not None:
-        text += "\n" + _boxes(recipe, run, summary)
+    if (box_filter := recipe.layout.box_filter) is not None:
+        text += "\n" + _boxes(recipe, run, summary, box_filter)
     text += _scattered(summary.scattered)
     if drawn := _pictures(plan, files, pictures):
         text += "\n## Frames\n" + "".join(f"\n![{about}]({name})\n\n{about}\n" for name, about in drawn)
@@ -117,7 +116,7 @@ def _coordinates(recipe: Recipe, run: Run) -> str:
     else:
         when = deskew if isinstance(deskew, str) else "start" if deskew is True else f"{moment:g} s after the start"
         text = f"Points are deskewed to the sensor frame at the {when}{' of the scan' if frame == 'sensor' else ''}"
-    if recipe.layout.kept is None:
+    if recipe.layout.box_filter is None:
         return f"{text}."
     if moment is None:
         return f"{text}. Each box is where its points are on average, and points of fast things may lie outside."
@@ -148,12 +147,11 @@ def _listed(numbers: Sequence[int]) -> str:
     return ", ".join(texts[:LISTED]) + (", …" if len(texts) > LISTED else "")
 
 
-def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
+def _boxes(recipe: Recipe, run: Run, summary: Summary, box_filter: BoxFilter) -> str:
     """Return the section on boxes."""
-    layout = recipe.layout
     frames = {name: len(numbers) * recipe.frames for name, numbers in summary.splits.items()}
     frames[""] = recipe.sequences * recipe.frames
-    found = box_statistics(layout, summary.records(), in_world=run.cloud["frame"] == "world")
+    found = box_statistics(recipe.layout, summary.records(), in_world=run.cloud["frame"] == "world")
     count = sum(part.count for part in found.values())
     split = " | split" if summary.splits else ""
     names = {
@@ -167,7 +165,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
         for key, part in found.items()
     ]  # fmt: skip
     head = "boxes", "share", "a frame", "length", "width", "height", "distance", "points"
-    text = f"## Boxes\n\n{count:,} box{'es' * (count != 1)}, {_filter(layout.kept)}."
+    text = f"## Boxes\n\n{count:,} box{'es' * (count != 1)}, {_describe(box_filter)}."
     text += " Means: length, width, height and distance from the sensor in m, and points on a thing.\n\n"
     text += _rows((f"class{split}", *head), mean)
     *few, (most, _) = itertools.pairwise(POINTS)
@@ -188,15 +186,13 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary) -> str:
     return text
 
 
-def _filter(kept: BoxFilter | None) -> str:
+def _describe(box_filter: BoxFilter) -> str:
     """Return a filter of boxes in words."""
-    if kept is None:
-        return ""
-    parts = [f"of things with at least {counted(kept.min_points, 'point')}"]
-    if kept.max_range_m is not None:
-        parts.append(f"within {kept.max_range_m:g} m")
-    if kept.classes is not None:
-        parts.append(f"of the classes {', '.join(escaped(str(name)) for name in kept.classes)}")
+    parts = [f"of things with at least {counted(box_filter.min_points, 'point')}"]
+    if box_filter.max_range_m is not None:
+        parts.append(f"within {box_filter.max_range_m:g} m")
+    if box_filter.classes is not None:
+        parts.append(f"of the classes {', '.join(escaped(str(name)) for name in box_filter.classes)}")
     return ", ".join(parts)
 
 
@@ -249,8 +245,9 @@ def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
         run = recipe.source.run(sequence, frame)
         number = run.frames.start + frame
         (scans,) = dataclasses.replace(run, frames=range(number, number + 1)).scans()
-        measured = list(samples(recipe, run, sequence, frame, scans)) if recipe.after_scan or recipe.layout.kept else []
-        boxes = _annotated(recipe, run, [sample.record for sample in measured])
+        changed = recipe.after_scan or recipe.layout.box_filter
+        measured = list(samples(recipe, run, sequence, frame, scans)) if changed else []
+        boxes = _boxes_of_frame(recipe, run, [sample.record for sample in measured])
         shown: dict[str, Any] = {**scans}
         view: dict[str, Any] = {}
         if recipe.after_scan:
@@ -282,17 +279,14 @@ def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
     return drawn
 
 
-def _annotated(recipe: Recipe, run: Run, records: list[Record]) -> Boxes | None:
+def _boxes_of_frame(recipe: Recipe, run: Run, records: list[Record]) -> Boxes | None:
     """Return the boxes that the data set has of a frame, one of each thing, in world coordinates."""
-    if recipe.layout.kept is None:
+    if recipe.layout.box_filter is None:
         return None
     things = {box.instance: (record, box) for record, box in recipe.layout.annotations(records)}
-    places = [record.matrix if run.cloud["frame"] == "sensor" else np.eye(4) for record, _ in things.values()]
-    boxes = [box for _, box in things.values()]
-    return boxes_at(
-        np.array([place[:3, :3] @ box.center + place[:3, 3] for place, box in zip(places, boxes, strict=True)]),
-        np.array([box.size for box in boxes]),
-        np.array([place[:3, :3] @ np.reshape(box.rotation, (3, 3)) for place, box in zip(places, boxes, strict=True)]),
-        [box.label for box in boxes],
-        recipe.class_names,
-    )
+    boxes = boxes_of([box for _, box in things.values()], recipe.class_names)
+    if run.cloud["frame"] == "world":
+        return boxes
+    poses = np.array([record.matrix for record, _ in things.values()]).reshape(-1, 4, 4)
+    center = (poses[:, :3, :3] @ boxes.center[:, :, None])[:, :, 0] + poses[:, :3, 3]
+    return dataclasses.replace(boxes, center=center, rotation=poses[:, :3, :3] @ boxes.rotation)

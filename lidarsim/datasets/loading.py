@@ -7,7 +7,7 @@ read from the files of its layout.
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
@@ -19,8 +19,9 @@ from lidarsim._base.files import parsing, told
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import Floats, array, integer, shown
 from lidarsim.datasets import manifest
-from lidarsim.datasets.frames import boxes_at, names_in
+from lidarsim.datasets.frames import names_in
 from lidarsim.datasets.layouts import Layout, class_name, layout_of
+from lidarsim.datasets.sampling import boxes_of
 from lidarsim.datasets.store import Store, open_store
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.scan.boxes import Boxes
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
     from lidarsim.datasets.samples import Record
 
-__all__ = ["DataSet", "LabelledFrame", "load"]
+__all__ = ["DataSet", "LabelledFrame", "has_world_points", "load"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +203,7 @@ class DataSet(Sequence[LabelledFrame]):
         cloud._place(in_sensor_frame=not self._in_world)
         return LabelledFrame(
             cloud=cloud,
-            boxes=None if self.layout.kept is None else self._boxes(record),
+            boxes=None if self.layout.box_filter is None else self._boxes(record),
             pose=record.matrix,
             body=record.body_matrix,
             time=record.seconds,
@@ -215,20 +216,8 @@ class DataSet(Sequence[LabelledFrame]):
     def _boxes(self, record: Record) -> Boxes:
         """Return the boxes that the layout has of a record."""
         boxes = [box for _, box in self.layout.annotations([record])]
-        found = boxes_at(
-            np.array([box.center for box in boxes]),
-            np.array([box.size for box in boxes]),
-            np.array([box.rotation for box in boxes]),
-            [box.label for box in boxes],
-            self.class_names | {box.label: class_name(box.label, self.class_names) for box in boxes},
-            velocity=np.reshape([box.velocity for box in boxes], (-1, 3)),
-            instance=[box.instance for box in boxes],
-            points=[box.points for box in boxes],
-            visibility=[np.nan if box.visibility is None else box.visibility for box in boxes],
-            truncation=[box.truncation for box in boxes],
-            time=[box.time for box in boxes],
-        )
-        return replace(found, in_sensor_frame=not self._in_world)
+        names = self.class_names | {box.label: class_name(box.label, self.class_names) for box in boxes}
+        return replace(boxes_of(boxes, names), in_sensor_frame=not self._in_world)
 
 
 def load(folder: PathLike, split: str | None) -> DataSet:
@@ -246,10 +235,14 @@ def load(folder: PathLike, split: str | None) -> DataSet:
         names = names_in(recipe.get("class_names") or {}, f"{store}/{manifest.RECIPE}")
     except ArgumentValueError as error:
         raise FileFormatError(f"{store}/{manifest.RECIPE}: {error}") from None
+    return DataSet(layout, names, split, store, np.array(places, np.int64).reshape(-1, 3), has_world_points(recipe))
+
+
+def has_world_points(recipe: Mapping[str, Any]) -> bool:
+    """Return whether the points of a data set by a recipe are in world coordinates."""
     run = recipe.get("run")
     cloud = (run if isinstance(run, dict) else recipe).get("cloud")
-    in_world = isinstance(cloud, dict) and cloud.get("frame") == "world"
-    return DataSet(layout, names, split, store, np.array(places, np.int64).reshape(-1, 3), in_world)
+    return isinstance(cloud, dict) and cloud.get("frame") == "world"
 
 
 def _recipe(store: Store) -> dict[str, Any]:

@@ -314,7 +314,7 @@ def _note_of(plan: Plan, shard: int) -> tuple[Part, bytes]:
     with _parsing(f"{store}/{name}"):
         part = Part.model_validate_json(data)
         for record in part.records:
-            recipe.layout.noted.model_validate(record.extra)
+            recipe.layout.notes.model_validate(record.extra)
     frames = [(sequence, frame) for sequence, frames in recipe.shard(shard) for frame in frames]
     recorded = dict.fromkeys((record.sequence, record.frame) for record in part.records)
     if part.recipe != plan.head.recipe or part.shard != shard or [*recorded] != frames:
@@ -482,7 +482,7 @@ def record(store: Store, place: Place, layout: Layout) -> Record:
         data = file.read(place.stop - place.start)
     with _parsing(f"{store}/{name}"):
         found: Record = _RECORD.validate_json(data, strict=True)
-        layout.noted.model_validate(found.extra)
+        layout.notes.model_validate(found.extra)
     return found
 
 

@@ -305,7 +305,7 @@ class Document:
                 .error("expected one pose or trajectory, got strips or stations")
             )
         cloud = entries(entries(node)["cloud"][1]) if "cloud" in entries(node) else {}
-        if settings.layout.kept is not None and cloud.keys().isdisjoint({"deskew", "deskew_s"}):
+        if settings.layout.box_filter is not None and cloud.keys().isdisjoint({"deskew", "deskew_s"}):
             run = dataclasses.replace(run, cloud={"frame": run.cloud["frame"], "deskew": "start"})
         frames = range(run.frames.start, run.frames.start + settings.frames)
         return dataclasses.replace(run, seed=noise_seed(settings.seed, sequence), frames=frames)
@@ -472,7 +472,7 @@ def from_function(
     known = Settings.model_construct(**settings)
     splits = Splits(check_splits(known.splits, known.sequences))
     if deskew is None:
-        deskew = False if known.layout.kept is None else "start"
+        deskew = False if known.layout.box_filter is None else "start"
     made_of = fingerprint(function)  # before a call, which may change its values
     source = Function(function, known.frames, known.seed, made_of, {"frame": frame, "deskew": deskew})
     made = _recipe(source, known, class_names, splits, change)

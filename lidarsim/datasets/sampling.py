@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from lidarsim._base.validation import Floats
 from lidarsim.datasets.draws import Stream
+from lidarsim.datasets.frames import boxes_at
 from lidarsim.datasets.samples import Annotation, Record, Sample
 from lidarsim.scan.scan import moment_and_pose, moment_of
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from lidarsim.scan.pointcloud import PointCloud
     from lidarsim.scan.scan import Scan
 
-__all__ = ["samples"]
+__all__ = ["boxes_of", "samples"]
 
 UNIT32 = 2.0**-24
 """Unit roundoff of float32."""
@@ -36,8 +37,8 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
     """
     layout, split, change = recipe.layout, recipe.splits.of(sequence), recipe.after_scan
     frame_of, given = run.cloud["frame"], run.cloud["deskew"]
-    held = {*(layout.held or ()), "range", "label"}
-    fields = None if layout.held is None or change else held
+    held = {*(layout.columns or ()), "range", "label"}
+    fields = None if layout.columns is None or change else held
     stamp = None
     for name, scan in scans.items():
         deskew: Deskew = given if stamp is None else stamp - scan.time
@@ -46,17 +47,17 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
             stamp = moment
         found: Boxes | None = None
         body = run.body_pose(moment)
-        if layout.kept is None:
+        if layout.box_filter is None:
             cloud = scan.point_cloud(frame_of, deskew=deskew, fields=fields)
         else:
             moves = moment_of(deskew, 1.0) is not None
             cloud = scan.point_cloud(frame_of, deskew=deskew, deskew_movers=moves, fields=fields)
-            labels = layout.kept.labels(recipe.class_names)
+            labels = layout.box_filter.labels(recipe.class_names)
             found = scan.boxes(frame=frame_of, deskew=deskew, min_points=layout.least_points, labels=labels)
             here = body[:3, 3] if frame_of == "world" else (np.linalg.inv(pose) @ body)[:3, 3]
-            found = found[layout.kept.of(found, here)]
+            found = found[layout.box_filter.of(found, here)]
         if change:
-            needed = (held & {*cloud.fields}) | ({"instance"} if layout.kept else set())
+            needed = (held & {*cloud.fields}) | ({"instance"} if layout.box_filter else set())
             stream = Stream(recipe.seed, f"after_scan.{name}", sequence, frame)
             cloud = change.changed(cloud, np.random.Generator(stream.bits), sorted(needed))
             if found is not None:
@@ -78,6 +79,21 @@ def _counts(cloud: PointCloud, boxes: Boxes) -> npt.NDArray[np.int64]:
 
 def _rows(matrix: Floats) -> tuple[float, ...]:
     return tuple(matrix[:3].ravel().tolist())
+
+
+def boxes_of(annotations: Sequence[Annotation], names: Mapping[int, str]) -> Boxes:
+    """Return the boxes that annotations describe, in the same coordinates."""
+    more = {name: [getattr(box, name) for box in annotations] for name in ("instance", "points", "truncation", "time")}
+    return boxes_at(
+        np.array([box.center for box in annotations]),
+        np.array([box.size for box in annotations]),
+        np.array([box.rotation for box in annotations]),
+        [box.label for box in annotations],
+        names,
+        velocity=np.reshape([box.velocity for box in annotations], (-1, 3)),
+        visibility=[np.nan if box.visibility is None else box.visibility for box in annotations],
+        **more,
+    )
 
 
 def _annotations(boxes: Boxes) -> tuple[Annotation, ...]:

@@ -95,7 +95,7 @@ def test_every_layout_is_read_back(made: Any, layout: str) -> None:
         if layout in {"semantickitti", "nuscenes", "shards"}:
             np.testing.assert_array_equal(frame.cloud.label, sample.cloud.label)
             assert frame.cloud.class_names == {10: "Car", 40: "road"}
-        assert (frame.boxes is None) == (recipe.layout.kept is None)
+        assert (frame.boxes is None) == (recipe.layout.box_filter is None)
         if frame.boxes is not None:
             truth = scans[""].boxes(deskew="start", min_points=1)
             assert frame.boxes.in_sensor_frame
@@ -105,7 +105,7 @@ def test_every_layout_is_read_back(made: Any, layout: str) -> None:
             assert frame.boxes.label.tolist() == [10]
             assert frame.boxes.contain(frame.cloud.xyz).sum() >= truth.points[0] > 0
             boxed += 1
-    assert boxed == (6 if recipe.layout.kept is not None else 0)
+    assert boxed == (6 if recipe.layout.box_filter is not None else 0)
 
 
 def test_splits(made: Any) -> None:

@@ -80,6 +80,26 @@ def test_boxes_of_nuscenes_hold_their_points(tmp_path: Path) -> None:
         assert frame.boxes.contain(to_middle).all()
 
 
+def test_points_and_boxes_in_world_coordinates_stay_there(tmp_path: Path) -> None:
+    def drive(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Lidar, ls.Trajectory]:
+        scene = ls.Scene()
+        scene.add(ls.Box((4, 2, 1.5), (12, 4, 0.75)), label=10)
+        pose = np.eye(4)
+        pose[:3, 3] = 5, 1, 2
+        return (
+            scene,
+            ls.Lidar.preset("velodyne-vlp16", noise="datasheet"),
+            ls.Trajectory.from_twist(pose, (3, 0, 0), (0, 0, 1)),
+        )
+
+    ls.generate(drive, tmp_path, frames=2, layout={"type": "shards", "boxes": True}, frame="world", pictures=0)
+    for frame in frames(tmp_path):
+        assert frame.boxes is not None
+        np.testing.assert_allclose(frame.boxes.center, [[12, 4, 0.75]], rtol=1e-12)
+        # The range of the preset is off by less than 0.2 m (its σ is 0.03 m).
+        assert (np.abs(frame.clouds[0].xyz - [12, 4, 0.75]) <= np.array([2, 1, 0.75]) + 0.2).all()
+
+
 CALIBRATION = """P2: 700 0 600 0 0 700 180 0 0 0 1 0
 R0_rect: 1 0 0 0 1 0 0 0 1
 Tr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3

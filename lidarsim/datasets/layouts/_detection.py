@@ -6,23 +6,17 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from io import BytesIO
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from lidarsim._base.validation import shown
-from lidarsim.datasets.layouts._layout import BoxFilter, Files, Kept, Layout, Noted, Summary, class_name
-from lidarsim.datasets.samples import Annotation, Number, Sample
+from lidarsim.datasets.layouts._layout import AnyBoxFilter, BoxFilter, Files, SampleFiles, Summary, class_name, root
+from lidarsim.datasets.samples import Annotation
 from lidarsim.errors import ArgumentValueError
-from lidarsim.io import kitti
-from lidarsim.rig import Rig
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
-    from lidarsim.datasets.store import Store
-    from lidarsim.run import Run
-    from lidarsim.scan.fields import Fields
 
 SETS = "ImageSets"
 SPLITS = ("train", "val", "test")
@@ -30,12 +24,6 @@ SPLITS = ("train", "val", "test")
 
 IGNORED = "DontCare"
 """Class of labels that readers drop."""
-
-
-class Numbered(Noted):
-    """Number of a sample among those of all sequences."""
-
-    number: Number
 
 
 @dataclass(frozen=True)
@@ -71,29 +59,20 @@ def upright(box: Annotation) -> Upright:
     return Upright(np.array(box.center), np.abs(axes.T @ turn) @ box.size, axes, yaw)
 
 
-class Detection(Layout):
+class Detection(SampleFiles):
     """Base of layouts of points and labels per frame; the x, y, z and intensity of points are float32.
 
     Attributes
     ----------
-    top : tuple of str
-        Names of the files and folders of a sensor.
     unfit : str
         Characters besides spaces that class names must not have.
     """
 
-    noted: ClassVar[type[Noted]] = Numbered
-    held: ClassVar[tuple[str, ...] | None] = ("intensity",)
-    top: ClassVar[tuple[str, ...]]
+    columns: ClassVar[tuple[str, ...] | None] = ("intensity",)
     unfit: ClassVar[str] = ""
 
-    boxes: Kept = BoxFilter()
+    boxes: AnyBoxFilter = BoxFilter()
     """Selection of boxes."""
-
-    @property
-    def kept(self) -> BoxFilter:
-        """Filter of the boxes."""
-        return self.boxes
 
     def check_classes(self, class_names: Mapping[int, str]) -> None:
         """Raise `ValueError` if a class name cannot stand in a label."""
@@ -107,11 +86,6 @@ class Detection(Layout):
                 without = " ".join(["spaces", *self.unfit])
                 expected = f"printable text without {without}, and not {IGNORED}, in {self.type}"
                 raise ArgumentValueError(f"class_names[{label}]", expected, shown(name))
-
-    def names(self, run: Run, sequences: int) -> set[str]:
-        """Return a folder per sensor of a rig, or the names for a single sensor."""
-        del sequences
-        return set(run.sensor) if isinstance(run.sensor, Rig) else {*self.top}
 
 
 def label_lines(boxes: Iterable[Annotation], names: Mapping[int, str], height: float) -> str:
@@ -147,7 +121,7 @@ def write_sets(files: Files, summary: Summary) -> None:
     for sensor, sets in sorted(parts.items()):
         both = {} if "trainval" in sets else {"trainval": sorted(sets["train"] + sets["val"])}
         for name, numbers in (sets | both).items():
-            lines = "".join(f"{number_name(number)}\n" for number in numbers)
+            lines = "".join(f"{number:06}\n" for number in numbers)
             files.write(f"{root(sensor)}{SETS}/{name}.txt", lines.encode())
 
 
@@ -168,26 +142,3 @@ def point_range(boxes: Iterable[Annotation]) -> list[float]:
     side = round(math.ceil(reach / 3.2) * 3.2, 1)
     bottom = math.floor(low) - 1.0
     return [-side, -side, bottom, side, side, bottom + max(6.0, 2.0 * math.ceil((high - bottom) / 2))]
-
-
-def read_points(store: Store, name: str) -> Fields:
-    """Return the fields of a file of float32 x, y, z and intensity."""
-    with store.reading(name) as path, path.open("rb") as file:
-        return kitti.load(file, columns=list(kitti.NAMES))
-
-
-def points_of(sample: Sample) -> BytesIO:
-    """Return the points of a sample: float32 x, y, z and intensity, at most 1."""
-    buffer = BytesIO()
-    kitti.save({name: getattr(sample.cloud, name) for name in sample.cloud.fields}, buffer)
-    return buffer
-
-
-def number_name(number: int) -> str:
-    """Return the name of the files of a sample."""
-    return f"{number:06}"
-
-
-def root(sensor: str) -> str:
-    """Return the folder of a sensor."""
-    return f"{sensor}/" if sensor else ""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import struct
 import zlib
+from functools import cache
 
 
+@cache
 def black_png(width: int, height: int) -> bytes:
     """Return a PNG of black pixels in red, green and blue, of 8 bits each."""
     rows = bytes(height * (1 + 3 * width))  # each begins with its filter, 0: none

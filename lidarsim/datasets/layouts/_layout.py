@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, BinaryIO, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +21,7 @@ from lidarsim._base.files import check_names
 from lidarsim._base.labels import labels_of
 from lidarsim._base.validation import UINT32, Floats
 from lidarsim.config.factories import Model
-from lidarsim.datasets.samples import Annotation, Record, Sample
+from lidarsim.datasets.samples import Annotation, Number, Record, Sample
 from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.store import Store
 from lidarsim.errors import ArgumentValueError
@@ -44,9 +46,8 @@ class Files:
     store: Store
     entries: list[dict[str, Any]] = field(default_factory=list)
 
-    def write(self, name: str, data: bytes | memoryview, **more: object) -> None:
+    def write(self, name: str, data: bytes, **more: object) -> None:
         """Write a file; its entry in the manifest gets `more`."""
-        data = bytes(data)
         self.store.write(name, data)
         self._add(name, hashlib.sha256(data).hexdigest(), len(data), more)
 
@@ -146,18 +147,22 @@ class BoxFilter(Model):
         return kept
 
 
-def _of_classes(value: object) -> object:
-    return {"classes": value} if isinstance(value, list) else value
-
-
-Kept = Annotated[BoxFilter, BeforeValidator(_of_classes)]
+AnyBoxFilter = Annotated[
+    BoxFilter, BeforeValidator(lambda value: {"classes": value} if isinstance(value, list) else value)
+]
 """A filter of boxes; a list stands for its `classes`."""
 
 
-class Noted(Model):
+class Notes(Model):
     """Schema of a layout's notes on a sample; empty by default."""
 
     model_config = ConfigDict(allow_inf_nan=False)
+
+
+class Numbered(Notes):
+    """Number of a sample, by which its files are named."""
+
+    number: Number
 
 
 class Layout(Model):
@@ -165,7 +170,7 @@ class Layout(Model):
 
     Attributes
     ----------
-    noted : type of Noted
+    notes : type of Notes
         Schema of the notes of `writer` on a sample.
     greatest_label : int
         Greatest label that the files can hold.
@@ -179,7 +184,7 @@ class Layout(Model):
         Whether the files can hold the samples of IMUs and the fixes of GNSS receivers.
     """
 
-    noted: ClassVar[type[Noted]] = Noted
+    notes: ClassVar[type[Notes]] = Notes
     greatest_label: ClassVar[int] = UINT32
     reading: ClassVar[str] = ""
     in_world: ClassVar[bool] = False
@@ -189,19 +194,19 @@ class Layout(Model):
     type: str
 
     @property
-    def held(self) -> tuple[str, ...] | None:
+    def columns(self) -> tuple[str, ...] | None:
         """Fields of a cloud that the files hold besides `xyz`; None for any."""
         return None
 
     @property
-    def kept(self) -> BoxFilter | None:
-        """Filter of the boxes; None for a layout without boxes, in which points are not deskewed by default."""
-        return None
+    def box_filter(self) -> BoxFilter | None:
+        """The option `boxes`; None for a layout without boxes, in which points are not deskewed by default."""
+        return getattr(self, "boxes", None)
 
     @property
     def least_points(self) -> int:
         """Least number of points of one sensor on a thing with a box."""
-        return 0 if self.kept is None else self.kept.min_points
+        return 0 if self.box_filter is None else self.box_filter.min_points
 
     def shares_stamp(self, frame: int) -> bool:
         """Return whether all sensors of a frame have the stamp of the first, to which their points are deskewed."""
@@ -234,8 +239,8 @@ class Layout(Model):
 
     def check_classes(self, class_names: Mapping[int, str]) -> None:
         """Raise `ValueError` if the files cannot hold a class name, or if a filter names no class."""
-        if self.kept is not None:
-            self.kept.labels(class_names)
+        if self.box_filter is not None:
+            self.box_filter.labels(class_names)
 
     @abstractmethod
     def names(self, run: Run, sequences: int) -> set[str]:
@@ -252,3 +257,61 @@ class Layout(Model):
     @abstractmethod
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the tables, when all shards are done."""
+
+
+class SampleFiles(Layout):
+    """Base of layouts in which each sample has files of its own.
+
+    Attributes
+    ----------
+    top : tuple of str
+        Names of the files and folders of a sensor.
+    """
+
+    notes: ClassVar[type[Notes]] = Numbered
+    top: ClassVar[tuple[str, ...]]
+
+    def names(self, run: Run, sequences: int) -> set[str]:
+        """Return a folder per sensor of a rig, or the names for a single sensor."""
+        del sequences
+        return set(run.sensor) if isinstance(run.sensor, Rig) else {*self.top}
+
+    @contextmanager
+    def writer(self, files: Files, shard: int) -> Iterator[Write]:
+        """Yield a function that writes the files of a sample."""
+        del shard
+
+        def write(sample: Sample) -> Extra:
+            extra = self.note(sample)
+            record = dataclasses.replace(sample.record, extra=extra)
+            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
+            for name, data in self.contents(record, sample).items():
+                files.write(name, data, **about)
+            return extra
+
+        yield write
+
+    def note(self, sample: Sample) -> Extra:
+        """Return the notes on a sample: by default its number among those of all sequences."""
+        return {"number": sample.number}
+
+    @abstractmethod
+    def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:
+        """Return the files of a sample by name; `record` is its record with its notes."""
+
+
+def encode(save: Callable[[Fields, BinaryIO], None], fields: Fields) -> bytes:
+    """Return the file that a format makes of the fields of a cloud."""
+    buffer = BytesIO()
+    save(fields, buffer)
+    return buffer.getvalue()
+
+
+def root(sensor: str) -> str:
+    """Return the folder of a sensor of a rig, with a slash; empty for a single sensor."""
+    return f"{sensor}/" if sensor else ""
+
+
+def number_name(record: Record) -> str:
+    """Return the name of the files of a numbered sample."""
+    return f"{record.extra['number']:06}"

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Noted, Summary, Write
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Notes, Summary, Write
 from lidarsim.datasets.samples import Number, Record, Sample
 from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from lidarsim.sensor.imu import ImuSamples
 
 
-class Located(Noted):
+class Located(Notes):
     """Bag of a sample, and the number of its message among those of its sensor."""
 
     bag: Annotated[str, AfterValidator(check_path)]
@@ -43,7 +43,7 @@ class Located(Noted):
 class Bags(Layout):
     """ROS 2 bags with the messages of the sensors' drivers."""
 
-    noted: ClassVar[type[Noted]] = Located
+    notes: ClassVar[type[Notes]] = Located
     of_scans: ClassVar[bool] = True
     has_samples: ClassVar[bool] = True
 

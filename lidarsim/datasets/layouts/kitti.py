@@ -31,7 +31,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
@@ -39,21 +38,12 @@ from pydantic import Field
 
 from lidarsim.config.factories import Model
 from lidarsim.datasets.layouts._camera import seen
-from lidarsim.datasets.layouts._detection import (
-    IGNORED,
-    SETS,
-    Detection,
-    Upright,
-    number_name,
-    points_of,
-    read_points,
-    root,
-    upright,
-    write_sets,
-)
+from lidarsim.datasets.layouts._detection import IGNORED, SETS, Detection, Upright, upright, write_sets
 from lidarsim.datasets.layouts._images import black_png
-from lidarsim.datasets.layouts._layout import Extra, Files, Summary, Write, class_name
+from lidarsim.datasets.layouts._kitti import TO_CAMERA, calibration, read_points
+from lidarsim.datasets.layouts._layout import Files, Summary, class_name, encode, number_name, root
 from lidarsim.datasets.samples import Annotation, Record, Sample
+from lidarsim.io import kitti
 
 if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
@@ -63,9 +53,6 @@ if TYPE_CHECKING:
 TRAINING, TESTING = "training", "testing"
 NOTHING = f"{IGNORED} -1 -1 -10 0 0 0 0 -1 -1 -1 -1000 -1000 -1000 -10\n"
 """A label that says nothing about no pixel."""
-
-TO_CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-"""Sensor to camera, whose x points right, y down and z forward."""
 
 CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
 """Corners of the unit box."""
@@ -108,27 +95,15 @@ are black, and only tell their size.
         """Yield the boxes that the camera sees."""
         return (pair for pair in super().annotations(frame) if self._seen(pair[1]) is not None)
 
-    @contextmanager
-    def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield a function that writes the four files of a sample."""
-        del shard
-        image = black_png(self.camera.width, self.camera.height)
-
-        def write(sample: Sample) -> Extra:
-            record = sample.record
-            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
-            labels = "".join(filter(None, (self._label(box, sample.class_names) for box in record.boxes)))
-            parts: dict[str, bytes | memoryview] = {
-                "velodyne/{}.bin": points_of(sample).getbuffer(),
-                "label_2/{}.txt": (labels or NOTHING).encode(),
-                "calib/{}.txt": self._calibration(record).encode(),
-                "image_2/{}.png": image,
-            }
-            for name, data in parts.items():
-                files.write(f"{_folder(record)}/{name.format(number_name(sample.number))}", data, **about)
-            return {"number": sample.number}
-
-        yield write
+    def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:
+        """Return points, labels, calibration and image."""
+        labels = "".join(self._label(box, sample.class_names) for box in record.boxes)
+        return {
+            _file(record, "velodyne", "bin"): encode(kitti.save, sample.cloud._arrays()),
+            _file(record, "label_2", "txt"): (labels or NOTHING).encode(),
+            _file(record, "calib", "txt"): self._calibration(record),
+            _file(record, "image_2", "png"): black_png(self.camera.width, self.camera.height),
+        }
 
     def _label(self, box: Annotation, names: Mapping[int, str]) -> str:
         """Return the line of a box; empty if the camera does not see it."""
@@ -162,25 +137,24 @@ are black, and only tell their size.
         view = seen(corners @ TO_CAMERA[:3, :3].T, camera.projection, camera.width, camera.height)
         return None if view is None else (around, *view)
 
-    def _calibration(self, record: Record) -> str:
+    def _calibration(self, record: Record) -> bytes:
         body_to_sensor = np.linalg.inv(record.matrix) @ record.body_matrix
         matrices = {f"P{index}": self.camera.projection for index in range(4)}
         matrices |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": TO_CAMERA[:3], "Tr_imu_to_velo": body_to_sensor[:3]}
-        return "".join(
-            f"{name}: {' '.join(f'{value:.12e}' for value in rows.flat)}\n" for name, rows in matrices.items()
-        )
+        return calibration(matrices)
 
     def read(self, store: Store, record: Record) -> Fields:
         """Return coordinates and intensity."""
-        return read_points(store, f"{_folder(record)}/velodyne/{number_name(record.extra['number'])}.bin")
+        return read_points(store, _file(record, "velodyne", "bin"))
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the frames of each split."""
         write_sets(files, summary)
 
 
-def _folder(record: Record) -> str:
-    return f"{root(record.sensor)}{TESTING if record.split == 'test' else TRAINING}"
+def _file(record: Record, folder: str, suffix: str) -> str:
+    part = TESTING if record.split == "test" else TRAINING
+    return f"{root(record.sensor)}{part}/{folder}/{number_name(record)}.{suffix}"
 
 
 def _wrapped(angle: float) -> float:

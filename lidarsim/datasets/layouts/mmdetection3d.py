@@ -16,8 +16,7 @@ Format: https://github.com/open-mmlab/mmdetection3d/blob/main/docs/en/advanced_g
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -27,16 +26,14 @@ from lidarsim.datasets.layouts._detection import (
     Detection,
     classes,
     label_lines,
-    number_name,
     point_range,
-    points_of,
-    read_points,
-    root,
     upright,
     write_sets,
 )
-from lidarsim.datasets.layouts._layout import Extra, Files, Summary, Write, class_name
+from lidarsim.datasets.layouts._kitti import read_points
+from lidarsim.datasets.layouts._layout import Files, Summary, class_name, encode, number_name, root
 from lidarsim.datasets.samples import Record, Sample
+from lidarsim.io import kitti
 
 if TYPE_CHECKING:
     from lidarsim.datasets.store import Store
@@ -58,25 +55,18 @@ range for its configuration. `METAINFO` of the data set's class needs the same c
 
     type: Literal["mmdetection3d"]
 
-    @contextmanager
-    def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield a function that writes the two files of a sample."""
-        del shard
-
-        def write(sample: Sample) -> Extra:
-            record = sample.record
-            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
-            place, name = root(record.sensor), number_name(sample.number)
-            files.write(f"{place}{POINTS}/{name}.bin", points_of(sample).getbuffer(), **about)
-            labels = label_lines(record.boxes, sample.class_names, BOTTOM)
-            files.write(f"{place}{LABELS}/{name}.txt", labels.encode(), **about)
-            return {"number": sample.number}
-
-        yield write
+    def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:
+        """Return points and labels."""
+        return {
+            f"{root(record.sensor)}{POINTS}/{number_name(record)}.bin": encode(kitti.save, sample.cloud._arrays()),
+            f"{root(record.sensor)}{LABELS}/{number_name(record)}.txt": label_lines(
+                record.boxes, sample.class_names, BOTTOM
+            ).encode(),
+        }
 
     def read(self, store: Store, record: Record) -> Fields:
         """Return coordinates and intensity."""
-        return read_points(store, f"{root(record.sensor)}{POINTS}/{number_name(record.extra['number'])}.bin")
+        return read_points(store, f"{root(record.sensor)}{POINTS}/{number_name(record)}.bin")
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the frames of each split, their information, and the lines for a configuration."""
@@ -101,11 +91,10 @@ range for its configuration. `METAINFO` of the data set's class needs the same c
 
 def _info(record: Record, names: Sequence[str], summary: Summary) -> dict[str, Any]:
     """Return the information on a frame, of version 1.1; a class that is not in training has the number -1."""
-    number = record.extra["number"]
     kinds = [class_name(box.label, summary.class_names) for box in record.boxes]
     return {
-        "sample_idx": number,
-        "lidar_points": {"num_pts_feats": 4, "lidar_path": f"{number_name(number)}.bin"},
+        "sample_idx": record.extra["number"],
+        "lidar_points": {"num_pts_feats": 4, "lidar_path": f"{number_name(record)}.bin"},
         "instances": [
             {
                 "bbox_3d": upright(box).values(BOTTOM),

@@ -31,8 +31,6 @@ import json
 import re
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from io import BytesIO
 from itertools import groupby
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -41,7 +39,17 @@ from pydantic import Field
 
 from lidarsim._base.validation import Floats, shown
 from lidarsim.datasets.layouts._images import black_png
-from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Layout, Summary, Write, class_name
+from lidarsim.datasets.layouts._layout import (
+    AnyBoxFilter,
+    BoxFilter,
+    Extra,
+    Files,
+    Notes,
+    SampleFiles,
+    Summary,
+    class_name,
+    encode,
+)
 from lidarsim.datasets.samples import Annotation, Record, Sample
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io import nuscenes
@@ -76,11 +84,12 @@ MOTION = {
 """Attributes of things that move and of those that do not, by the beginning of their class."""
 
 
-class NuScenes(Layout):
+class NuScenes(SampleFiles):
     """Tables of nuScenes with lidarseg and boxes."""
 
+    notes: ClassVar[type[Notes]] = Notes
     greatest_label: ClassVar[int] = 255
-    held: ClassVar[tuple[str, ...] | None] = ("intensity", "label", "ring")
+    columns: ClassVar[tuple[str, ...] | None] = ("intensity", "label", "ring")
     reading: ClassVar[str] = f"""
 nuScenes' development kit only knows the colours of its own classes; those of this data set are in `{COLORS}`:
 
@@ -96,19 +105,14 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
 """
 
     type: Literal["nuscenes"]
-    boxes: Kept = BoxFilter()
+    boxes: AnyBoxFilter = BoxFilter()
     """Selection of boxes."""
     key_every: Annotated[int, Field(ge=1)] = 1
     """Every how many frames one is a key frame; the others are sweeps."""
 
     @property
-    def kept(self) -> BoxFilter:
-        """Filter of the boxes; its `min_points` is for all sensors together."""
-        return self.boxes
-
-    @property
     def least_points(self) -> int:
-        """Least number of points of one sensor on a thing with a box."""
+        """Least number of points of one sensor on a thing with a box: `min_points` is for all sensors together."""
         return min(self.boxes.min_points, 1)
 
     def shares_stamp(self, frame: int) -> bool:
@@ -155,23 +159,18 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
         least = self.boxes.min_points
         return (pair for _, pair in sorted(merged.items()) if pair[1].points >= least)
 
-    @contextmanager
-    def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield a function that writes the files of a sample: points, and labels in key frames."""
-        del shard
+    def note(self, sample: Sample) -> Extra:
+        """Return no notes."""
+        del sample
+        return {}
 
-        def write(sample: Sample) -> Extra:
-            record, fields = sample.record, {name: getattr(sample.cloud, name) for name in sample.cloud.fields}
-            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
-            buffer = BytesIO()
-            nuscenes.save(fields, buffer)
-            files.write(self.points(record), buffer.getbuffer(), **about)
-            if self.shares_stamp(record.frame):
-                label = integers("label", sample.cloud.label, np.uint8, "a class of lidarseg")
-                files.write(_labels(record), label.astype(np.uint8).tobytes(), **about)
-            return {}
-
-        yield write
+    def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:
+        """Return points, and labels in key frames."""
+        files = {self.points(record): encode(nuscenes.save, sample.cloud._arrays())}
+        if self.shares_stamp(record.frame):
+            label = integers("label", sample.cloud.label, np.uint8, "a class of lidarseg")
+            files[_labels(record)] = label.astype(np.uint8).tobytes()
+        return files
 
     def read(self, store: Store, record: Record) -> Fields:
         """Return coordinates, intensity and ring, and the labels of key frames."""

@@ -15,8 +15,6 @@ Format: https://github.com/open-mmlab/OpenPCDet/blob/master/docs/CUSTOM_DATASET_
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -31,15 +29,13 @@ from lidarsim.datasets.layouts._detection import (
     Detection,
     classes,
     label_lines,
-    number_name,
     point_range,
-    points_of,
-    root,
     write_sets,
 )
-from lidarsim.datasets.layouts._layout import Extra, Files, Summary, Write
+from lidarsim.datasets.layouts._layout import Files, Summary, encode, number_name, root
 from lidarsim.datasets.samples import Record, Sample
 from lidarsim.errors import FileFormatError
+from lidarsim.io import kitti
 
 if TYPE_CHECKING:
     from lidarsim.datasets.store import Store
@@ -69,27 +65,20 @@ class OpenPCDet(Detection):
 
     type: Literal["openpcdet"]
 
-    @contextmanager
-    def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield a function that writes the two files of a sample."""
-        del shard
-
-        def write(sample: Sample) -> Extra:
-            record, buffer = sample.record, BytesIO()
-            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
-            points = np.frombuffer(points_of(sample).getbuffer(), "<f4").reshape(-1, len(COLUMNS))
-            np.lib.format.write_array(buffer, points, version=(1, 0), allow_pickle=False)
-            place, name = root(record.sensor), number_name(sample.number)
-            labels = label_lines(record.boxes, sample.class_names, 0.5) or NOTHING
-            files.write(f"{place}{POINTS}/{name}.npy", buffer.getbuffer(), **about)
-            files.write(f"{place}{LABELS}/{name}.txt", labels.encode(), **about)
-            return {"number": sample.number}
-
-        yield write
+    def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:
+        """Return points and labels."""
+        buffer, place, name = BytesIO(), root(record.sensor), number_name(record)
+        points = np.frombuffer(encode(kitti.save, sample.cloud._arrays()), "<f4").reshape(-1, len(COLUMNS))
+        np.lib.format.write_array(buffer, points, version=(1, 0), allow_pickle=False)
+        labels = label_lines(record.boxes, sample.class_names, 0.5) or NOTHING
+        return {
+            f"{place}{POINTS}/{name}.npy": buffer.getvalue(),
+            f"{place}{LABELS}/{name}.txt": labels.encode(),
+        }
 
     def read(self, store: Store, record: Record) -> Fields:
         """Return coordinates and intensity."""
-        with store.open(f"{root(record.sensor)}{POINTS}/{number_name(record.extra['number'])}.npy") as file:
+        with store.open(f"{root(record.sensor)}{POINTS}/{number_name(record)}.npy") as file:
             data = file.read()
         points = read_array(BytesIO(data), len(data))
         if points.ndim != 2 or points.shape[1] != len(COLUMNS):

@@ -13,8 +13,6 @@ Format: https://github.com/PRBonn/semantic-kitti-api, https://www.cvlibs.net/dat
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from itertools import groupby
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -22,8 +20,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 import yaml
 
-from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Noted, Summary, Write
-from lidarsim.datasets.samples import Number, Record, Sample
+from lidarsim.datasets.layouts._kitti import TO_CAMERA, calibration, read_points
+from lidarsim.datasets.layouts._layout import Extra, Files, SampleFiles, Summary, encode, number_name, root
+from lidarsim.datasets.samples import Record, Sample
 from lidarsim.errors import LidarsimError
 from lidarsim.io import kitti, semantickitti
 from lidarsim.io.trajectories.kitti import write as write_poses
@@ -33,59 +32,37 @@ from lidarsim.viewers._colors import QUALITATIVE
 
 if TYPE_CHECKING:
     from lidarsim.datasets.store import Store
-    from lidarsim.run import Run
     from lidarsim.scan.fields import Fields
 
 CLASSES = "semantic-kitti.yaml"
 
-# KITTI's camera looks along z, with x right and y down; here it is at the sensor. There are no images, but readers
-# expect the projections P0 to P3 of four cameras: identities.
-CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
-
-class Numbered(Noted):
-    """Number of a sample within its sensor's samples of the sequence."""
-
-    number: Number
-
-
-class SemanticKitti(Layout):
+class SemanticKitti(SampleFiles):
     """Scans, labels and poses for SemanticKITTI's development kit."""
 
-    noted: ClassVar[type[Noted]] = Numbered
     greatest_label: ClassVar[int] = 2**16 - 1
-    held: ClassVar[tuple[str, ...] | None] = ("intensity", "label", "instance")
+    columns: ClassVar[tuple[str, ...] | None] = ("intensity", "label", "instance")
+    top: ClassVar[tuple[str, ...]] = ("sequences", CLASSES)
 
     type: Literal["semantickitti"]
 
-    def names(self, run: Run, sequences: int) -> set[str]:
-        """Return a folder per sensor of a rig, or the names for a single sensor."""
-        del sequences
-        return set(run.sensor) if isinstance(run.sensor, Rig) else {"sequences", CLASSES}
+    def note(self, sample: Sample) -> Extra:
+        """Return the number of a sample among those of its sensor in the sequence."""
+        run, name = sample.run, sample.record.sensor
+        if not isinstance(run.sensor, Rig):
+            return {"number": sample.record.frame}
+        first = run.frames.start
+        return {"number": sample.scan.frame - run.sensor._numbers(run.sensor[name], first, first).start}
 
-    @contextmanager
-    def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield a function that writes the two files of a sample."""
-        del shard
-
-        def write(sample: Sample) -> Extra:
-            number = _number(sample)
-            record, fields = sample.record, {name: getattr(sample.cloud, name) for name in sample.cloud.fields}
-            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
-            for folder, suffix, save in (("velodyne", "bin", kitti.save), ("labels", "label", semantickitti.save)):
-                buffer = BytesIO()
-                save(fields, buffer)
-                files.write(f"{_folder(record)}/{folder}/{number:06}.{suffix}", buffer.getbuffer(), **about)
-            return {"number": number}
-
-        yield write
+    def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:
+        """Return points and labels."""
+        fields = sample.cloud._arrays()
+        return {_points(record): encode(kitti.save, fields), _labels(record): encode(semantickitti.save, fields)}
 
     def read(self, store: Store, record: Record) -> Fields:
         """Return coordinates, intensity, label and instance."""
-        folder, number = _folder(record), record.extra["number"]
-        with store.reading(f"{folder}/velodyne/{number:06}.bin") as path, path.open("rb") as file:
-            fields = kitti.load(file, columns=list(kitti.NAMES))
-        with store.reading(f"{folder}/labels/{number:06}.label") as path:
+        fields = read_points(store, _points(record))
+        with store.reading(_labels(record)) as path:
             label, instance = semantickitti.read_labels(path)
         return fields | {"label": label, "instance": instance}
 
@@ -101,24 +78,19 @@ class SemanticKitti(Layout):
                 _finish(files, [record for record in records if record.sensor == sensor])
         text = yaml.safe_dump(_classes(summary.class_names, _splits(summary, sequences)), sort_keys=False).encode()
         for sensor in sorted(sensors):
-            files.write(f"{_root(sensor)}{CLASSES}", text)
-
-
-def _number(sample: Sample) -> int:
-    """Return the number of a frame within its sensor's frames of the sequence."""
-    run, name = sample.run, sample.record.sensor
-    if not isinstance(run.sensor, Rig):
-        return sample.record.frame
-    first = run.frames.start
-    return sample.scan.frame - run.sensor._numbers(run.sensor[name], first, first).start
-
-
-def _root(sensor: str) -> str:
-    return f"{sensor}/" if sensor else ""
+            files.write(f"{root(sensor)}{CLASSES}", text)
 
 
 def _folder(record: Record) -> str:
-    return f"{_root(record.sensor)}sequences/{record.sequence:02}"
+    return f"{root(record.sensor)}sequences/{record.sequence:02}"
+
+
+def _points(record: Record) -> str:
+    return f"{_folder(record)}/velodyne/{number_name(record)}.bin"
+
+
+def _labels(record: Record) -> str:
+    return f"{_folder(record)}/labels/{number_name(record)}.label"
 
 
 def _finish(files: Files, records: list[Record]) -> None:
@@ -128,18 +100,17 @@ def _finish(files: Files, records: list[Record]) -> None:
     if numbers != [*range(len(records))]:  # the rate varies between frames
         raise LidarsimError(f"{folder}: expected frames numbered from 0 to {len(records) - 1}, got {numbers[:20]} …")
     first = np.linalg.inv(records[0].matrix)
-    to_sensor = CAMERA.T  # the inverse of a rotation
+    to_sensor = TO_CAMERA.T  # the inverse of a rotation
     poses = BytesIO()
     # The first pose is the exact identity, not the rounded product of a matrix and its inverse.
-    relative = np.array([np.eye(4), *(CAMERA @ (first @ record.matrix) @ to_sensor for record in records[1:])])
+    relative = np.array([np.eye(4), *(TO_CAMERA @ (first @ record.matrix) @ to_sensor for record in records[1:])])
     write_poses(np.zeros(len(records)), relative, poses)
     files.write(f"{folder}/poses.txt", poses.getvalue())
-    files.write(
-        f"{folder}/times.txt", "".join(f"{record.seconds - records[0].seconds:.9e}\n" for record in records).encode()
-    )
-    lines = {**{f"P{index}": np.eye(4) for index in range(4)}, "Tr": CAMERA}
-    rows = (f"{name}: {' '.join(f'{value:.12e}' for value in matrix[:3].flat)}\n" for name, matrix in lines.items())
-    files.write(f"{folder}/calib.txt", "".join(rows).encode())
+    times = (f"{record.seconds - records[0].seconds:.9e}\n" for record in records)
+    files.write(f"{folder}/times.txt", "".join(times).encode())
+    # There are no images, but readers expect the projections of four cameras.
+    projections = {f"P{index}": np.eye(3, 4) for index in range(4)}
+    files.write(f"{folder}/calib.txt", calibration(projections | {"Tr": TO_CAMERA[:3]}))
 
 
 def _splits(summary: Summary, sequences: list[int]) -> dict[str, list[int]]:

@@ -24,7 +24,17 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from lidarsim._base.extras import import_extra
-from lidarsim.datasets.layouts._layout import BoxFilter, Extra, Files, Kept, Layout, Noted, Summary, Write, class_name
+from lidarsim.datasets.layouts._layout import (
+    AnyBoxFilter,
+    Extra,
+    Files,
+    Layout,
+    Notes,
+    Summary,
+    Write,
+    class_name,
+    encode,
+)
 from lidarsim.datasets.samples import Number, Record, Sample
 from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError
@@ -40,7 +50,7 @@ ROWS = 1 << 16
 FOLDER, INDEX, BOXES = "shards", "index.parquet", "boxes.parquet"
 
 
-class Located(Noted):
+class Located(Notes):
     """Place of a sample's archive."""
 
     shard: Annotated[str, AfterValidator(check_path)]
@@ -48,7 +58,8 @@ class Located(Noted):
     size: Number
 
 
-def _switched(value: object) -> object:
+def _boxes(value: object) -> object:
+    """Return the filter that a switch stands for."""
     return {True: {}, False: None}[value] if isinstance(value, bool) else value
 
 
@@ -58,24 +69,19 @@ class Shards(Layout):
     `xyz` is float32, and float64 in world coordinates; `fields` lists the other fields.
     """
 
-    noted: ClassVar[type[Noted]] = Located
+    notes: ClassVar[type[Notes]] = Located
     in_world: ClassVar[bool] = True
 
     type: Literal["shards"]
     fields: list[str] = Field(default=list(FIELDS))
     """Fields besides `xyz`."""
-    boxes: Annotated[Kept | None, BeforeValidator(_switched)] = None
+    boxes: Annotated[AnyBoxFilter | None, BeforeValidator(_boxes)] = None
     """`true`, or a selection of [boxes](#boxes): adds them to the JSON of each sample, and `boxes.parquet`."""
 
     @property
-    def held(self) -> tuple[str, ...]:
+    def columns(self) -> tuple[str, ...]:
         """Fields that the archives hold."""
         return tuple(self.fields)
-
-    @property
-    def kept(self) -> BoxFilter | None:
-        """Filter of the boxes; None for no boxes."""
-        return self.boxes
 
     def names(self, run: Run, sequences: int) -> set[str]:
         """Return the folder of shards, and the tables."""
@@ -97,15 +103,14 @@ class Shards(Layout):
 
         def write(sample: Sample) -> Extra:
             record = sample.record
-            buffer = BytesIO()
-            npz.save(self._arrays(sample), buffer)
-            base = ".".join(filter(None, (f"{record.sequence:06}_{record.frame:06}", record.sensor)))
-            offset = add(f"{base}.npz", buffer.getvalue())
+            archive = encode(npz.save, self._arrays(sample))
+            base = ".".join(filter(None, (_key(record), record.sensor)))
+            offset = add(f"{base}.npz", archive)
             boxes = {"boxes": [vars(box) for box in record.boxes]} if self.boxes else {}
-            add(f"{base}.json", json.dumps(_said(record) | boxes).encode())
+            add(f"{base}.json", json.dumps(_numbers(record) | boxes).encode())
             about["samples"] += 1
             about["points"] += record.points
-            return {"shard": name, "offset": offset, "size": buffer.tell()}
+            return {"shard": name, "offset": offset, "size": len(archive)}
 
         with files.local(name, about) as path, tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
             yield write
@@ -156,13 +161,13 @@ def _write_table(files: Files, name: str, columns: dict[str, Any], rows: Iterato
 
 
 def _row(record: Record) -> dict[str, Any]:
-    return {**_said(record), **record.extra, "key": _key(record)}
+    return {**_numbers(record), **record.extra, "key": _key(record)}
 
 
 def _key(record: Record) -> str:
     return f"{record.sequence:06}_{record.frame:06}"
 
 
-def _said(record: Record) -> dict[str, Any]:
+def _numbers(record: Record) -> dict[str, Any]:
     names = ("sequence", "frame", "sensor", "split", "seconds", "points", "pose")
     return {name: getattr(record, name) for name in names}

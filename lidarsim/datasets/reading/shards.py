@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from io import BytesIO
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -25,14 +25,14 @@ from lidarsim.datasets.frames import (
     recipe_of,
     validated,
 )
+from lidarsim.datasets.loading import has_world_points
+from lidarsim.datasets.samples import Nine, Number, Rows, Three
 from lidarsim.errors import FileFormatError
 from lidarsim.io import npz
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud, adopt
 
-Number = Annotated[int, Field(ge=0, lt=2**63)]
 Label = Annotated[int, Field(ge=0, lt=2**32)]
-Length = Annotated[float, Field(gt=-1e100, lt=1e100)]
 
 
 class Box(Row):
@@ -41,9 +41,9 @@ class Box(Row):
     instance: Label
     label: Label
     points: Number
-    center: Annotated[tuple[Length, ...], Field(min_length=3, max_length=3)]
-    size: Annotated[tuple[Length, ...], Field(min_length=3, max_length=3)]
-    rotation: Annotated[tuple[Length, ...], Field(min_length=9, max_length=9)]
+    center: Three
+    size: Three
+    rotation: Nine
 
 
 class About(Row):
@@ -52,7 +52,7 @@ class About(Row):
     sequence: Number
     frame: Number
     seconds: float
-    pose: Annotated[tuple[Length, ...], Field(min_length=12, max_length=12)]
+    pose: Rows
     boxes: tuple[Box, ...] = ()
 
 
@@ -65,7 +65,7 @@ def open_frames(folder: Path) -> Frames:
     """Return the frames of all shards, each with the points of all sensors."""
     recipe = recipe_of(folder)
     names = names_in(recipe.get("class_names", {}), folder / "recipe.yaml")
-    placed = _frame_of(recipe) == "world"
+    placed = has_world_points(recipe)
     tars = _tars(folder)
 
     def frames(first: int) -> Iterator[Frame]:
@@ -77,12 +77,6 @@ def open_frames(folder: Path) -> Frames:
 
     count = len({_key(member.name) for tar in tars for member in _members(tar)})
     return Frames("shards", count, lambda first: named(frames(first), names), names)
-
-
-def _frame_of(recipe: dict[str, Any]) -> object:
-    run = recipe.get("run")
-    cloud = run.get("cloud") if isinstance(run, dict) else None
-    return cloud.get("frame") if isinstance(cloud, dict) else None
 
 
 def _tars(folder: Path) -> list[Path]:
