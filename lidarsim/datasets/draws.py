@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ from lidarsim.config.factories import Model, Pair, either
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
 
-__all__ = ["Draw", "DrawOr", "Stream", "drawn"]
+__all__ = ["Draw", "DrawOr", "Stream", "draw_number"]
 
 MOST_INTEGER = 2**63
 """Greatest absolute bound of a drawn integer, so that one word of a stream covers the interval."""
@@ -105,7 +105,8 @@ class Draw(Model):
     def _one(self) -> Draw:
         given = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
-            raise PydanticCustomError("draw", "expected one of {kinds}, got {got}", _told(KINDS, given))
+            found = {"kinds": ", ".join(KINDS), "got": " and ".join(given) or "none of them"}
+            raise PydanticCustomError("draw", "expected one of {kinds}, got {got}", found)
         return self
 
     def check(self, place: Place, *, numbers: bool = False) -> None:
@@ -172,17 +173,13 @@ class Draw(Model):
         return stream.index(self.weights or [1.0] * len(self.choice or ()))
 
 
-def _told(kinds: Iterable[str], given: Sequence[str]) -> dict[str, str]:
-    return {"kinds": ", ".join(kinds), "got": " and ".join(given) or "none of them"}
-
-
 if TYPE_CHECKING:
     DrawOr = float | Draw
 else:
     DrawOr = either(float, Draw, lambda value: isinstance(value, dict))
 
 
-def drawn(value: float | Draw, stream: Stream) -> float:
+def draw_number(value: float | Draw, stream: Stream) -> float:
     """Return a number, drawn if `value` is a `Draw`."""
     if not isinstance(value, Draw):
         return value

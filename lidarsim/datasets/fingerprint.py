@@ -62,11 +62,11 @@ def check_function(argument: str, function: object, takes: str, expected: str = 
 
 def name_of(function: Callable[..., Any], separator: str = ".") -> str:
     """Return the full name of a function or method, of the function in a partial, or of an object's class."""
-    named = _named(function)
+    named = _name_bearer(function)
     return f"{named.__module__}{separator}{named.__qualname__}"
 
 
-def _named(function: Any) -> Any:
+def _name_bearer(function: Any) -> Any:
     while isinstance(function, functools.partial):
         function = function.func
     return function if hasattr(function, "__qualname__") else type(function)
@@ -97,7 +97,7 @@ def fingerprint(function: Callable[..., Any], argument: str = "recipe") -> dict[
 
 def _parts(function: Any) -> Iterator[tuple[str, object]]:
     """Yield the parts of a function, by name."""
-    name = _named(function).__qualname__
+    name = _name_bearer(function).__qualname__
     if isinstance(function, functools.partial):
         yield from _parts(function.func)
         yield f"{name}: arguments of its partial", (function.args, function.keywords)
@@ -106,14 +106,14 @@ def _parts(function: Any) -> Iterator[tuple[str, object]]:
         yield f"{name}: self", function.__self__
     elif isinstance(function, _LRU):
         yield from _parts(function.__wrapped__)
-    elif isinstance(function, types.FunctionType) and not _installed(function.__globals__.get("__name__")):
+    elif isinstance(function, types.FunctionType) and not _is_installed(function.__globals__.get("__name__")):
         yield name, function.__code__
-        yield from ((f"{name}: {variable}", value) for variable, value in _outside(function))
+        yield from ((f"{name}: {variable}", value) for variable, value in _outer_values(function))
     else:
         yield name, function
 
 
-def _outside(function: types.FunctionType) -> Iterator[tuple[str, object]]:
+def _outer_values(function: types.FunctionType) -> Iterator[tuple[str, object]]:
     """Yield the values that a function takes from outside its code, by name."""
     yield from ((f"default of {name}", value) for name, value in _defaults(function))
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
@@ -129,7 +129,7 @@ def _outside(function: types.FunctionType) -> Iterator[tuple[str, object]]:
         names.update(step.argval for step in dis.get_instructions(code) if step.opname in _GLOBAL)
     for name in sorted(names & function.__globals__.keys()):
         value = function.__globals__[name]
-        if isinstance(value, types.ModuleType) and not _installed(value.__name__):
+        if isinstance(value, types.ModuleType) and not _is_installed(value.__name__):
             for attribute in sorted(attributes & vars(value).keys()):
                 yield f"{name}.{attribute}", getattr(value, attribute)
         else:
@@ -150,7 +150,7 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
             yield from _codes(constant)
 
 
-def _installed(module: object) -> bool:
+def _is_installed(module: object) -> bool:
     """Return whether a module belongs to Python, lidarsim or an installed package, so that its name suffices."""
     name = str(module)
     if name.partition(".")[0] in {*sys.stdlib_module_names, "lidarsim"} - {"__main__"}:
@@ -177,17 +177,17 @@ class _Hasher:
         if key in self.open:
             return _hash("cycle", str(len(self.open) - self.open[key]))
         self.open[key] = len(self.open)
-        result = _hash(type(value).__qualname__, *map(self.digest, _held(value)))
+        result = _hash(type(value).__qualname__, *map(self.digest, _contents(value)))
         del self.open[key]
         self.known[key] = value, result
         return result
 
 
-def _held(value: Any) -> Iterable[object]:
+def _contents(value: Any) -> Iterable[object]:
     """Return contents that identify an object among others of its type."""
     kind = type(value)
-    if kind in _HELD:
-        return _HELD[kind](value)
+    if kind in _CONTENTS:
+        return _CONTENTS[kind](value)
     if isinstance(value, type):
         return _of_class(value)
     return [repr(value)] if kind.__module__ == "typing" else _of_object(value)
@@ -207,12 +207,12 @@ def _of_code(code: types.CodeType) -> Iterator[object]:
 
 def _of_function(function: types.FunctionType) -> Iterator[object]:
     yield function.__qualname__
-    if _installed(module := function.__globals__.get("__name__")):
+    if _is_installed(module := function.__globals__.get("__name__")):
         yield module
         yield [cell.cell_contents for cell in function.__closure__ or ()]
     else:
         yield function.__code__
-        yield from _outside(function)
+        yield from _outer_values(function)
 
 
 def _of_builtin(function: types.BuiltinFunctionType) -> Iterator[object]:
@@ -221,8 +221,8 @@ def _of_builtin(function: types.BuiltinFunctionType) -> Iterator[object]:
 
 
 def _of_class(value: Any) -> Iterator[object]:
-    yield from (value.__module__ if _installed(value.__module__) else None, value.__qualname__)
-    if _installed(value.__module__):
+    yield from (value.__module__ if _is_installed(value.__module__) else None, value.__qualname__)
+    if _is_installed(value.__module__):
         return
     yield value.__bases__
     members: dict[str, Any] = dict(vars(value))
@@ -258,7 +258,7 @@ _NAMED = (
     types.GetSetDescriptorType,
     types.MemberDescriptorType,
 )
-_HELD: dict[type, Callable[[Any], Iterable[object]]] = {
+_CONTENTS: dict[type, Callable[[Any], Iterable[object]]] = {
     tuple: iter,
     list: iter,
     dict: lambda value: itertools.chain.from_iterable(value.items()),

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from lidarsim.datasets.store import Store
 
 __all__ = [
-    "CARD", "MANIFEST", "PARTS", "PICTURES", "Head", "Part", "Place", "Plan", "complete", "differences", "done",
-    "finish", "is_complete", "lost", "missing", "part_name", "parts", "pictures", "places", "recipe_of", "record",
-    "records", "start", "verify", "versions", "write_part",
+    "CARD", "MANIFEST", "PARTS", "PICTURES", "Head", "Part", "Place", "Plan", "complete_head", "differences", "finish",
+    "finished_shards", "is_complete", "lost_files", "missing_shards", "part_name", "parts", "pictures", "places",
+    "recipe_of", "record", "records", "start", "verify", "versions", "write_part",
 ]  # fmt: skip
 
 MANIFEST, PARTS, RECIPE, CARD, PICTURES = "manifest.jsonl", "manifest", "recipe.yaml", "README.md", "pictures"
@@ -184,19 +184,19 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> tuple[bool, list
     for attempt in range(CLAIMS):
         time.sleep(0.05 * 2**attempt if attempt else 0.0)
         # The order matters: no claim and then no manifest means no data set when the files were listed.
-        there = store.taken({MANIFEST, PARTS, RECIPE, CARD, PICTURES, *names})
+        there = store.existing({MANIFEST, PARTS, RECIPE, CARD, PICTURES, *names})
         written = _read(store, RECIPE)
         others = [name for name in there if name != RECIPE or written != recipe]
         cut = False
         try:
             begun = _head(store, _START)
         except FileFormatError:
-            cut = _is_cut(store) and {*others} <= {PARTS} and not done(store)
+            cut = _is_cut(store) and {*others} <= {PARTS} and not finished_shards(store)
             if not (cut or is_complete(store)):
                 raise
             begun = None
         try:
-            whole = complete(store)
+            whole = complete_head(store)
         except FileFormatError:
             if begun != head:
                 raise
@@ -278,7 +278,7 @@ def _head(store: Store, name: str) -> Head | None:
         return Head.model_validate_json(data)
 
 
-def done(store: Store) -> set[int]:
+def finished_shards(store: Store) -> set[int]:
     """Return the shards that have a part, without reading it."""
     numbers = (_shard_of(f"{PARTS}/{name}") for name in store.names(PARTS))
     return {number for number in numbers if number is not None}
@@ -292,12 +292,7 @@ def write_part(store: Store, part: Part) -> None:
     store.write(part_name(part.shard), data)
 
 
-def _part(plan: Plan, shard: int) -> Part:
-    """Return the part of a shard."""
-    return _note_of(plan, shard)[0]
-
-
-def _note_of(plan: Plan, shard: int) -> tuple[Part, bytes]:
+def _read_part(plan: Plan, shard: int) -> tuple[Part, bytes]:
     """Return the part of a shard, and the content of its file.
 
     Raises
@@ -349,17 +344,17 @@ class _Check:
         return not self.contents or not _difference(self.store, entry.file, entry.sha256, entry.bytes)
 
 
-def missing(plan: Plan, shards: Iterable[int], *, contents: bool = False) -> dict[int, list[str]]:
+def missing_shards(plan: Plan, shards: Iterable[int], *, contents: bool = False) -> dict[int, list[str]]:
     """Return the shards that must be made, each with the names of its lost or damaged files.
 
     These shards have no part, a damaged one, or one whose files are not there or of another size; with `contents`, the
     SHA-256 of each file is compared, too.
     """
-    present, check = done(plan.store), _Check(plan.store, contents)
+    present, check = finished_shards(plan.store), _Check(plan.store, contents)
     found: dict[int, list[str]] = {}
     for shard in shards:
         try:
-            part = _part(plan, shard) if shard in present else None
+            part = _read_part(plan, shard)[0] if shard in present else None
         except (LidarsimError, FileNotFoundError):
             part = None
         gone = [] if part is None else [entry.file for entry in part.files if not check.passes(entry)]
@@ -368,7 +363,7 @@ def missing(plan: Plan, shards: Iterable[int], *, contents: bool = False) -> dic
     return found
 
 
-def lost(store: Store, *, contents: bool) -> dict[int | None, list[str]]:
+def lost_files(store: Store, *, contents: bool) -> dict[int | None, list[str]]:
     """Return the files of a complete data set that are lost or damaged, by the shard that makes them; None for tables.
 
     These are missing or of another size; with `contents`, the SHA-256 of each file is compared, too.
@@ -408,7 +403,7 @@ def differences(store: Store, names: Collection[str]) -> list[str]:
 
 def parts(plan: Plan) -> Iterator[Part]:
     """Yield the parts of all shards in order."""
-    return (_part(plan, shard) for shard in range(plan.recipe.shards))
+    return (_read_part(plan, shard)[0] for shard in range(plan.recipe.shards))
 
 
 def records(plan: Plan) -> Iterator[Record]:
@@ -424,7 +419,7 @@ def recipe_of(store: Store) -> bytes:
     FileFormatError
         If the data set is incomplete or there is none, or the manifest or the recipe is damaged.
     """
-    head = complete(store)
+    head = complete_head(store)
     if head is None:
         raise FileFormatError(f"{store}: expected a complete data set of lidarsim.generate, got no {MANIFEST}")
     data = _read(store, RECIPE)
@@ -495,12 +490,12 @@ def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:
         If another data set was begun in the same place, which can happen in a store without conditional puts.
     """
     store, head = plan.store, plan.head
-    if _head(store, _START) not in (None, head) and not complete(store):
+    if _head(store, _START) not in (None, head) and not complete_head(store):
         raise LidarsimError(f"{store}: another data set was begun here at the same time: choose another place")
 
     def lines() -> Iterator[bytes]:
         for shard in range(plan.recipe.shards):
-            part, data = _note_of(plan, shard)
+            part, data = _read_part(plan, shard)
             entries = *part.files, _entry(part_name(shard), data)
             yield from (json.dumps(entry.model_dump()).encode() + b"\n" for entry in entries)
         yield from (json.dumps(entry).encode() + b"\n" for entry in (*tables, _entry(_START, head.line()).model_dump()))
@@ -524,7 +519,7 @@ def is_complete(store: Store) -> bool:
     return True
 
 
-def complete(store: Store) -> Head | None:
+def complete_head(store: Store) -> Head | None:
     """Return the head of the data set if it is complete, that is, if its manifest exists; else None.
 
     Raises
@@ -537,11 +532,11 @@ def complete(store: Store) -> Head | None:
     except FileNotFoundError:
         return None
     with file:
-        head = _whole(store, file)
+        head = _read_manifest(store, file)
     return head.model_copy(update={"files": None, "lines": None})
 
 
-def _whole(store: Store, file: BinaryIO) -> Head:
+def _read_manifest(store: Store, file: BinaryIO) -> Head:
     """Read and check an entire manifest, and return its head."""
     place = f"{store}/{MANIFEST}"
     with _parsing(f"{place}: line 1"):
@@ -577,12 +572,9 @@ def verify(store: Store) -> Iterator[str]:
     FileFormatError
         If the manifest is missing or damaged.
     """
-    try:
-        file = store.open(MANIFEST)
-    except FileNotFoundError:
-        raise FileFormatError(f"{store}: no {MANIFEST}: the data set is incomplete") from None
-    with file:
-        head = _whole(store, file)
+    head = complete_head(store)
+    if head is None:
+        raise FileFormatError(f"{store}: no {MANIFEST}: the data set is incomplete")
     yield _difference(store, RECIPE, head.recipe, None)
     yield from (_difference(store, entry.file, entry.sha256, entry.bytes) for entry in _entries(store))
 

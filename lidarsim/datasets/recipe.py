@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -41,9 +42,9 @@ from lidarsim.datasets.draws import Draw, Stream
 from lidarsim.datasets.fingerprint import check_function, fingerprint, name_of
 from lidarsim.datasets.layouts import AnyLayout, Layout
 from lidarsim.datasets.scatter import Placed, Scatter, nearby, scatter
-from lidarsim.datasets.scatter._folders import expanded
+from lidarsim.datasets.scatter._folders import expand_files
 from lidarsim.datasets.scattered import Scattered
-from lidarsim.datasets.sources import hashes, located, paths
+from lidarsim.datasets.sources import hashes, paths, relocate
 from lidarsim.datasets.splits import Splits, check_splits
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.lidar import Lidar
@@ -95,30 +96,38 @@ class Settings(Model):
     """`module:function` that changes each cloud before it is written."""
 
 
-class Source(Protocol):
+class Source(ABC):
     """Source of the runs of a data set; it can be pickled."""
 
+    @abstractmethod
     def run(self, sequence: int, frame: int | None = None) -> Run:
         """Return the run of a sequence, or its state in one frame."""
 
     @property
     def by_frame(self) -> bool:
         """Whether the frames of a sequence differ in more than time."""
+        return False
 
+    @abstractmethod
     def resolved(self) -> dict[str, Any]:
         """Return the description of the runs as plain values."""
 
+    @abstractmethod
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of each file, or part of a function, that the runs depend on, by name."""
 
     def scattered(self, sequence: int) -> Scattered:
         """Return the counts of the scattered objects of a sequence."""
+        del sequence
+        return Scattered()
 
+    @abstractmethod
     def nearby(self, sequence: int) -> dict[str, float]:
         """Return the objects of the scene that are in the sensor's way in a sequence, and when each is first, s."""
 
     def sizes(self) -> dict[str, Floats]:
         """Return the size of each model that is scattered, by its file, m."""
+        return {}
 
 
 @dataclass(frozen=True)
@@ -197,7 +206,7 @@ def noise_seed(seed: int, sequence: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Document:
+class Document(Source):
     """Runs from a YAML document in which some values are drawn."""
 
     folder: str
@@ -206,10 +215,8 @@ class Document:
     root: Node
     loaded: Loaded = field(default_factory=dict, repr=False)
     assembled: dict[tuple[int, ...], Node] = field(default_factory=dict, repr=False)
-    placed: dict[int, list[Placed]] = field(default_factory=dict, repr=False)
-    """The objects of the last sequence."""
-    counts: dict[int, Scattered] = field(default_factory=dict, repr=False)
-    """Their numbers."""
+    placed: dict[int, tuple[list[Placed], Scattered]] = field(default_factory=dict, repr=False)
+    """The scattered objects of the last sequence, and their counts."""
     runs: dict[int, Run] = field(default_factory=dict, repr=False)
     """The run of the last sequence, unless its frames differ."""
 
@@ -224,54 +231,49 @@ class Document:
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
         """Return the run of a sequence, or its state in one frame."""
-        if self.by_frame:
-            return self._filled(sequence, frame)
-        run = self.runs.get(sequence)
+        run = self.runs.get(sequence)  # none if frames differ
         if run is None:
-            run = self._filled(sequence, frame)
-            _replace(self.runs, sequence, run)
+            run = self._draw(sequence, frame)
+            for thing in self.scatter(sequence, None if self.by_frame else run)[0]:
+                thing.add_to(run.scene, self._groups)
+            if not self.by_frame:
+                _replace(self.runs, sequence, run)
         return run
 
-    def _filled(self, sequence: int, frame: int | None) -> Run:
-        """Return the run with its drawn values and its scattered objects."""
-        run = self._drawn(sequence, frame)
-        groups, place = self.settings.scatter, Place(self.root, (), self.loaded) / "scatter"
-        things = self.placed.get(sequence)
-        if things is None:
-            first = self._drawn(sequence, 0) if self.by_frame else run
-            none: tuple[list[Placed], Scattered] = [], Scattered()
-            things, counts = scatter(groups, place, first, self.settings.seed, sequence) if groups else none
-            _replace(self.placed, sequence, things)
-            _replace(self.counts, sequence, counts)
-        for thing in things:
-            thing.add_to(run.scene, place)
-        return run
+    def scatter(self, sequence: int, first: Run | None = None) -> tuple[list[Placed], Scattered]:
+        """Return the scattered objects of a sequence, and their counts; `first` is its run in its first frame."""
+        if not self.settings.scatter:
+            return [], Scattered()
+        found = self.placed.get(sequence)
+        if found is None:
+            first = first or self._draw(sequence, 0)
+            found = scatter(self.settings.scatter, self._groups, first, self.settings.seed, sequence)
+            _replace(self.placed, sequence, found)
+        return found
+
+    @property
+    def _groups(self) -> Place:
+        """Place of the scattered objects in the recipe."""
+        return Place(self.root, (), self.loaded) / "scatter"
 
     def scattered(self, sequence: int) -> Scattered:
         """Return the counts of the scattered objects of a sequence."""
-        counts = self.counts.get(sequence)
-        if counts is None:
-            groups, place = self.settings.scatter, Place(self.root, (), self.loaded) / "scatter"
-            if not groups:
-                return Scattered()
-            _, counts = scatter(groups, place, self._drawn(sequence, 0), self.settings.seed, sequence)
-        return counts
+        return self.scatter(sequence)[1]
 
     def nearby(self, sequence: int) -> dict[str, float]:
         """Return the objects of the scene that are in the sensor's way in a sequence, and when each is first, s."""
-        return nearby(self._drawn(sequence, 0), self.settings.scatter)
+        return nearby(self._draw(sequence, 0), self.settings.scatter)
 
     def sizes(self) -> dict[str, Floats]:
         """Return the size of each model that is scattered, by its file, m."""
-        place = Place(self.root, (), self.loaded) / "scatter"
         return {
-            item.file: size_of(item, place / name / "objects" / index)
+            item.file: size_of(item, self._groups / name / "objects" / index)
             for name, group in self.settings.scatter.items()
             for index, item in enumerate(group.objects)
             if isinstance(item, Mesh | SceneFile)
         }
 
-    def _drawn(self, sequence: int, frame: int | None) -> Run:
+    def _draw(self, sequence: int, frame: int | None) -> Run:
         """Return the run with its drawn values."""
         settings = self.settings
         choices: list[Change] = []
@@ -282,16 +284,14 @@ class Document:
             stream = Stream(settings.seed, f"vary.{key}", sequence, frame if draw.per == "frame" else None)
             there = entries(draws[key][1])
             number = draw.draw(stream)
-            value: Node
-            if draw.choice is not None:
-                value = there["choice"][1].value[number]
-            else:
-                value = written(number, next(iter(there.values()))[0])
+            value = (
+                written(number, next(iter(there.values()))[0])
+                if draw.choice is None
+                else there["choice"][1].value[number]
+            )
             if CHOICES.fullmatch(key):
-                choices.append((key.split("."), value))
                 chosen.append(int(number))
-            else:
-                others.append((key.split("."), value))
+            (choices if CHOICES.fullmatch(key) else others).append((key.split("."), value))
         node = self.assembled.get(tuple(chosen))
         if node is None:
             node = self.assembled.setdefault(tuple(chosen), whole(self.node, choices))
@@ -299,11 +299,8 @@ class Document:
             node = replace(node, path, value)
         run = built(node, self.loaded)
         if run.legs:
-            raise (
-                Place(node, (), self.loaded)
-                .at(("pose",))
-                .error("expected one pose or trajectory, got strips or stations")
-            )
+            pose = Place(node, (), self.loaded) / "pose"
+            raise pose.error("expected one pose or trajectory, got strips or stations")
         cloud = entries(entries(node)["cloud"][1]) if "cloud" in entries(node) else {}
         if settings.layout.box_filter is not None and cloud.keys().isdisjoint({"deskew", "deskew_s"}):
             run = dataclasses.replace(run, cloud={"frame": run.cloud["frame"], "deskew": "start"})
@@ -315,7 +312,7 @@ class Document:
         chooses = any(CHOICES.fullmatch(key) for key in self.settings.vary)
         nodes = {"run": self.node if chooses else whole(self.node)}
         nodes |= {key: value for key, (_, value) in entries(self.root).items() if key in {"vary", "scatter"}}
-        return {key: plain(located(node, self.folder)) for key, node in nodes.items()}
+        return {key: plain(relocate(node, self.folder)) for key, node in nodes.items()}
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of each file that the recipe names or a draw may choose, and of the files they name."""
@@ -358,7 +355,7 @@ def load(
         root = replace(root, *assigned(assignment))
     for name, value in (given or {}).items():
         root = replace(root, [name], argument(name, value))
-    root = expanded(root)
+    root = expand_files(root)
     loaded: Loaded = {}
     place = Place(root, (), loaded)
     if "run" not in entries(root):
@@ -404,7 +401,7 @@ MakeRun = Callable[[np.random.Generator, int], tuple[Scene, "Lidar | Rig", "Traj
 
 
 @dataclass(frozen=True)
-class Function:
+class Function(Source):
     """Runs from a function; `made_of` is its fingerprint, and `cloud` tells the coordinates of its points."""
 
     function: MakeRun
@@ -412,7 +409,6 @@ class Function:
     seed: int
     made_of: dict[str, str]
     cloud: CloudArguments
-    by_frame: bool = False
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
         """Return the run of a sequence."""
@@ -437,18 +433,9 @@ class Function:
         """Return the hashes of the function's code and of the values that it takes from outside."""
         return dict(self.made_of)
 
-    def scattered(self, sequence: int) -> Scattered:
-        """Return no counts: a function places its objects itself."""
-        del sequence
-        return Scattered()
-
     def nearby(self, sequence: int) -> dict[str, float]:
         """Return the objects that the sensor passes through in a sequence."""
         return nearby(self.run(sequence), {})
-
-    def sizes(self) -> dict[str, Floats]:
-        """Return no sizes, for the same reason."""
-        return {}
 
 
 def from_function(

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarsim._base.shown import counted
-from lidarsim._base.validation import integer
 from lidarsim.datasets import Generated, card, manifest
 from lidarsim.datasets.engine import Made, make
 from lidarsim.datasets.layouts import Files, Summary, class_name
@@ -35,9 +34,7 @@ def run(
     recipe: Recipe, output: PathLike, client: Client | None, part: tuple[int, int], pictures: int, *, verify: bool
 ) -> tuple[Generated, list[Made]]:
     """Make the missing part of a data set; return what was made, and the shards that failed."""
-    count = integer("part", part[1], at_least=1)
-    mine = integer("part", part[0], at_least=0, at_most=count - 1)
-    pictures = integer("pictures", pictures, at_least=0)
+    mine, count = part
     first = recipe.source.run(0, 0)
     recipe.layout.check(first)
     recipe.layout.check_labels(recipe.class_names, first.scene)
@@ -56,32 +53,33 @@ def run(
     shards = range(recipe.shards)
     if complete:
         return _repair(plan, shards[mine::count], client, again, verify=verify)
-    todo = manifest.missing(plan, shards[mine::count], contents=verify)
-    with Progress(recipe.sequences * recipe.frames, _there(plan, todo)) as progress:
-        made = _make(plan, todo, client, progress)
+    todo = manifest.missing_shards(plan, shards[mine::count], contents=verify)
+    with Progress(recipe.sequences * recipe.frames, _count_present(plan, todo)) as progress:
+        made = _make_until_complete(plan, todo, client, progress)
         failed = [shard for shard in made if shard.problem]
-        if not failed and manifest.done(plan.store).issuperset(shards):  # other parts may have left damaged notes
-            rest = manifest.missing(plan, shards)
+        # Other parts may have left damaged notes.
+        if not failed and manifest.finished_shards(plan.store).issuperset(shards):
+            rest = manifest.missing_shards(plan, shards)
             todo |= rest
-            made += _make(plan, rest, client, progress)
+            made += _make_until_complete(plan, rest, client, progress)
             failed = [shard for shard in made if shard.problem]
         seconds = progress.seconds
     left = 0
     try:
         if not manifest.is_complete(plan.store):
-            left = len(set(shards) - manifest.done(plan.store)) or len(failed)
+            left = len(set(shards) - manifest.finished_shards(plan.store)) or len(failed)
             if not left:
                 _finish(plan, pictures)
     except (LidarsimError, OSError):
         if not manifest.is_complete(plan.store):
             raise
-    if whole := manifest.complete(plan.store):  # by this call or another
+    if whole := manifest.complete_head(plan.store):  # by this call or another
         if whole != head:
             raise LidarsimError(f"{plan.store}: another data set was made here at the same time: choose another place")
         failed, left = [], 0
         plan.store.tidy()
-    again += _names(todo, failed)
-    return Generated(progress.new, progress.points, seconds, left, tuple(again), _left_out(made)), failed
+    again += _lost_names(todo, failed)
+    return Generated(progress.new, progress.points, seconds, left, tuple(again), _list_left_out(made)), failed
 
 
 def _repair(
@@ -89,52 +87,52 @@ def _repair(
 ) -> tuple[Generated, list[Made]]:
     """Make the lost and damaged files of a complete data set again: `mine` of the shards, and then the tables."""
     store = plan.store
-    lost = manifest.lost(store, contents=verify)
+    lost = manifest.lost_files(store, contents=verify)
     if not lost:
         store.tidy()
         return Generated(0, 0, 0.0, 0, tuple(again)), []
     tables = lost.pop(None, [])
     todo = {shard: lost[shard] for shard in mine if shard in lost}
     if tables:  # they are made from the parts of all shards
-        todo = manifest.missing(plan, mine) | todo
-    with Progress(plan.recipe.sequences * plan.recipe.frames, _there(plan, todo)) as progress:
+        todo = manifest.missing_shards(plan, mine) | todo
+    with Progress(plan.recipe.sequences * plan.recipe.frames, _count_present(plan, todo)) as progress:
         made = list(make(plan, sorted(todo), client, progress.add))
         seconds = progress.seconds
     failed = [shard for shard in made if shard.problem]
-    again = [*again, *_names(todo, failed)]
+    again = [*again, *_lost_names(todo, failed)]
     if wrong := manifest.differences(store, again):
         raise LidarsimError(
             f"{store}: {counted(len(wrong), 'file')} made again, but not as in the manifest: {wrong[0]}"
         )
     left = len(lost.keys() - todo.keys()) or len(failed)
     if tables and not left:
-        left = len(manifest.missing(plan, range(plan.recipe.shards)))
+        left = len(manifest.missing_shards(plan, range(plan.recipe.shards)))
         if not left:
             _finish(plan, manifest.pictures(store) or 0)
             again += tables
     store.tidy()
-    return Generated(progress.new, progress.points, seconds, left, tuple(again), _left_out(made)), failed
+    return Generated(progress.new, progress.points, seconds, left, tuple(again), _list_left_out(made)), failed
 
 
-def _there(plan: Plan, todo: Collection[int]) -> int:
+def _count_present(plan: Plan, todo: Collection[int]) -> int:
     """Return the number of frames in the shards that are done and need not be made again."""
-    shards = manifest.done(plan.store).intersection(range(plan.recipe.shards)).difference(todo)
+    shards = manifest.finished_shards(plan.store).intersection(range(plan.recipe.shards)).difference(todo)
     return sum(len(frames) for shard in shards for _, frames in plan.recipe.shard(shard))
 
 
-def _make(plan: Plan, shards: Iterable[int], client: Client | None, progress: Progress) -> list[Made]:
+def _make_until_complete(plan: Plan, shards: Iterable[int], client: Client | None, progress: Progress) -> list[Made]:
     """Make shards until another call has completed the data set, and return their results."""
     pending = itertools.takewhile(lambda _: not manifest.is_complete(plan.store), shards)
     return list(make(plan, pending, client, progress.add))
 
 
-def _names(todo: Mapping[int, list[str]], failed: Iterable[Made]) -> list[str]:
+def _lost_names(todo: Mapping[int, list[str]], failed: Iterable[Made]) -> list[str]:
     """Return the names of the lost files of the shards that did not fail."""
     without = {made.shard for made in failed}
     return [name for shard, names in sorted(todo.items()) if shard not in without for name in names]
 
 
-def _left_out(made: Iterable[Made]) -> tuple[str, ...]:
+def _list_left_out(made: Iterable[Made]) -> tuple[str, ...]:
     """Return in words which scattered objects were left out in the sequences that begin in some shards."""
     return tuple(sum((shard.scattered for shard in made if not shard.problem), Scattered()).lines())
 

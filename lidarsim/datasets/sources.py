@@ -23,7 +23,7 @@ from lidarsim.io.scenes._mjcf import collect
 from lidarsim.io.scenes.mesh_files import file_name, map_kd
 from lidarsim.io.trajectories.nuscenes import TABLES
 
-__all__ = ["hashes", "located", "paths"]
+__all__ = ["hashes", "paths", "relocate"]
 
 FILES = {"file", "times", "firing_times"}
 """Keys whose values are paths, relative to the folder of their document."""
@@ -67,19 +67,19 @@ def _is_path(key: str, above: bool) -> bool:
     return key.rpartition(".")[2] in FILES or (above and key == "choice")
 
 
-def located(node: Node, folder: str, *, is_path: bool = False) -> Node:
+def relocate(node: Node, folder: str, *, is_path: bool = False) -> Node:
     """Return a document with all paths made relative to `folder`."""
     if isinstance(node, yaml.SequenceNode):
-        items = [located(item, folder, is_path=is_path) for item in node.value]
+        items = [relocate(item, folder, is_path=is_path) for item in node.value]
         return yaml.SequenceNode(node.tag, items, node.start_mark, node.end_mark)
     if isinstance(node, yaml.MappingNode):
         pairs = [
-            (key, value if key.value in FREE else located(value, folder, is_path=_is_path(key.value, is_path)))
+            (key, value if key.value in FREE else relocate(value, folder, is_path=_is_path(key.value, is_path)))
             for key, value in node.value
         ]
         return yaml.MappingNode(node.tag, pairs, node.start_mark, node.end_mark)
     if is_path and node.tag.endswith(":str"):
-        return yaml.ScalarNode(node.tag, _from(folder, _path(node)), node.start_mark, node.end_mark)
+        return yaml.ScalarNode(node.tag, _relative(folder, _path(node)), node.start_mark, node.end_mark)
     return node
 
 
@@ -87,7 +87,7 @@ def _path(node: Node) -> Path:
     return folder_of(node.start_mark) / str(node.value)
 
 
-def _from(folder: str, path: Path) -> str:
+def _relative(folder: str, path: Path) -> str:
     return Path(os.path.relpath(path, folder)).as_posix()
 
 
@@ -103,18 +103,18 @@ def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
     while documents:
         for _, node in paths(documents.pop()):
             path = _path(node)
-            if not path.is_file() or _from(folder, path) in found:
+            if not path.is_file() or _relative(folder, path) in found:
                 continue
-            for file in [path, *_named_in(path)]:
+            for file in [path, *_files_named_in(path)]:
                 with file.open("rb") as content:
-                    found[_from(folder, file)] = hashlib.file_digest(content, "sha256").hexdigest()
+                    found[_relative(folder, file)] = hashlib.file_digest(content, "sha256").hexdigest()
             if path.suffix.lower() in YAML:
                 with suppress(ConfigError):  # a vendor's file
                     documents.append(read(path))
     return dict(sorted(found.items()))
 
 
-def _named_in(path: Path) -> list[Path]:
+def _files_named_in(path: Path) -> list[Path]:
     """Return the files that a file names, resolved as its reader does; empty if the reader refuses the file."""
     names: list[str] = []
     found: set[Path] = set()
@@ -147,7 +147,7 @@ def _named_in(path: Path) -> list[Path]:
             found.add(beside(path, name))
     folder = path.parent.resolve()
     files = [path.parent / file.relative_to(folder) if file.is_relative_to(folder) else file for file in sorted(found)]
-    return files + [image for file in files if file.suffix.lower() == ".mtl" for image in _named_in(file)]
+    return files + [image for file in files if file.suffix.lower() == ".mtl" for image in _files_named_in(file)]
 
 
 def _gltf(file: BinaryIO, *, binary: bool) -> Any:

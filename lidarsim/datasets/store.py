@@ -75,7 +75,7 @@ class Store(Protocol):
     def sizes(self, folder: str) -> dict[str, int]:
         """Return the sizes of the files in a folder by name, in bytes; empty if it does not exist. "" is the top."""
 
-    def taken(self, names: Collection[str]) -> list[str]:
+    def existing(self, names: Collection[str]) -> list[str]:
         """Return the existing top-level names in `names`, ignoring case and empty folders."""
 
     def remove(self, name: str) -> None:
@@ -230,7 +230,7 @@ class Folder:
             pass
         return found
 
-    def taken(self, names: Collection[str]) -> list[str]:
+    def existing(self, names: Collection[str]) -> list[str]:
         """Return the existing top-level names in `names`."""
         lower = {name.lower() for name in names}
         try:
@@ -442,7 +442,7 @@ class Remote:
                 return []
         return found
 
-    def taken(self, names: Collection[str]) -> list[str]:
+    def existing(self, names: Collection[str]) -> list[str]:
         """Return the existing top-level names in `names`."""
         lower = {name.lower() for name in names}
         there = {entry["name"].rstrip("/").rpartition("/")[2] for entry in self._listed(*self._place)}

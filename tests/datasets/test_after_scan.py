@@ -184,7 +184,7 @@ def test_boxes_count_the_points_that_are_left(recipe: Path, tmp_path: Path) -> N
 
 def test_it_is_part_of_what_a_data_set_is_made_of(named: Path, tmp_path: Path) -> None:
     out = make(named, tmp_path / "out")
-    head = manifest.complete(open_store(out))
+    head = manifest.complete_head(open_store(out))
     assert head is not None
     assert {name.partition(":")[0] for name in head.sources} == {"after_scan"}
     assert make(named, out) == out  # nothing to do

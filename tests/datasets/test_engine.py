@@ -131,7 +131,7 @@ def test_a_shard_that_fails_is_told_and_the_rest_is_made(
         ):
             ls.generate(recipe, out, pictures=0)
     assert len(tried) == 3
-    assert manifest.done(open_store(out)) == {0, 2}
+    assert manifest.finished_shards(open_store(out)) == {0, 2}
     with pytest.raises(FileFormatError, match="is incomplete"):
         ls.datasets.verify(out)
     assert ls.generate(recipe, out, pictures=0).frames == 5
@@ -348,7 +348,7 @@ def test_interrupted_and_gone_on(
     with monkeypatch.context() as patch:
         patch.setattr(engine, "samples", interrupting)
         assert ended(recipe, "-o", out) == 130
-    assert manifest.done(open_store(out)) == {0}
+    assert manifest.finished_shards(open_store(out)) == {0}
     assert not (out / "manifest.jsonl").exists()
     assert ls.generate(recipe, out, pictures=0).frames == 7
     assert tree(out) == whole

@@ -457,4 +457,4 @@ def test_damaged_notes_end_in_nothing_but_documented_errors(
 def test_done_counts_parts_by_their_exact_names(half: Path) -> None:
     for name in ("1.json", "0000000001.json", "000001.JSON", "000002.json.tmp"):
         (half / "manifest" / name).write_text("{}")
-    assert manifest.done(open_store(half)) == {0}
+    assert manifest.finished_shards(open_store(half)) == {0}

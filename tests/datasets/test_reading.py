@@ -81,7 +81,7 @@ def test_boxes_of_nuscenes_hold_their_points(tmp_path: Path) -> None:
 
 
 def test_points_and_boxes_in_world_coordinates_stay_there(tmp_path: Path) -> None:
-    def drive(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Lidar, ls.Trajectory]:
+    def drive(_: np.random.Generator, __: int) -> tuple[ls.Scene, ls.Lidar, ls.Trajectory]:
         scene = ls.Scene()
         scene.add(ls.Box((4, 2, 1.5), (12, 4, 0.75)), label=10)
         pose = np.eye(4)

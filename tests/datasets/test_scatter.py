@@ -75,7 +75,7 @@ def placed(path: Path, sequence: int, *overrides: str) -> tuple[ls.Scene, list[P
     source = load(path, overrides).source
     assert isinstance(source, Document)
     run = source.run(sequence)
-    return run.scene, source.placed[sequence]
+    return run.scene, source.scatter(sequence)[0]
 
 
 def outline(item: ls.scene.SceneObject, n: int = 24) -> npt.NDArray[np.float64]:
@@ -225,7 +225,7 @@ def test_points_on_movers_of_the_street_move() -> None:
     run = source.run(0)
     (scans,) = dataclasses.replace(run, frames=range(20, 21)).scans()
     scan, cloud = scans["roof"], scans["roof"].point_cloud()
-    there = source.placed[0]
+    there = source.scatter(0)[0]
     velocities = np.zeros((len(run.scene.objects), 3))
     for k, item in enumerate(there, start=len(velocities) - len(there)):
         if isinstance(item.motion, ls.Trajectory):
@@ -426,7 +426,7 @@ def lanes(tmp_path: Path, offset: float, **more: object) -> tuple[list[Placed], 
     source = load(path).source
     assert isinstance(source, Document)
     source.run(0)
-    return source.placed[0], source.scattered(0)
+    return source.scatter(0)[0], source.scattered(0)
 
 
 def test_gaps_count_along_the_way_between_lanes(tmp_path: Path) -> None:

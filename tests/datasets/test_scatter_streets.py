@@ -45,7 +45,7 @@ def recipe(folder: Path, groups: dict[str, Any], *, scene: Any = STREET, **keys:
 def placed(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
     source = load(path).source
     assert isinstance(source, Document)
-    return source.run(sequence).scene, source.placed[sequence]
+    return source.run(sequence).scene, source.scatter(sequence)[0]
 
 
 def test_traffic_follows_the_lanes_and_people_cross(tmp_path: Path) -> None:

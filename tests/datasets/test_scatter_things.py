@@ -55,7 +55,7 @@ def placed(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
     source = load(path).source
     assert isinstance(source, Document)
     run = source.run(sequence)
-    return run.scene, source.placed[sequence]
+    return run.scene, source.scatter(sequence)[0]
 
 
 def things(scene: ls.Scene) -> list[list[ls.scene.SceneObject]]:
@@ -408,7 +408,7 @@ def test_boxes_hold_the_points_and_head_along_the_motion(tmp_path: Path, deskew:
     cloud = scan.point_cloud(deskew=deskew, deskew_movers=True)
     boxes = scan.boxes(deskew=deskew)
     world = scan.boxes(deskew=deskew, frame="world")
-    there = {parts[0].instance: item for parts, item in zip(things(run.scene), source.placed[0], strict=True)}
+    there = {parts[0].instance: item for parts, item in zip(things(run.scene), source.scatter(0)[0], strict=True)}
     numbers = [number for number in boxes.instance.tolist() if number in there]
     assert len(numbers) == len(set(numbers)) >= 20
     seen = 0
@@ -527,7 +527,7 @@ def test_traffic_of_two_hundred_things() -> None:
     source = load(CONFIGS / "recipes" / "traffic.yaml").source
     assert isinstance(source, Document)
     run = source.run(0)
-    there = source.placed[0]
+    there = source.scatter(0)[0]
     assert len(there) >= 200
     items = list(run.scene)[-sum(len(item.parts) for item in there) :]
     shapes = [

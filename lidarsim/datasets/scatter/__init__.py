@@ -16,7 +16,7 @@ from pydantic import Field
 from lidarsim._base.validation import Floats
 from lidarsim.config.factories import Model, either
 from lidarsim.config.objects import Generated, Mesh, SceneFile, ask_size
-from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
+from lidarsim.datasets.draws import Draw, DrawOr, Stream, draw_number
 from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, steps, turns_of
 from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of
 from lidarsim.datasets.scatter._ways import STEP, Path, Way, path_of
@@ -178,7 +178,7 @@ class Scatter(Model):
         for index, item in enumerate(self.objects):
             _check_thing(item, place / "objects" / index)
             if isinstance(item, Mesh | SceneFile):
-                ask_size(item, place / "objects" / index, _usual(self.scale))
+                ask_size(item, place / "objects" / index, _middle(self.scale))
 
     def _check_path(self, points: Sequence[Any], place: Place) -> None:
         for index, (point, after) in enumerate(pairwise(points)):
@@ -204,9 +204,9 @@ class Scatter(Model):
         for end in value.ends or (value.normal or ())[:1]:
             _expect(key, end, place)
 
-    def drawn(self, key: str, stream: Stream, place: Place) -> float:
+    def draw(self, key: str, stream: Stream, place: Place) -> float:
         """Return the value of a number, drawn if necessary, after checking its range."""
-        value = drawn(getattr(self, key), stream)
+        value = draw_number(getattr(self, key), stream)
         if key == "count":  # normal numbers may be negative
             value = max(value, 0.0)
         _expect(key, value, place / key)
@@ -227,7 +227,7 @@ def _check_thing(item: AnyThing, place: Place) -> None:
             raise place.error(f"expected an object within {FAR:g} m of its origin, got one of {size:g} m")
 
 
-def _usual(value: float | Draw) -> float:
+def _middle(value: float | Draw) -> float:
     """Return a number, or the middle of those that may be drawn."""
     if not isinstance(value, Draw):
         return value
@@ -309,12 +309,12 @@ def scatter(
     others, lanes, spaced = Obstacles(), Obstacles(), Obstacles()
     for name, given in groups.items():
         there = place / name
-        count = int(given.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))
+        count = int(given.draw("count", Stream(seed, f"scatter.{name}", sequence), there))
         group = given.on_ways(run.ways, there)
         if group is None:
             tallies[name] = Tally(count, 0, {"no such ways in the street": count})
             continue
-        ground, obstacles = _divided(run, group.on, outlines, there)
+        ground, obstacles = _ground_and_obstacles(run, group.on, outlines, there)
         along = bool(group.paths)
         rules = [
             _Rule("clear of the sensor", _sensor(run, times, group.clear_m)),
@@ -337,7 +337,7 @@ def scatter(
             if key not in things:
                 asset_seed = Stream(seed, f"scatter.{name}.{index}.{key[1]}", sequence).word()
                 things[key] = thing_of(group.objects[index], there / "objects" / index, asset_seed)
-            scale = group.drawn("scale", stream, there)
+            scale = group.draw("scale", stream, there)
             way = Way(group, stream, times, there)
             phase = Stream(seed, f"scatter.{name}.{number}.phase", sequence).unit()
             swing = things[key].swing(scale, way, phase, there)
@@ -351,7 +351,7 @@ def scatter(
             missed = 0
             poses, outline, spaced_out = found
             motion = Trajectory(times, poses) if way.moves else poses[0]
-            parts = things[key].placed(scale, swing, motion, times[0])
+            parts = things[key].place(scale, swing, motion, times[0])
             placed.append(Placed(name, index, scale, motion, parts))
             (lanes if along else others).add(name, outline)
             if along:
@@ -384,7 +384,7 @@ def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
     times = np.linspace(start, stop, count + 1)
     clear = clearance(groups)
     if not clear:
-        return _crossed(run, times)
+        return _objects_passed_through(run, times)
     on = {name for group in groups.values() for name in group.on} | _ground_of(run)
     positions = _positions(run, times)
     mounts = [part.mount[2, 3] for part in run.sensor.values()] if isinstance(run.sensor, Rig) else []
@@ -410,7 +410,7 @@ def clearance(groups: dict[str, Scatter]) -> float:
     return min((group.clear_m for group in groups.values() if group.clear_m), default=0.0)
 
 
-def _crossed(run: Run, times: Floats) -> dict[str, float]:
+def _objects_passed_through(run: Run, times: Floats) -> dict[str, float]:
     """Return the static objects of a scene that a sensor passes through, straight from one time to the next."""
     found: dict[str, float] = {}
     if not isinstance(run.pose, Trajectory):
@@ -489,14 +489,14 @@ def _stand(poses: Floats, swing: Swing, ground: Scene, group: Scatter) -> tuple[
     """
     low = swing.bounds[0, 2]
     corners = _corners(swing.bounds)
-    plan = np.einsum("mkij,cj->mkci", poses[..., :2, :2], corners) + poses[..., None, :2, 3]
+    plan = _plan(poses, corners)
     under = np.concatenate([plan, plan.mean(axis=2, keepdims=True)], axis=2)
     origins = np.concatenate([under, np.full((*under.shape[:3], 1), TOP)], axis=3).reshape(-1, 3)
     height = TOP - ground.cast(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)).t.reshape(under.shape[:3])
     is_there = np.isfinite(height).all(axis=(1, 2))
     poses, height = poses[is_there], height[is_there]
     if group.tilt:
-        _tilted(poses.reshape(-1, 4, 4), corners, height.reshape(-1, 5), low)
+        _tilt(poses.reshape(-1, 4, 4), corners, height.reshape(-1, 5), low)
     else:
         poses[..., 2, 3] = height.max(axis=2) - low
     outline = _outline(poses, swing, swing.bounds, tilt=group.tilt)
@@ -504,6 +504,12 @@ def _stand(poses: Floats, swing: Swing, ground: Scene, group: Scatter) -> tuple[
         return poses, outline, outline
     longer = swing.bounds + np.array([[-group.gap_m, 0.0, 0.0], [group.gap_m, 0.0, 0.0]])
     return poses, outline, _outline(poses, swing, longer, tilt=group.tilt)
+
+
+def _plan(poses: Floats, corners: Floats) -> Floats:
+    """Return where corners, (c, 2), are in the xy plane at poses, (m, k, 4, 4)."""
+    plan: Floats = np.einsum("mkij,cj->mkci", poses[..., :2, :2], corners) + poses[..., None, :2, 3]
+    return plan
 
 
 def _corners(bounds: Floats) -> Floats:
@@ -515,10 +521,10 @@ def _outline(poses: Floats, swing: Swing, bounds: Floats, *, tilt: bool) -> Outl
     """Return the outline of a box with these bounds, in which parts swing, at poses, (m, k, 4, 4)."""
     corners, low, high = _corners(bounds), bounds[0, 2], bounds[1, 2]
     if tilt:
-        outline = _solid(poses, np.array([[x, y, z] for z in (low, high) for x, y in corners]))
+        outline = _solid(poses, bounds)
         turns = turns_of(poses)
     else:
-        plan = np.einsum("mkij,cj->mkci", poses[..., :2, :2], corners) + poses[..., None, :2, 3]
+        plan = _plan(poses, corners)
         turns = np.diff(np.unwrap(np.arctan2(poses[..., 1, 0], poses[..., 0, 0])))
         bulge = bulge_of(np.linalg.norm(corners, axis=1).max(), turns)
         heights = poses[..., 2, 3].min(axis=1) + low, poses[..., 2, 3].max(axis=1) + high
@@ -532,13 +538,13 @@ def _reasons(rules: Iterable[_Rule], outline: Outline, spaced: Outline) -> list[
     reasons = np.full(len(outline.corners), "", object)
     for rule in rules:
         there = np.flatnonzero(reasons == "")
-        found = rule.obstacles.refusing((spaced if rule.along else outline).at(there), rule.gap)
+        found = rule.obstacles.first_refusal((spaced if rule.along else outline).at(there), rule.gap)
         for index in np.flatnonzero(found >= 0):
             reasons[there[index]] = rule.words.format(rule.obstacles.names[found[index]])
     return reasons.tolist()
 
 
-def _tilted(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
+def _tilt(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
     """Tilt poses to the ground, of which `height`, (k, 5), has the heights under the corners and their middle."""
     (x0, y0), (x1, y1) = corners[0], corners[2]
     rear_right, front_right, front_left, rear_left, _ = height.T
@@ -564,7 +570,7 @@ def _ground_of(run: Run) -> set[str]:
     return set() if run.ways is None else set(GROUND)
 
 
-def _divided(
+def _ground_and_obstacles(
     run: Run, on: Sequence[str], outlines: Iterable[tuple[SceneObject, Outline]], place: Place
 ) -> tuple[Scene, Obstacles]:
     """Return the ground for objects as a scene, and the obstacles among outlines; the ground of a street is none."""
@@ -586,13 +592,11 @@ def _name(item: SceneObject) -> str:
 
 def _obstacle(item: SceneObject, times: Floats) -> Outline:
     """Return the outline of an object in the scene; a motion is taken to be straight within a step."""
-    (x0, y0, low), (x1, y1, high) = item.bounds
     if item.motion is None:
-        return _upright(item) or Outline(np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]]), low, high)
+        return _upright(item) or Outline(_corners(item.bounds)[None], *item.bounds[:, 2])
     first, last = item.motion.span
     poses = item.motion._native.at(np.clip(times, first, last))
-    solid = np.array([[x, y, z] for z in (low, high) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
-    return _solid(poses, solid)
+    return _solid(poses, item.bounds)
 
 
 def _upright(item: SceneObject) -> Outline | None:
@@ -612,8 +616,9 @@ def _upright(item: SceneObject) -> Outline | None:
     return Outline(plan[None], float(heights[0]), float(heights[1]))
 
 
-def _solid(poses: Floats, solid: Floats) -> Outline:
-    """Return the outline of a solid with these corners, (8, 3), the lower four first, at poses, (…, k, 4, 4)."""
+def _solid(poses: Floats, bounds: Floats) -> Outline:
+    """Return the outline of a box with these bounds at poses, (…, k, 4, 4)."""
+    solid = np.array([[x, y, z] for z in bounds[:, 2] for x, y in _corners(bounds)])  # the lower four first
     body = np.einsum("...ij,cj->...ci", poses[..., :3, :3], solid) + poses[..., None, :3, 3]
     bulge = bulge_of(np.linalg.norm(solid, axis=1).max(), turns_of(poses))
     heights = body[..., 2].min(axis=(-2, -1)) - bulge, body[..., 2].max(axis=(-2, -1)) + bulge

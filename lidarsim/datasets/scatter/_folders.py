@@ -11,13 +11,13 @@ from lidarsim._base.validation import shown
 from lidarsim.config.document import Node, Place, entries, folder_of, plain, replace, without, written
 from lidarsim.worlds import CLASS_NAMES
 
-__all__ = ["expanded"]
+__all__ = ["expand_files"]
 
 MOST_FILES = 1000
 """Greatest number of files that a pattern may match: each is read where it is first drawn."""
 
 
-def expanded(root: Node) -> Node:
+def expand_files(root: Node) -> Node:
     """Return a recipe in which members of groups with ``files``, a pattern, are a scene file for each match.
 
     Their ``label`` may be the name of a class: of the recipe's class names, or of SemanticKITTI.

@@ -123,7 +123,7 @@ class Obstacles:
         near: npt.NDArray[np.bool_] = ~apart.any(axis=2)
         return near
 
-    def refusing(self, outline: Outline, gap: float) -> npt.NDArray[np.intp]:
+    def first_refusal(self, outline: Outline, gap: float) -> npt.NDArray[np.intp]:
         """Return which obstacle an object at m places is too near to, the first of several; -1 for none, shape (m,)."""
         near = self.near(outline, gap)
         refusing = np.full(len(near), -1)

@@ -182,13 +182,13 @@ class Thing:
         wheels = {index: _wheel(part, size) for index, part in enumerate(self.parts) if part.wheel and way.moves}
         least = min((half[2] for _, half in wheels.values()), default=np.inf)
         per_step = max(1, int(np.ceil(np.abs(way.speeds).max() * way.step / (ROLL * least))))
-        times = _divided(way.times, per_step, place)
+        times = _divide(way.times, per_step, place)
         rest = np.array([_extent(part.shape, size @ part.affine) for part in self.parts])
         bounds = np.array([rest[:, 0].min(axis=0), rest[:, 1].max(axis=0)])
         poses: list[Floats | None] = [None] * len(self.parts)
         reach = []
         for index, (middle, half) in wheels.items():
-            poses[index] = own = _rolling(middle, np.fmod(way.ahead(times) / half[2], 2 * np.pi))
+            poses[index] = own = _roll(middle, np.fmod(way.ahead(times) / half[2], 2 * np.pi))
             reach.append((float(np.linalg.norm(half)), float(turns_of(own).max())))
             far = np.hypot(half[0], half[2])
             bounds[:, 0] = min(bounds[0, 0], middle[0] - far), max(bounds[1, 0], middle[0] + far)
@@ -202,7 +202,7 @@ class Thing:
             fastest, got = _walker.FASTEST * hip, np.abs(way.speeds).max()
             expected = f"expected at most {fastest:.3g} m/s of a walker {height:.3g} m tall, got {got:.3g}"
             raise (place / "speed_m_per_s").error(expected)
-        times = _divided(way.times, STRIDE, place)
+        times = _divide(way.times, STRIDE, place)
         poses: list[Floats | None] = [None] * len(self.parts)
         for walker in self.walkers:
             limbs = _strides(walker.height * scale, phase, times, way.speed_ahead(times))
@@ -222,7 +222,7 @@ class Thing:
         bounds = np.array([ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)])
         return Swing(poses, times, STRIDE, bounds, reach)
 
-    def placed(self, scale: float, swing: Swing, body: Floats | Trajectory, start: float) -> tuple[PlacedPart, ...]:
+    def place(self, scale: float, swing: Swing, body: Floats | Trajectory, start: float) -> tuple[PlacedPart, ...]:
         """Return the parts at the place, or on the way, of the thing; `start` is the time of its first pose, s."""
         size = np.diag([scale, scale, scale, 1.0])
         parts = []
@@ -269,7 +269,7 @@ def thing_of(item: AnyThing, place: Place, seed: int = 0) -> Thing:
         raise (place / "instance").error("expected none, since each copy is an instance of its own")
     if isinstance(item, Generated) and "seed" not in item.model_fields_set:
         item = item.model_copy(update={"seed": seed})
-    if (walking := _walking(item, place)) is not None:
+    if (walking := _walkers(item, place)) is not None:
         return walking
     parts = list(_parts(item, place))
     pattern = item.wheels if isinstance(item, ModelFile | Compound) else None
@@ -285,14 +285,14 @@ def thing_of(item: AnyThing, place: Place, seed: int = 0) -> Thing:
     return Thing(parts)
 
 
-def _walking(item: AnyThing, place: Place) -> Thing | None:
+def _walkers(item: AnyThing, place: Place) -> Thing | None:
     """Return a walker, or people who can walk; None for other things."""
     if isinstance(item, Walker):
         parts = [Part(item, shape, np.eye(4)) for _, shape in _walker.limbs(item.height_m)]
         thing = Thing(parts, (worlds.Walker(0, item.height_m),))
     elif isinstance(item, Generated) and (asset := item.asset(place)).walkers:
         limbs = {walker.first + limb for walker in asset.walkers for limb in range(_walker.LIMBS)}
-        thing = Thing(list(_made(item, asset, np.eye(4), limbs)), asset.walkers)
+        thing = Thing(list(_parts_of_asset(item, asset, np.eye(4), limbs)), asset.walkers)
     else:
         return None
     for key in sorted(item.model_fields_set & {"position_m", "rotation_deg", "matrix", "motion", "scale"}):
@@ -317,17 +317,17 @@ def _parts(item: AnyThing, place: Place) -> Iterator[Part]:
             for part in _parts(member, place / "parts" / index):
                 yield replace(part, affine=base @ part.affine)
     elif isinstance(item, SceneFile):
-        yield from _of_file(item, base, place)
+        yield from _parts_of_file(item, base, place)
     elif isinstance(item, Surfels):
         disks, labels = item._disks(place)
         yield Part(item, disks, base, {} if labels is None else {"label": labels})
     elif isinstance(item, Generated):
-        yield from _made(item, item.asset(place), base)
+        yield from _parts_of_asset(item, item.asset(place), base)
     else:
         yield Part(item, item.build(place), base)
 
 
-def _of_file(item: SceneFile, base: Floats, place: Place) -> Iterator[Part]:
+def _parts_of_file(item: SceneFile, base: Floats, place: Place) -> Iterator[Part]:
     for index, rule in enumerate(item.rules):
         if rule.instance is not None:
             raise (place / "rules" / index / "instance").error("expected none, since the file is one instance")
@@ -339,7 +339,7 @@ def _of_file(item: SceneFile, base: Floats, place: Place) -> Iterator[Part]:
         yield Part(item, placed.shape, base @ inner, more)
 
 
-def _made(item: Generated, asset: worlds.Asset, base: Floats, limbs: Collection[int] = ()) -> Iterator[Part]:
+def _parts_of_asset(item: Generated, asset: worlds.Asset, base: Floats, limbs: Collection[int] = ()) -> Iterator[Part]:
     """Yield the parts of an asset, without their poses those of some indices."""
     for index, made in enumerate(asset.parts):
         inner = np.eye(4) if made.transform is None or index in limbs else made.transform
@@ -369,7 +369,7 @@ def _wheel(part: Part, size: Floats) -> tuple[Floats, Floats]:
     return (low + high) / 2, (high - low) / 2
 
 
-def _rolling(middle: Floats, turn: Floats) -> Floats:
+def _roll(middle: Floats, turn: Floats) -> Floats:
     """Return poses at the middle of a wheel, turned about the y axis."""
     poses = np.tile(np.eye(4), (len(turn), 1, 1))
     poses[:, :3, 3] = middle
@@ -379,7 +379,7 @@ def _rolling(middle: Floats, turn: Floats) -> Floats:
     return poses
 
 
-def _divided(times: Floats, per_step: int, place: Place) -> Floats:
+def _divide(times: Floats, per_step: int, place: Place) -> Floats:
     """Return times with each step divided evenly."""
     if len(times) * per_step > MOST_POSES:
         raise place.error(f"expected at most {MOST_POSES:,} poses of a part in a sequence, got more")

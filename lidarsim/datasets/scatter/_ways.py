@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,29 +23,19 @@ PIECES = 256
 """Straight pieces between two points of a spline: a quarter of a circle turns by 0.35° from one to the next."""
 
 
-class Speed(Protocol):
-    """Speed over time, in m/s."""
-
-    def at(self, times: Floats) -> Floats:
-        """Return the speed at times since the start."""
-
-    def way(self, times: Floats) -> Floats:
-        """Return the distance travelled since the start: the integral of the magnitude."""
-
-
 class Constant:
-    """The same speed at all times."""
+    """The same speed at all times, m/s; negative to go back."""
 
     def __init__(self, value: float) -> None:
-        self.value = value
+        self.speeds = np.array([value])
 
     def at(self, times: Floats) -> Floats:
         """Return the speed at times since the start."""
-        return np.full(len(times), self.value)
+        return np.full(len(times), self.speeds[0])
 
     def way(self, times: Floats) -> Floats:
         """Return the distance travelled since the start."""
-        return abs(self.value) * times
+        return abs(float(self.speeds[0])) * times
 
 
 class Profile:
@@ -147,19 +137,18 @@ class Way:
 
     def __init__(self, group: Scatter, stream: Stream, times: Floats, place: Place) -> None:
         self.group = group
-        self.yaw = np.radians(group.drawn("yaw_deg", stream, place))
-        self.speed: Speed
+        self.yaw = np.radians(group.draw("yaw_deg", stream, place))
+        self.speed: Constant | Profile
         if isinstance(group.speed_m_per_s, list):
             self.speed = Profile(np.array(group.speed_m_per_s))
-            self.speeds = self.speed.speeds
         else:
-            self.speed = Constant(group.drawn("speed_m_per_s", stream, place))
-            self.speeds = np.array([self.speed.value])
+            self.speed = Constant(group.draw("speed_m_per_s", stream, place))
+        self.speeds = self.speed.speeds
         self.moves = bool(self.speeds.any())
         self.back = bool(self.speeds[0] < 0)
         self.times = (times if self.moves else times[:1]) - times[0]
         self.way = self.speed.way(self.times)
-        offset = group.drawn("offset_m", stream, place)
+        offset = group.draw("offset_m", stream, place)
         self.path: Path | None = None
         self.along = bool(group.paths)
         if self.along:
