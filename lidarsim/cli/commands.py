@@ -592,7 +592,7 @@ def fit(
     with its 95 % interval, and the number of samples; values that the points do not tell are those of the preset, and
     the table says why. A run takes the file as its sensor: --set 'sensor={file: SENSOR.yaml}'.
     """
-    from lidarsim.comparison import fit_source, recognised, sensor_of, source, values
+    from lidarsim.comparison import fit_source, recognise, sensor_of, source, values
 
     check_suffix(output, {".yaml", ".yml"})
     check_folder(output)
@@ -602,7 +602,7 @@ def fit(
         raise ArgumentValueError("--ground", error.expected, error.got, error.hint) from None
     frames = source("real", real)
     if preset is None:
-        frames, preset = recognised(frames)
+        frames, preset = recognise(frames)
     start, noise = sensor_of(preset)
     with (
         without_native_logs(),

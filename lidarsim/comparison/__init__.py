@@ -11,7 +11,7 @@ the least that would have counted.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -22,12 +22,13 @@ import numpy as np
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import shown
 from lidarsim.comparison import _report as _report  # registers the page
-from lidarsim.comparison._fit import fit_source, recognised, sensor_of
+from lidarsim.comparison._fit import fit_source, recognise, sensor_of
 from lidarsim.comparison._frame import Frame
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
 from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, Verdict, reasons, values
 from lidarsim.comparison._sources import Given, Source, intensity_unit, source
 from lidarsim.comparison._statistics import (
+    FEWEST_UNITS,
     Divergence,
     Estimate,
     Share,
@@ -55,7 +56,7 @@ __all__ = [
     "fit",
     "fit_source",
     "reasons",
-    "recognised",
+    "recognise",
     "sensor_of",
     "source",
     "values",
@@ -65,8 +66,6 @@ SensorLike = str | os.PathLike[str] | Lidar | None
 
 FEWEST = 50
 """Fewest samples of a cell that is compared."""
-FEWEST_UNITS = 4
-"""Fewest blocks or frames that have them."""
 UNLIKE = 1.1
 """Ratio of the numbers of rings above which sensors are unlike: fewer rings may just see nothing."""
 
@@ -186,39 +185,27 @@ def fit(
 def compare_sources(real: Source, simulated: Source, sensor: SensorLike) -> Comparison:
     """Compare two sources; see `compare`."""
     lidar = _sensor(sensor)
-    scans = _Scans()
+    only_scans = True  # which know what became of each pulse
     sides = _Side("real", real.name), _Side("simulated", simulated.name)
     overlaps: list[bool] = []
     last: Frame | None = None
-    for one, other in zip_longest(scans.noted(real.frames), scans.noted(simulated.frames)):
+    for one, other in zip_longest(real.frames, simulated.frames):
+        only_scans &= isinstance(one, Scan | None) and isinstance(other, Scan | None)
         a, b = sides[0].frame(one, lidar), sides[1].frame(other, lidar)
         for side, frame in zip(sides, (a, b), strict=True):
             if frame is not None:
-                side.add(frame if scans.all else replace(frame, truth=None))
+                side.add(frame if only_scans else replace(frame, truth=None))
         if a is not None and b is not None:
             overlaps.append(_add_pair(sides, a, b, last))
         last = a
     for side in sides:
         if not side.points:
             raise ArgumentValueError(side.argument, "points", f"none in {counted(side.frames, 'frame')}")
-    return _judged(*sides, lidar, overlap=any(overlaps))
-
-
-class _Scans:
-    """Whether all frames so far are scans, which know what became of each pulse."""
-
-    def __init__(self) -> None:
-        self.all = True
-
-    def noted(self, frames: Iterator[PointCloud | Scan]) -> Iterator[PointCloud | Scan]:
-        """Yield the frames."""
-        for frame in frames:
-            self.all &= isinstance(frame, Scan)
-            yield frame
+    return _judge(*sides, lidar, overlap=any(overlaps))
 
 
 class _Side:
-    """What one side has told so far."""
+    """The sums of one side so far."""
 
     def __init__(self, argument: str, name: str) -> None:
         self.argument, self.name = argument, name
@@ -262,7 +249,7 @@ class _Side:
         self.units[name].add(statistic.summary.sums(found, count))
 
     @property
-    def told(self) -> Side:
+    def summary(self) -> Side:
         """What was compared, for the report."""
         return Side(self.name, self.frames, self.points, len(self.rings))
 
@@ -296,7 +283,7 @@ def _sensor(sensor: SensorLike) -> Lidar | None:
     return Lidar.from_file(Path(sensor))
 
 
-def _judged(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: bool) -> Comparison:
+def _judge(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: bool) -> Comparison:
     """Return the verdicts on all measures."""
     refused: dict[str, str] = {}
     found: dict[str, tuple[Estimate, Estimate]] = {}
@@ -306,13 +293,13 @@ def _judged(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: boo
         if not why and statistic.cells.labels is None:
             why = unlike
         if not why:
-            found[name] = _estimated(statistic, real.units[name], simulated.units[name], seed=2 * i)
+            found[name] = _estimate(statistic, real.units[name], simulated.units[name], seed=2 * i)
         else:
             refused[name] = why
     contrasts = {name: _contrast(STATISTICS[name], *pair) for name, pair in found.items()}
     tests = sum(int(contrast.compared.sum()) for contrast in contrasts.values())
     measures = [
-        _measured(statistic, contrasts[name], tests) if name in found else _refused(statistic, refused[name])
+        _measure(statistic, contrasts[name], tests) if name in found else _refuse(statistic, refused[name])
         for name, statistic in STATISTICS.items()
     ]
     notes = [
@@ -321,7 +308,7 @@ def _judged(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: boo
         if side.inferred
     ]
     notes += [f"{unlike}: these are unlike sensors"] if unlike else []
-    return Comparison(tuple(measures), real.told, simulated.told, tuple(notes))
+    return Comparison(tuple(measures), real.summary, simulated.summary, tuple(notes))
 
 
 def _lacking(statistic: Statistic, real: _Side, simulated: _Side, *, overlap: bool) -> str:
@@ -352,15 +339,13 @@ def _unlike(real: _Side, simulated: _Side, sensor: Lidar | None) -> str:
     return f"the real clouds have points in {a} rings, the simulated ones in {b}"
 
 
-def _compared(real: Estimate, simulated: Estimate) -> Any:
+def _are_compared(real: Estimate, simulated: Estimate) -> Any:
     """Return which cells have enough samples on both sides."""
-    enough = (np.minimum(real.count, simulated.count) >= FEWEST) & np.isfinite(real.value + simulated.value)
-    return (
-        enough & (np.minimum(real.units, simulated.units) >= FEWEST_UNITS) & np.isfinite(real.error + simulated.error)
-    )
+    known = np.isfinite(real.value + simulated.value) & np.isfinite(real.error + simulated.error)
+    return known & real.has(FEWEST) & simulated.has(FEWEST)
 
 
-def _centred(one: Estimate, cells: Any) -> Estimate:
+def _center(one: Estimate, cells: Any) -> Estimate:
     """Return values less their mean over some cells."""
     with np.errstate(invalid="ignore"):
         means = np.array([_mean(values[cells]) for values in one.resampled])
@@ -372,7 +357,7 @@ def _mean(values: Any) -> float:
     return float(known.mean()) if known.size else np.nan
 
 
-def _estimated(statistic: Statistic, real: Units, simulated: Units, seed: int) -> tuple[Estimate, Estimate]:
+def _estimate(statistic: Statistic, real: Units, simulated: Units, seed: int) -> tuple[Estimate, Estimate]:
     """Return the estimates of both sides; units are resampled in pairs if there are as many on both sides."""
     if isinstance(statistic.summary, Divergence):
         return divergence(real, simulated, seed)
@@ -410,9 +395,9 @@ class _Contrast:
 
 def _contrast(statistic: Statistic, real: Estimate, simulated: Estimate) -> _Contrast:
     """Return both sides of a measure side by side, centred and pooled as the measure says."""
-    compared = _compared(real, simulated)
+    compared = _are_compared(real, simulated)
     if statistic.centred:
-        real, simulated = _centred(real, compared), _centred(simulated, compared)
+        real, simulated = _center(real, compared), _center(simulated, compared)
     relevant = np.maximum(statistic.least, statistic.relative * np.abs(real.value))
     # Shares and what is centred have the same mean on both sides.
     several = compared.sum() > 1 and not statistic.centred and not isinstance(statistic.summary, Share)
@@ -444,7 +429,7 @@ def _with_mean(one: Estimate, cells: Any, weight: Any, share: Any) -> Estimate:
     return Estimate(**appended, resampled=np.column_stack([one.resampled, drawn]))
 
 
-def _measured(statistic: Statistic, contrast: _Contrast, tests: int) -> Measure:
+def _measure(statistic: Statistic, contrast: _Contrast, tests: int) -> Measure:
     """Return the verdict on a measure."""
     real, simulated, compared, relevant = contrast.real, contrast.simulated, contrast.compared, contrast.relevant
     difference = simulated.value - real.value
@@ -474,7 +459,7 @@ def _measured(statistic: Statistic, contrast: _Contrast, tests: int) -> Measure:
     }
     if not compared.any():
         why = f"no part of it has {FEWEST} samples in {FEWEST_UNITS} blocks on both sides"
-        return replace(_refused(statistic, why), cells=tuple(cells.values()))
+        return replace(_refuse(statistic, why), cells=tuple(cells.values()))
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = np.where(compared, size / least, -np.inf)
     excess[np.isnan(excess)] = 0.0  # no difference where none would be too small
@@ -516,7 +501,7 @@ def _tells(contrast: _Contrast, chance: Any) -> bool:
     return bool(n[clear].sum() >= 0.5 * n.sum())
 
 
-def _refused(statistic: Statistic, why: str) -> Measure:
+def _refuse(statistic: Statistic, why: str) -> Measure:
     return Measure(
         name=statistic.name,
         unit=statistic.unit,

@@ -225,7 +225,7 @@ class Image:
         """Return the image of points by ring and column, or raise `NoImageError`."""
         xyz: Floats = fields["xyz"]
         reach = np.sqrt((xyz * xyz).sum(axis=1))
-        names, row, column, shot = _laid_out(ring, column, fired)
+        names, row, column, shot = _lay_out(ring, column, fired)
         width = shot.shape[1]
         point = _first_returns(fields, row, column, shot.shape)
         seen = point >= 0
@@ -250,7 +250,7 @@ class Image:
         returns = seen + np.bincount(pixel[others], minlength=point.size).reshape(point.shape)
         block = np.broadcast_to(np.arange(width) * BLOCKS // width, point.shape).astype(np.intp)
         shift = angles.shift(width)
-        move = _Moved(np.argsort(angles.height, kind="stable"), shift - shift.min(), width + int(np.ptp(shift)))
+        move = _Rows(np.argsort(angles.height, kind="stable"), shift - shift.min(), width + int(np.ptp(shift)))
         return cls(
             rings=names[move.order],
             point=move(point, -1),
@@ -281,7 +281,7 @@ class NoImageError(Exception):
     """Points have no image; the message says what the clouds have instead."""
 
 
-def _laid_out(
+def _lay_out(
     ring: Indices, column: Indices, fired: tuple[Indices, Indices] | None
 ) -> tuple[Indices, Indices, Indices, Mask]:
     """Return the rings, row and column of each point, and which pixels had a pulse: all, if it is not known."""
@@ -302,7 +302,7 @@ def _laid_out(
 
 @dataclass(frozen=True)
 class _Angles:
-    """The angles of rows and columns: that of a pixel is the mean, its row's lead, and a step for each column.
+    """Angles of rows and columns: pixel azimuth = mean + row offset + column × step.
 
     Attributes
     ----------
@@ -324,19 +324,19 @@ class _Angles:
     def of(cls, azimuth: Floats, elevation: Floats) -> _Angles:
         """Fit the angles to those of the points, nan where there are none."""
         width = azimuth.shape[1]
-        step = _median(_wrapped(np.diff(azimuth, axis=1)))
+        step = _median(_wrap(np.diff(azimuth, axis=1)))
         lag = max(width // 8, 1)
         # The median of single steps is off by less than half a turn over an eighth of the columns.
-        step += _median(_wrapped(azimuth[:, lag:] - azimuth[:, :-lag] - step * lag)) / lag
+        step += _median(_wrap(azimuth[:, lag:] - azimuth[:, :-lag] - step * lag)) / lag
         start = azimuth - step * np.arange(width)
         phase = np.array([circular_mean(row[np.isfinite(row)]) for row in start])
-        if _median(np.abs(_wrapped(start - phase[:, None]))) > UNEVEN:
+        if _median(np.abs(_wrap(start - phase[:, None]))) > UNEVEN:
             raise NoImageError(
                 "have columns that are no even steps of azimuth, as if points were not in the sensor frame"
             )
         mean = circular_mean(phase[np.isfinite(phase)])
         height = np.array([_median(row) for row in elevation])
-        return cls(height, np.nan_to_num(_wrapped(phase - mean)), mean, step, _wrapped(start - mean))
+        return cls(height, np.nan_to_num(_wrap(phase - mean)), mean, step, _wrap(start - mean))
 
     def directions(self, width: int) -> Floats:
         """Return the direction of each pixel, shape (R, C, 3)."""
@@ -353,7 +353,7 @@ class _Angles:
 
 
 @dataclass(frozen=True)
-class _Moved:
+class _Rows:
     """Arrays by row and column, with rows in an order and each row shifted by some columns."""
 
     order: Indices
@@ -418,7 +418,7 @@ class Planes:
             return back.reshape(down * rows, across * columns, *array.shape[2:])[:high, :wide]
 
         r, d = tiles(image.reach, np.nan), tiles(image.direction, 0.0)
-        w, spread, on = _fit(r, d)
+        w, spread, on = _fit_planes(r, d)
         predicted = np.einsum("tpk,tk->tp", d, w)
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = np.where(predicted > 0.0, 1.0 / predicted, np.nan)
@@ -439,7 +439,7 @@ class Planes:
         )
 
 
-def _fit(r: Floats, d: Floats) -> tuple[Floats, Floats, Mask]:
+def _fit_planes(r: Floats, d: Floats) -> tuple[Floats, Floats, Mask]:
     """Return for each tile the plane w, the spread of the points about it, nan without one, and the points on it."""
     tiles, pixels = r.shape
     seen = np.isfinite(r)
@@ -533,7 +533,7 @@ def _blocks(values: npt.NDArray[Any]) -> Indices:
     return blocks
 
 
-def _wrapped(angle: Floats) -> Floats:
+def _wrap(angle: Floats) -> Floats:
     """Return angles between -π and π, rad."""
     return np.mod(angle + math.pi, TURN) - math.pi
 

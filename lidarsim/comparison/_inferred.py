@@ -242,12 +242,12 @@ def columns_of(sensor: Sensor, ring: npt.NDArray[np.integer], xyz: Floats) -> In
     places /= _step([places[mine] for mine in groups])
     for mine in groups:
         along = mine[np.argsort(places[mine], kind="stable")]
-        column[along] = _counted(places[along])
+        column[along] = _assign_columns(places[along])
     return column
 
 
-def _counted(places: Floats) -> Indices:
-    """Return columns for the places of a ring, which rise.
+def _assign_columns(places: Floats) -> Indices:
+    """Assign a column to each pulse of a ring, sorted by azimuth.
 
     Real heads turn unevenly, and clouds may be corrected for the motion of the sensor. So neighbours are in columns one
     after another, however far apart they are, and only gaps of two pulses or more are filled as the places say.

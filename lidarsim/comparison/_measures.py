@@ -187,10 +187,9 @@ def measure(
 
 def _bins(what: str, edges: Floats, unit: str) -> Cells:
     def label(low: float, high: float) -> str:
-        low_text, high_text = f"{low:g}", f"{high:g}"
         if math.isinf(high):
-            return f"over {low_text}{unit}"
-        return f"{low_text} to {high_text}{unit}" if math.isfinite(low) else f"up to {high_text}{unit}"
+            return f"over {low:g}{unit}"
+        return f"{low:g} to {high:g}{unit}" if math.isfinite(low) else f"up to {high:g}{unit}"
 
     return Cells(what, tuple(label(*ends) for ends in itertools.pairwise(edges)))
 
@@ -295,13 +294,11 @@ def range_noise(frame: Frame) -> Samples:
     whole = on[:, 3:] & on[:, 2:-1] & on[:, 1:-2] & on[:, :-3] & ~(steep[:, 1:-2] < 0.5)
     reach = image.reach[:, 1:-2][whole]
     cell = bin_of(reach, RANGES)
-    bright = len(INTENSITIES) - 1
-    if frame.intensity is None:
-        cell = np.where(cell >= 0, cell * bright + bright - 1, -1)
-    else:
-        cell = np.where(
-            cell >= 0, cell * bright + bin_of(_intensity(frame)[image.point[:, 1:-2][whole]], INTENSITIES), -1
-        )
+    levels = len(INTENSITIES) - 1
+    bright = (
+        levels - 1 if frame.intensity is None else bin_of(frame.intensity[image.point[:, 1:-2][whole]], INTENSITIES)
+    )
+    cell = np.where(cell >= 0, cell * levels + bright, -1)
     return Samples(cell, image.block[:, 1:-2][whole], np.abs(third[whole]) * reach**2 / math.sqrt(20.0), other=reach)
 
 
@@ -336,67 +333,48 @@ def separation(frame: Frame) -> Samples:
     return Samples(np.zeros(len(image.separation), np.intp), image.separation_block, image.separation)
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """Pixels between two smooth sides at unlike ranges, along a ring: a, a, pixel, b, b.
+def _edges(frame: Frame, kind: Literal["mixed", "lost", "dual"]) -> Samples:
+    """Return which edges along a ring are of a kind: pixels between smooth sides at unlike ranges (a, a, pixel, b, b).
 
     The jump is that between the lines through either side at the pixel, which on a slanted surface is none.
     """
-
-    cell: Indices
-    block: Indices
-    mixed: Floats
-    lost: Floats
-    dual: Floats
-    weight: Floats
-
-    @classmethod
-    def of(cls, frame: Frame) -> _Edges:
-        image = _image(frame)
-        r = image.reach
-        before, a, m, b, behind = (r[:, i : r.shape[1] - 4 + i] for i in range(5))
-        middle = np.s_[:, 2:-2]
-        jump = np.abs((2.0 * b - behind) - (2.0 * a - before))
-        with np.errstate(invalid="ignore"):
-            smooth = (np.abs(a - before) < 0.25 * jump) & (np.abs(behind - b) < 0.25 * jump) & (jump >= JUMPS[0])
-            lost = image.lost[middle]
-            dual = image.returns[middle] > 1
-            from_side = np.minimum(np.abs(m - a), np.abs(m - b))
-            between = (m > np.minimum(a, b)) & (m < np.maximum(a, b)) & (from_side > 0.2 * jump)
-            clean = ~lost & ~dual & (from_side < 0.25 * jump) & ~between
-        mixed = between & ~dual
-        told = smooth & (lost | dual | mixed | clean)
-        # A clean edge is met twice: with its last pixel before the jump in the middle, and with the first behind it.
-        weight = np.where(clean[told], 0.5, 1.0)
-        return cls(
-            cell=bin_of(jump[told], JUMPS),
-            block=image.block[middle][told],
-            mixed=mixed[told].astype(np.float64),
-            lost=lost[told].astype(np.float64),
-            dual=dual[told].astype(np.float64),
-            weight=weight,
-        )
+    image = _image(frame)
+    r = image.reach
+    before, a, m, b, behind = (r[:, i : r.shape[1] - 4 + i] for i in range(5))
+    middle = np.s_[:, 2:-2]
+    jump = np.abs((2.0 * b - behind) - (2.0 * a - before))
+    with np.errstate(invalid="ignore"):
+        smooth = (np.abs(a - before) < 0.25 * jump) & (np.abs(behind - b) < 0.25 * jump) & (jump >= JUMPS[0])
+        lost = image.lost[middle]
+        dual = image.returns[middle] > 1
+        from_side = np.minimum(np.abs(m - a), np.abs(m - b))
+        between = (m > np.minimum(a, b)) & (m < np.maximum(a, b)) & (from_side > 0.2 * jump)
+        clean = ~lost & ~dual & (from_side < 0.25 * jump) & ~between
+    kinds = {"mixed": between & ~dual, "lost": lost, "dual": dual}
+    known = smooth & (kinds["mixed"] | lost | dual | clean)
+    # A clean edge is met twice: with its last pixel before the jump in the middle, and with the first behind it.
+    weight = np.where(clean[known], 0.5, 1.0)
+    return Samples(
+        bin_of(jump[known], JUMPS), image.block[middle][known], kinds[kind][known].astype(np.float64), weight
+    )
 
 
 @measure("mixed points at edges", "share", Rate(), BY_JUMP, "column", least=0.05)
 def mixed_points(frame: Frame) -> Samples:
     """Share of the edges, by the jump of the range along a ring, with a single point between the two surfaces."""
-    edges = _Edges.of(frame)
-    return Samples(edges.cell, edges.block, edges.mixed, edges.weight)
+    return _edges(frame, "mixed")
 
 
 @measure("lost returns at edges", "share", Rate(), BY_JUMP, "column", least=0.05)
 def lost_at_edges(frame: Frame) -> Samples:
     """Share of the edges, by the jump of the range along a ring, with a pulse that does not return."""
-    edges = _Edges.of(frame)
-    return Samples(edges.cell, edges.block, edges.lost, edges.weight)
+    return _edges(frame, "lost")
 
 
 @measure("dual returns at edges", "share", Rate(), BY_JUMP, "column", least=0.05)
 def dual_at_edges(frame: Frame) -> Samples:
     """Share of the edges, by the jump of the range along a ring, with a pulse of two or more returns."""
-    edges = _Edges.of(frame)
-    return Samples(edges.cell, edges.block, edges.dual, edges.weight)
+    return _edges(frame, "dual")
 
 
 @measure("holes in smooth rings", "share", Rate(), BY_RANGE, "column", least=2e-3)

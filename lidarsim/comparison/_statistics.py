@@ -8,10 +8,11 @@ with replacement, which is what the bootstrap does, is then a matrix product wit
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,8 @@ FEW = 16
 """Most frames whose blocks are resampled one by one; of more frames, whole frames are."""
 MOST = 128
 """Even number of units at which two units in a row become one."""
+FEWEST_UNITS = 4
+"""Fewest units with samples that tell an error."""
 RESAMPLES = 400
 LEVEL = 0.95
 
@@ -53,20 +56,27 @@ class Samples:
     other: Floats | None = None
 
 
-class Summary(Protocol):
+class Summary(ABC):
     """How samples become sums, and sums a value and a number of samples for each cell."""
 
+    @abstractmethod
     def sums(self, samples: Samples, cells: int) -> Floats:
         """Return the sums of each block and cell, shape (BLOCKS, cells, k)."""
 
+    @abstractmethod
     def value(self, sums: Floats) -> Floats:
         """Return the value of each cell, shape (..., cells), from sums of shape (..., cells, k)."""
 
     def count(self, sums: Floats) -> Floats:
-        """Return the number of samples of each cell, shape (..., cells)."""
+        """Return the number of samples of each cell, shape (..., cells): the first of its sums."""
+        return sums[..., 0]
 
     def error(self, sums: Floats) -> Floats:
-        """Return the least standard error of each value that its number of samples allows, shape (cells,)."""
+        """Return the least standard error of each value that its number of samples allows, shape (cells,).
+
+        It is 0 where only the bootstrap knows.
+        """
+        return np.zeros(len(sums))
 
 
 def _summed(samples: Samples, cells: int, columns: list[Floats]) -> Floats:
@@ -84,7 +94,7 @@ def _ratio(above: Floats, below: Floats) -> Floats:
     return quotient
 
 
-class Mean:
+class Mean(Summary):
     """Weighted mean."""
 
     def sums(self, samples: Samples, cells: int) -> Floats:
@@ -97,14 +107,6 @@ class Mean:
         """Return the mean."""
         return _ratio(sums[..., 2], sums[..., 1])
 
-    def count(self, sums: Floats) -> Floats:
-        """Return the number of samples."""
-        return sums[..., 0]
-
-    def error(self, sums: Floats) -> Floats:
-        """Return 0: only the bootstrap knows."""
-        return np.zeros(len(sums))
-
 
 class Rate(Mean):
     """Share of samples that are 1 among samples that are 0 or 1."""
@@ -115,7 +117,7 @@ class Rate(Mean):
         return np.sqrt(share * (1.0 - share) / (sums[..., 1] + 1.0))
 
 
-class Share:
+class Share(Summary):
     """Share of all samples that a cell has."""
 
     def sums(self, samples: Samples, cells: int) -> Floats:
@@ -139,7 +141,7 @@ class Share:
         return error
 
 
-class Slope:
+class Slope(Summary):
     """Angle of a regression line, rad: arctan of the slope of the samples over their abscissas."""
 
     def sums(self, samples: Samples, cells: int) -> Floats:
@@ -155,17 +157,9 @@ class Slope:
         known = spread > 2.0 * n * np.finfo(np.float64).eps * n * xx
         return np.arctan(_ratio(n * xy - x * y, np.where(known, spread, 0.0)))
 
-    def count(self, sums: Floats) -> Floats:
-        """Return the number of samples."""
-        return sums[..., 0]
-
-    def error(self, sums: Floats) -> Floats:
-        """Return 0: only the bootstrap knows."""
-        return np.zeros(len(sums))
-
 
 @dataclass(frozen=True)
-class Histogram:
+class Histogram(Summary):
     """A statistic of the distribution of the samples, from their histogram.
 
     Attributes
@@ -200,10 +194,6 @@ class Histogram:
         """Return the number of samples."""
         counts: Floats = sums.sum(axis=-1)
         return counts
-
-    def error(self, sums: Floats) -> Floats:
-        """Return 0: only the bootstrap knows."""
-        return np.zeros(len(sums))
 
 
 class Divergence(Histogram):
@@ -260,8 +250,8 @@ def quantile(share: float) -> Callable[[Floats, Floats], Floats]:
 
 
 @dataclass(frozen=True)
-class Step:
-    """The greatest of some steps of which all samples are multiples, up to a common offset; 0 if there is none.
+class Step(Summary):
+    """Largest candidate step that divides all samples, up to a common offset; 0 if there is none.
 
     For samples x and a step q the mean of exp(2πi x/q) is of length 1 if all x are multiples of q, and near 0 if they
     have no such step.
@@ -286,14 +276,6 @@ class Step:
         length = np.hypot(sums[..., 1 : k + 1], sums[..., k + 1 :])
         found = np.where(length > 0.5 * n[..., None], self.steps, 0.0).max(axis=-1)
         return np.where(n > 0, found, np.nan)
-
-    def count(self, sums: Floats) -> Floats:
-        """Return the number of samples."""
-        return sums[..., 0]
-
-    def error(self, sums: Floats) -> Floats:
-        """Return 0: a step is there or not."""
-        return np.zeros(len(sums))
 
 
 class Units:
@@ -374,6 +356,11 @@ class Estimate:
     resampled: Floats
     error: Floats
     floor: Floats
+
+    def has(self, samples: int) -> npt.NDArray[np.bool_]:
+        """Return which cells have so many samples, in `FEWEST_UNITS`: shape (cells,)."""
+        enough: npt.NDArray[np.bool_] = (self.count >= samples) & (self.units >= FEWEST_UNITS)
+        return enough
 
     def interval(self, cell: int) -> tuple[float, float]:
         """Return the interval of a cell at the level `LEVEL`."""

@@ -1,0 +1,490 @@
+"""Estimates of the parameters of a sensor, each with an interval, or why there is none.
+
+Each function marked by `value` estimates one parameter from the sums of a `Fit`, or raises `UntoldError` with the
+reason why the frames do not tell it. Later estimates use earlier ones: they are made in the order of this module.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lidarsim._base.validation import Floats
+from lidarsim.comparison._captures import APPROACHES, BY_RANGE, POWERS, Captures, UntoldError
+from lidarsim.comparison._measures import STEPS
+from lidarsim.comparison._result import Interval
+from lidarsim.comparison._statistics import Indices, critical
+from lidarsim.sensor.measurement import Detection, Response
+
+FEWEST_POINTS = 1000
+"""Fewest points of all frames that are fitted."""
+FEWEST = 300
+"""Fewest samples of a value."""
+FAINT = 6.0
+"""Standard deviations of the logarithm of the power above the detection limit from which each pulse is detected: 3.7
+for 1 in 10,000, and the rest for the neighbours that tell the power."""
+FEWEST_STEPS = 5.0
+"""Steps of the intensity from which its mean is right beside the rounding."""
+EDGES = 20
+"""Surfaces cut off by the least range that tell it."""
+RETURNING = 0.97
+"""Share of the pulses that are not dropped from which the intensities of the ground are those of all its echoes."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A value that the frames tell.
+
+    Attributes
+    ----------
+    value : float, or tuple of (range, value)
+        The value, or a table.
+    interval : tuple of float
+        Its 95 % interval; of a table that of its mean.
+    count : int
+        Number of samples.
+    how : str
+        What it rests on.
+    rows : tuple of (label, value, low, high, count)
+        Its parts: rows of a table, or rings.
+    changes : dict
+        Parameters of the measurement that the value replaces, or that take its place.
+    """
+
+    value: float | tuple[tuple[float, float], ...]
+    interval: Interval
+    count: int
+    how: str
+    rows: tuple[tuple[str, float, float, float, int], ...] = ()
+    changes: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def mean(self) -> float:
+        """The value, or the mean of a table, weighted by its samples."""
+        if isinstance(self.value, float):
+            return self.value
+        return float(np.average([row[1] for row in self.rows], weights=[row[4] for row in self.rows]))
+
+
+VALUES: dict[str, tuple[str, Callable[[Fit], Found]]] = {}
+"""Unit and estimator of each value by its name: attributes of the `Measurement` or the `Lidar`, with dots between."""
+
+
+def value(name: str, unit: str = "1") -> Callable[[Callable[[Fit], Found]], Callable[[Fit], Found]]:
+    """Register an estimator."""
+
+    def register(function: Callable[[Fit], Found]) -> Callable[[Fit], Found]:
+        VALUES[name] = unit, function
+        return function
+
+    return register
+
+
+class Fit(Captures):
+    """The sums over the frames, and the sensor with the values found so far."""
+
+    @property
+    def fluctuation(self) -> tuple[float, float, float]:
+        """Standard deviation of the logarithm of the power, between the ends of its interval if it is fitted."""
+        try:
+            low, high = self.fade.sigma_interval
+        except UntoldError:
+            low = high = self.lidar.measurement.power_sigma
+        return low, self.lidar.measurement.power_sigma, high
+
+    @property
+    def ground_rate(self) -> float:
+        """Greatest share of the pulses that the ground returns at a range; 0 if none is known."""
+        found = self.estimate("ground by range")
+        return float(found.value[found.has(100)].max(initial=0.0))
+
+    @cached_property
+    def fade(self) -> Fade:
+        """How returns from the ground fade."""
+        return _fade(self)
+
+
+def _ends(center: float, error: float, units: float) -> Interval:
+    """Return the interval of a value with its standard error from so many units."""
+    reach = float(critical(1, np.array(units))) * error
+    return max(float(center - reach), 0.0), float(center + reach)
+
+
+@value("range_resolution", "m")
+def _range_resolution(fit: Fit) -> Found:
+    """Greatest step, of those looked for, of which all ranges are multiples."""
+    steps = fit.estimate("step")
+    step = float(np.nanmax(steps.value))
+    if not step:
+        low, high = 1e3 * STEPS[0], 1e3 * STEPS[-1]
+        raise UntoldError(f"ranges are no multiples of a common step from {low:g} to {high:g} mm")
+    return Found(step, (step, step), int(steps.count[0]), "all ranges are multiples of it")
+
+
+@value("range_sigma", "m")
+def _range_sigma(fit: Fit) -> Found:
+    """Noise of the range within a ring on planes, from third differences of 1/range, less the rounding of the range.
+
+    One number where all ranges agree to chance, else a table by range.
+    """
+    found, at = fit.estimate("noise"), fit.estimate("noise at").value
+    rounding = fit.lidar.measurement.range_resolution
+    with np.errstate(invalid="ignore"):
+        square = found.value**2 - rounding**2 / 12.0
+        told = found.has(FEWEST) & (square > (0.3 * rounding) ** 2)
+    if not told.any():
+        hidden = f"the rounding to {1e3 * rounding:g} mm hides it"
+        raise UntoldError(hidden if found.has(FEWEST).any() else f"fewer than {FEWEST} samples on planes")
+    sigma, n = np.sqrt(square[told]), found.count[told]
+    error = found.error[told] * found.value[told] / sigma
+    units = found.units[told]
+    ends = [_ends(*each) for each in zip(sigma, error, units, strict=True)]
+    rows = tuple(
+        (f"{place:.3g} m", float(one), *pair, int(count))
+        for place, one, pair, count in zip(at[told], sigma, ends, n, strict=True)
+    )
+    how = "noise of all surfaces, weak echoes included, in place of other terms"
+    changes = {"range_sigma_slope": 0.0, "range_sigma_limit": 0.0}
+    weight = 1.0 / np.maximum(error, 1e-9) ** 2  # 1 nm, which no range resolves, where all samples are equal
+    mean = float(np.average(sigma, weights=weight))
+    interval = _ends(mean, float(weight.sum() ** -0.5), float(np.median(units)))
+    if _agree(sigma, error, mean):
+        return Found(mean, interval, int(n.sum()), f"{how}; all ranges agree", changes=changes)
+    table = tuple((float(place), float(one)) for place, one in zip(at[told], sigma, strict=True))
+    average = float(np.average(sigma, weights=n))
+    spread = float(np.sqrt(((n / n.sum() * error) ** 2).sum()))
+    interval = _ends(average, spread, float(np.median(units)))
+    return Found(table, interval, int(n.sum()), f"{how}; by range", rows, changes)
+
+
+def _agree(values: Floats, errors: Floats, mean: float) -> bool:
+    """Return whether values are one number to chance: by their sum of squares, at the level of 5 %."""
+    from scipy.special import chdtrc
+
+    return len(values) < 2 or bool(chdtrc(len(values) - 1, (((values - mean) / errors) ** 2).sum()) > 0.05)
+
+
+@value("channel_bias_sigma", "m")
+def _channel_bias(fit: Fit) -> Found:
+    """How much rings are biased: standard deviation of their deviations from planes over several rings, less errors.
+
+    Biases that a plane follows, equal ones and those linear in the elevation of neighbouring rings, do not show. If the
+    rings differ, each gets its own deviation as `range_bias`, in place of one that is drawn.
+    """
+    found, rings = _ring_spread(fit, "bias", "deviations of rings from planes")
+    if not found.interval[0]:
+        return found
+    biases = np.full(fit.lidar.pattern.shape[0], np.mean(fit.lidar.measurement.range_bias))
+    biases[rings] += [deviation for _, deviation, *_ in found.rows]
+    own = tuple(float(f"{bias:.4g}") for bias in biases)
+    how = f"{found.how}, which are their range_bias in its place"
+    return replace(found, how=how, changes={"range_bias": own, "channel_bias_sigma": 0.0})
+
+
+def _ring_spread(fit: Fit, name: str, how: str) -> tuple[Found, Indices]:
+    """Return the standard deviation between rings of values that lack what is linear within the rows of a tile.
+
+    The second array has the ring of each row.
+    """
+    from scipy.special import chdtri
+
+    found = fit.estimate(name)
+    if fit.rows is None:
+        raise UntoldError("the clouds have no columns")
+    rings, high = fit.rows
+    rows, seen, squares, noise, freedom, count = [], [], 0.0, 0.0, 0, 0
+    for start in range(0, len(rings), high):
+        row = np.arange(start, min(start + high, len(rings)))
+        ring = rings[row]
+        told = ring < len(found.value)
+        row, ring = row[told], ring[told]
+        told = found.has(50)[ring] & np.isfinite(found.error[ring])
+        row, ring = row[told], ring[told]
+        if len(ring) < 4:
+            continue
+        q, _ = np.linalg.qr(np.column_stack([np.ones(len(row)), row - row.mean()]))
+        rest = found.value[ring] - q @ (q.T @ found.value[ring])
+        squares += float((rest**2).sum())
+        noise += float((found.error[ring] ** 2 * (1.0 - (q**2).sum(axis=1))).sum())
+        freedom += len(ring) - 2
+        count += int(found.count[ring].sum())
+        reach = critical(1, found.units[ring]) * found.error[ring]
+        ends = zip(ring, rest, rest - reach, rest + reach, found.count[ring], strict=True)
+        rows += [(f"ring {int(i)}", float(v), float(a), float(b), int(n)) for i, v, a, b, n in ends]
+        seen.append(ring)
+    if freedom < 4:
+        raise UntoldError("fewer than 4 rings more than planes over them need have 50 points on planes")
+    each = noise / freedom
+    value = math.sqrt(max(squares / freedom - each, 0.0))
+    low, high_end = (math.sqrt(max(squares / float(chdtri(freedom, share)) - each, 0.0)) for share in (0.025, 0.975))
+    if not high_end:
+        raise UntoldError("the errors of the rings hide it")
+    spread = Found(value, (low, high_end), count, f"{how}, {len(rows)} rings", tuple(rows))
+    return spread, np.concatenate(seen)
+
+
+@value("response.resolution")
+def _intensity_step(fit: Fit) -> Found:
+    """Step of which all intensities are multiples."""
+    count = _count_intensities(fit)
+    step = fit.step_of_intensity
+    if not step:
+        raise UntoldError("intensities are no multiples of a common step")
+    return Found(step, (step, step), count, f"{len(fit.levels)} different intensities are multiples of it")
+
+
+@value("response.limit")
+def _intensity_limit(fit: Fit) -> Found:
+    """Greatest intensity, if more points have it than the tenth of the intensities below it."""
+    count = _count_intensities(fit)
+    most = float(fit.levels[-1])
+    top = fit.level_counts[-1]
+    below = fit.level_counts[:-1][fit.levels[:-1] > 0.9 * most].sum()
+    if top < 20 or top <= below:
+        raise UntoldError("no intensities pile up at the greatest")
+    return Found(most, (most, most), count, f"{top:,} points have it")
+
+
+def _count_intensities(fit: Fit) -> int:
+    """Return the number of intensities, or raise the reason why they tell nothing."""
+    if "intensity" in fit.missing:
+        raise UntoldError("the clouds have no intensity")
+    if fit.levels[-1] == 0.0:
+        raise UntoldError("all intensities are 0")
+    return int(fit.level_counts.sum())
+
+
+@value("detection.range", "m")
+def _detection(fit: Fit) -> Found:
+    """Range of the detection limit, at its reflectivity, from the share of the pulses that the ground returns."""
+    fade = fit.fade
+    reflectivity = (fit.lidar.measurement.detection or Detection(0.1, 1.0)).reflectivity
+    at, high, low = (math.sqrt(reflectivity) * math.exp(-0.5 * limit) for limit in (fade.limit, *fade.limit_interval))
+    return Found(at, (low, high), fade.count, f"for a reflectivity of {reflectivity:g}; {fade.how}")
+
+
+@value("power_sigma")
+def _power_sigma(fit: Fit) -> Found:
+    """Scatter of the logarithm of the power, from how gradually returns from the ground fade with range."""
+    fade = fit.fade
+    return Found(fade.sigma, fade.sigma_interval, fade.count, fade.how)
+
+
+@value("dropout")
+def _dropout(fit: Fit) -> Found:
+    """Share of the pulses without a return between four neighbours that agree, where echoes are far above the limit."""
+    from scipy.special import betaincinv
+
+    errors = fit.lidar.measurement
+    detection = errors.detection or Detection(0.1, 30.0)  # any lidar sees as far
+    limit = math.log(detection.reflectivity / detection.range**2)
+    bright = limit + 0.5 * errors.power_sigma**2 + max(FAINT * errors.power_sigma, 0.5)
+    enough = bright < POWERS
+    fit.estimate("holes")
+    if len(fit.units["ground by range"]) and fit.ground_rate < 0.8:
+        raise UntoldError("the ground does not return most pulses, so that the detection limit is not known")
+    sums = fit.units["holes"].sums(len(POWERS))[:, enough].sum(axis=1)
+    n, lost = sums[:, 1], sums[:, 2]
+    if n.sum() < FEWEST_POINTS:
+        raise UntoldError("too few pulses at smooth surfaces whose echoes are far above the detection limit")
+    share = lost.sum() / n.sum()
+    # Of blocks: the linearised variance of a ratio (W. G. Cochran, Sampling Techniques, Wiley, 1977, 2.11).
+    units = np.count_nonzero(n)
+    square = units / (units - 1.0) * ((lost - share * n) ** 2).sum() / n.sum() ** 2 if units > 1 else math.inf
+    alike = min(n.sum(), share * (1.0 - share) / square) if share and square else n.sum()
+    low, high = (
+        float(betaincinv(share * alike + up, alike - share * alike + 1 - up, level)) if share or up else 0.0
+        for up, level in ((0, 0.025), (1, 0.975))
+    )
+    return Found(float(share), (low, high), int(n.sum()), "pulses lost within smooth rings")
+
+
+@value("response.ring_sigma")
+def _ring_factors(fit: Fit) -> Found:
+    """How much the factors of rings scatter: standard deviation of their logarithms, from intensities on planes."""
+    _count_intensities(fit)
+    found, _ = _ring_spread(fit, "brightness", "intensities of rings on planes")
+    response = fit.lidar.measurement.response or Response()
+    scale = 1.0 / response.exponent
+    low, high = found.interval
+    return replace(
+        found,
+        value=scale * found.mean if isinstance(found.value, float) else found.value,
+        interval=(scale * low, scale * high),
+    )
+
+
+@value("response.sigma")
+def _flicker(fit: Fit) -> Found:
+    """Relative standard deviation of intensities from frame to frame, where the sensor stands still.
+
+    Scatter along a ring is not told from the texture of surfaces. What `power_sigma` makes, fitted or
+    not, is subtracted.
+    """
+    _count_intensities(fit)
+    found, rounding = fit.estimate("flicker"), fit.estimate("rounding")
+    if not found.has(FEWEST)[0]:
+        raise UntoldError("too few points have the intensity and the place of the frame before")
+    errors = fit.lidar.measurement
+    exponent = 1.0 if errors.response is None else errors.response.exponent
+    fluctuation = fit.fluctuation
+    rounding_part = fit.step_of_intensity**2 / 12.0 * float(rounding.value[0])
+    square, error = float(found.value[0] ** 2) - rounding_part, float(2.0 * found.value[0] * found.error[0])
+    reach = float(critical(1, found.units)[0]) * error
+    low, at, high = (
+        max(square + by - (exponent * power) ** 2, 0.0) ** 0.5
+        for by, power in zip((-reach, 0.0, reach), fluctuation[::-1], strict=True)
+    )
+    if not low and fluctuation[2]:
+        raise UntoldError(f"the fluctuation of the power, {fluctuation[1]:.2g}, hides it")
+    if not high:
+        raise UntoldError("the rounding of intensities hides it")
+    # In its middle 80 %, ln(1 + s·g) scatters like a normal number of standard deviation s·(1 + 0.6 s²).
+    at, low, high = (each / (1.0 + 0.6 * each**2) for each in (at, low, high))
+    return Found(at, (low, high), int(found.count[0]), "differences from frame to frame")
+
+
+@value("response.range")
+def _factors(fit: Fit) -> Found:
+    """Factor of intensities by range, from the ground, where all its echoes are detected."""
+    _count_intensities(fit)
+    if not fit.known_ground:
+        raise UntoldError("it is not told from the reflectivity of surfaces; the argument ground gives that of one")
+    rates, found = fit.estimate("ground by range"), fit.estimate("factor")
+    sums = fit.units["factor"].sums(BY_RANGE).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bright = sums[:, 2] / sums[:, 0]
+        told = (rates.value > RETURNING * (1.0 - fit.lidar.measurement.dropout)) & found.has(FEWEST)
+        told &= bright > FEWEST_STEPS * fit.step_of_intensity
+    if not told.any():
+        raise UntoldError(f"nowhere {FEWEST} pulses or more meet the ground and all return")
+    response = fit.lidar.measurement.response or Response()
+    # Few rings see the ground at a range, and each has a factor of its own.
+    rings = np.maximum(fit.ground_rings.sum(axis=1), 1)
+    error = np.hypot(found.error, found.value * response.ring_sigma / np.sqrt(rings))
+    at = fit.estimate("factor at").value
+    table, rows = [], []
+    for i in np.flatnonzero(told):
+        table.append((float(at[i]), float(found.value[i])))
+        ends = _ends(found.value[i], error[i], min(found.units[i], max(rings[i], 2.0)))
+        rows.append((f"{at[i]:.3g} m", float(found.value[i]), *ends, int(found.count[i])))
+    weight = found.count[told] / found.count[told].sum()
+    interval = _ends(float(weight @ found.value[told]), float(np.sqrt(((weight * error[told]) ** 2).sum())), 16.0)
+    return Found(tuple(table), interval, int(found.count[told].sum()), "from the ground given", tuple(rows))
+
+
+@value("response.exponent")
+def _exponent(_: Fit) -> Found:
+    """Exponent of the response to intensities."""
+    raise UntoldError("this takes targets of known reflectivities")
+
+
+@value("min_range", "m")
+def _min_range(fit: Fit) -> Found:
+    """Least range: that at which surfaces end that come nearer along a ring, if they end at the same range."""
+    if len(fit.cuts) < EDGES:
+        raise UntoldError("no surfaces come so near")
+    first, last = fit.cuts[0], fit.cuts[EDGES - 1]
+    middle = np.sqrt(APPROACHES[1:] * APPROACHES[:-1])
+    near, far = (
+        fit.approaches[(middle > start * first) & (middle < end * first)].sum(axis=0)
+        for start, end in ((0.99, max(last / first, 1.02)), (1.1, 1.5))
+    )
+    # Where the sensor is blind, more of them end than farther away, where pulses are lost as anywhere.
+    often = near[1] * max(far[0], 1.0) > 3.0 * max(far[1], 1.0) * near[0]
+    if not often or fit.least < first - 0.01 or last > 1.1 * first + 0.05:
+        raise UntoldError("no surfaces are cut off at the least range")
+    # The least of n numbers that are even from an unknown start on is beyond it by more than three mean gaps in 5 %.
+    start = first - math.log(20.0) * (last - first) / (EDGES - 1) - fit.lidar.measurement.range_resolution
+    return Found(float(fit.least), (float(start), float(fit.least)), EDGES, "surfaces end there")
+
+
+@dataclass(frozen=True)
+class Fade:
+    """How returns from the ground fade with the received power.
+
+    Attributes
+    ----------
+    limit, sigma : float
+        Logarithm of the power at the detection limit, and standard deviation of that of the power of an echo.
+    limit_interval, sigma_interval : tuple of float
+        Their 95 % intervals.
+    count : int
+        Number of pulses.
+    how : str
+        What they rest on.
+    """
+
+    limit: float
+    sigma: float
+    limit_interval: Interval
+    sigma_interval: Interval
+    count: int
+    how: str
+
+
+def _fade(fit: Fit) -> Fade:
+    """Return how the ground fades, by maximum likelihood.
+
+    A pulse of mean power P gives a point with probability (1 − d)·Φ((ln P − l − w²/2)/w): l is the logarithm of the
+    power at the limit, d the share that returns from nowhere.
+    """
+    from scipy.optimize import minimize
+    from scipy.special import log_ndtr, ndtr
+
+    by_range = fit.estimate("ground by range")
+    rates = by_range.value[by_range.has(100)]
+    if fit.ground_rate < 0.8:
+        raise UntoldError("the ground does not return most pulses at any range")
+    if rates.min() > 0.5:
+        raise UntoldError("the ground returns most pulses wherever it is seen")
+    units = fit.units["ground"].sums(len(POWERS))[..., 1:]
+    units = units[units.sum(axis=(1, 2)) > 0]
+    told = units.sum(axis=(0, 2)) > 0
+    x, total, back = POWERS[told] + 0.5 * (POWERS[1] - POWERS[0]), units[:, told, 0], units[:, told, 1]
+
+    def losses(parameters: Floats) -> Floats:
+        """Return the negative logarithm of the likelihood of each unit."""
+        start, log_width, lost = float(parameters[0]), float(parameters[1]), float(ndtr(parameters[2]))
+        z = (x - start) * math.exp(-log_width)
+        missed = np.log(1.0 - (1.0 - lost) * ndtr(z))  # of at least the share lost, which `bounds` keep above 2e-7
+        of_units: Floats = -(back @ (np.log1p(-lost) + log_ndtr(z)) + (total - back) @ missed)
+        return of_units
+
+    start = np.array([x[np.argmin(np.abs(np.cumsum(back.sum(axis=0)) / back.sum() - 0.1))], -0.7, -2.5])
+    bounds = [(-20.0, 5.0), (-4.0, 1.5), (-5.0, -0.5)]
+
+    def loss(parameters: Floats) -> float:
+        return float(losses(parameters).sum())
+
+    best: Floats = minimize(loss, start, method="L-BFGS-B", bounds=bounds).x
+    # Variances of units that are no independent pulses (P. J. Huber, Proc. 5th Berkeley Symposium, 1967).
+    steps = 1e-3 * np.eye(3)
+    slopes = np.array([losses(best + step) - losses(best - step) for step in steps]).T / 2e-3
+    signs = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+    curve = np.array(
+        [[sum(a * b * loss(best + a * one + b * other) for a, b in signs) for other in steps] for one in steps]
+    )
+    inverse, n = np.linalg.pinv(curve / 4e-6, hermitian=True), len(total)
+    covariance = inverse @ (slopes.T @ slopes) @ inverse * n / max(n - 1.0, 1.0)
+    reach = float(critical(1, np.array(n)))
+    square = math.exp(2.0 * best[1])
+    towards = np.array([1.0, -square, 0.0])
+    limit, error = best[0] - 0.5 * square, reach * math.sqrt(towards @ covariance @ towards)
+    ends = best[1] + reach * math.sqrt(covariance[1, 1]) * np.array([0.0, -1.0, 1.0])
+    # The power of the echoes and the texture of the ground scatter together.
+    sigma, low, high = np.sqrt(np.maximum(np.exp(2.0 * ends) - fit.ground.variation**2, 0.0)).tolist()
+    reflectivity = fit.ground.reflectivity
+    return Fade(
+        limit=float(limit),
+        sigma=sigma,
+        limit_interval=(float(limit - error), float(limit + error)),
+        sigma_interval=(low, high),
+        count=int(total.sum()),
+        how=f"returns from the ground, of reflectivity {reflectivity} and roughness {fit.ground.roughness:g}",
+    )
