@@ -102,21 +102,9 @@ class Frame:
 
     @classmethod
     def of(cls, given: PointCloud | Scan, sensor: Sensor | None, intensity_unit: float) -> Frame:
-        """Return a cloud or a scan as a frame.
+        """Return a cloud or a scan, in the sensor frame, as a frame.
 
-        Parameters
-        ----------
-        given : PointCloud or Scan
-            Points in the sensor frame.
-        sensor : Lidar, optional
-            It tells the rings and columns of a cloud that has none.
-        intensity_unit : float
-            Intensity of a white diffuser in the units of the cloud.
-
-        Returns
-        -------
-        Frame
-            The frame.
+        `sensor` gives rings and columns to a cloud without them; `intensity_unit` is that of `_sources.intensity_unit`.
         """
         cloud = given.point_cloud() if isinstance(given, Scan) else given
         reach = np.sqrt((cloud.xyz * cloud.xyz).sum(axis=1))

@@ -195,21 +195,9 @@ def _turns(xyz: Floats, most: int) -> Indices | None:
 
 
 def columns_of(sensor: Sensor, ring: npt.NDArray[np.integer], xyz: Floats) -> Indices | None:
-    """Return the columns to which points belong by their azimuths; None if the rings do not turn one way.
+    """Return the column of each point, of known ring, by its azimuth; None if the rings do not turn one way.
 
-    Parameters
-    ----------
-    sensor : Lidar
-        The sensor, whose head may turn at another rate.
-    ring : ndarray of int, shape (n,)
-        Ring of each point.
-    xyz : ndarray of float64, shape (n, 3)
-        Points in the sensor frame, m.
-
-    Returns
-    -------
-    ndarray of int, shape (n,), or None
-        The columns.
+    The head may turn at another rate than that of the sensor. Points are in the sensor frame, m.
     """
     pulses = pulses_of(sensor.pattern, 0)
     column = np.zeros(len(ring), np.intp)

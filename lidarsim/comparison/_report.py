@@ -40,18 +40,7 @@ details { margin-top: .5rem; } .wide { overflow-x: auto; }
 
 
 def page(comparison: Comparison) -> str:
-    """Return a comparison as a page in HTML.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        What to show.
-
-    Returns
-    -------
-    str
-        The page; it loads nothing.
-    """
+    """Return a comparison as a page in HTML, which loads nothing."""
     measured = [measure for measure in comparison if measure.verdict != "not measured"]
     sections = "".join(_section(i, measure) for i, measure in enumerate(measured))
     return (
@@ -136,19 +125,9 @@ def _section(place: int, measure: Measure) -> str:
 
 
 def plot(measure: Measure) -> str:
-    """Return the values of both sides by cell, with their intervals, as SVG.
+    """Return the values of both sides by cell, with their intervals, as SVG in the colours of the page.
 
     The axis spans the cells that are compared. Those with too few samples are hollow, and left out beyond it.
-
-    Parameters
-    ----------
-    measure : Measure
-        What to show.
-
-    Returns
-    -------
-    str
-        An ``<svg>`` element, in the colours of the page.
     """
     cells = measure.cells
     ends = [x for cell in cells if _is_compared(cell) for x in _extent(cell) if math.isfinite(x)]

@@ -44,19 +44,9 @@ class Source:
 
 
 def source(argument: str, given: Given) -> Source:
-    """Return one side of a comparison.
+    """Return one side of a comparison, `given` as one of `FORMS`; errors name the `argument`.
 
-    Parameters
-    ----------
-    argument : str
-        Name of the argument, for errors.
-    given : object
-        One of `FORMS`.
-
-    Returns
-    -------
-    Source
-        Files are listed, and read as the frames are.
+    Files are listed at once, and read as the frames are.
 
     Raises
     ------

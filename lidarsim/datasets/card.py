@@ -50,20 +50,9 @@ SPECIAL = re.compile(r"[\\`*\[\]<>&!|~$^{}]|(?<![^\W_])_|_(?![^\W_])|(?<=www)\.|
 
 
 def write(plan: Plan, files: Files, summary: Summary, ranges: Sequence[int], pictures: int) -> None:
-    """Write the card, with pictures of evenly spaced frames; without PyVista there are none.
+    """Write the card, with `pictures` of evenly spaced frames; without PyVista there are none.
 
-    Parameters
-    ----------
-    plan : Plan
-        The data set and its store.
-    files : Files
-        Where the card and its pictures are written.
-    summary : Summary
-        Its records, classes and splits.
-    ranges : sequence of int
-        Number of points in each bin of `RANGES`.
-    pictures : int
-        Number of pictures.
+    `ranges` has the number of points in each bin of `RANGES`.
     """
     recipe, labels = plan.recipe, summary.labels
     points = sum(ranges)

@@ -831,6 +831,14 @@ def field_names(names: Sequence[str]) -> list[str]:
     return fields
 
 
+def with_common_fields(clouds: Sequence[PointCloud]) -> list[PointCloud]:
+    """Return clouds with the fields that all have, and their class names."""
+    names = [name for name in clouds[0].fields if all(name in cloud.fields for cloud in clouds)]
+    return [
+        PointCloud({name: getattr(cloud, name) for name in names}, class_names=cloud.class_names) for cloud in clouds
+    ]
+
+
 def adopt(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Convert the fields of a file or another library to valid fields of a cloud, without loss.
 

@@ -31,39 +31,21 @@ AXES = ("#ff4b4b", "#4bd964", "#4b8bff")
 SEQUENTIAL = (
     "#641a80", "#832681", "#a3307e", "#c43c75", "#e24d66", "#f56b5c", "#fc9065", "#feb67c", "#fdda9c", "#fcfdbf",
 )  # fmt: skip
-# From blue through grey to red, for signed values.
 MAPS = {
     "magma": SEQUENTIAL,
     # S. van der Walt and N. Smith, as above.
     "viridis": (
-        "#440154",
-        "#482878",
-        "#3e4a89",
-        "#31688e",
-        "#26828e",
-        "#1f9e89",
-        "#35b779",
-        "#6ece58",
-        "#b5de2b",
-        "#fde725",
+        "#440154", "#482878", "#3e4a89", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725",
     ),
     # J. Nuñez, C. Anderton and R. Renslow, 2018: the same to people with and without colour vision deficiency.
     "cividis": (
-        "#00224e",
-        "#123570",
-        "#3b496c",
-        "#575d6d",
-        "#707173",
-        "#8a8678",
-        "#a59c74",
-        "#c3b369",
-        "#e1cc55",
-        "#fee838",
+        "#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838",
     ),
     "grey": ("#404040", "#ffffff"),
-}
+}  # fmt: skip
 """Colour maps by name."""
 DIVERGING = ("#1e8fff", "#79b8ff", "#c9ced4", "#ff9473", "#ff4a26")
+"""From blue through grey to red, for signed values."""
 CONTRAST = 3.0
 """Least contrast of a class with the background, as WCAG 2.1 wants of graphics."""
 MISSING = "#6b727a"

@@ -16,14 +16,13 @@ from lidarsim.viewers._colors import (
     CATEGORIES,
     DARK,
     Coloring,
-    Known,
     Style,
     class_coloring,
     coloring,
     instance_coloring,
 )
-from lidarsim.viewers._show import names_by_instance, objects_by_label
-from lidarsim.viewers._surfaces import Surface, surfaces
+from lidarsim.viewers._show import known_of, names_by_instance
+from lidarsim.viewers._surfaces import Surface, surfaces, transform
 
 if TYPE_CHECKING:
     from lidarsim.scan.boxes import Boxes
@@ -58,8 +57,7 @@ class SensorView:
 
     def in_world(self) -> Floats:
         """Return the points in the world, m: ndarray of float64, shape (n, 3)."""
-        placed: Floats = self.cloud.xyz @ self.pose[:3, :3].T + self.pose[:3, 3]
-        return placed
+        return transform(self.pose, self.cloud.xyz)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,24 +157,13 @@ class Painter:
         surfaces: bool = True,
     ) -> None:
         self._boxes = boxes
-        names: dict[str, Mapping[int, str]] = {"label": class_names or {}}
-        others: dict[str, set[int]] = {}
-        objects: dict[int, str] = {}
-        if scene is not None:
-            objects = objects_by_label(scene)
-            names["label"] = dict(scene.class_names) if class_names is None else class_names
-            names["object_id"] = {item.id: item.name for item in scene}
-            others = {
-                "label": {label for item in scene for label in np.unique(item.label).tolist()},
-                "object_id": {item.id for item in scene},
-                "instance": {item.instance for item in scene},
-            }
-            if color_by is None and others["label"] - {0}:
-                color_by = "label"
-        self._color_by = color_by
-        self._known = Known(names, others, objects)
-        self._labels = others.get("label", set())
-        alike = {} if scene is None or color_by == "label" else names_by_instance(scene, names["label"])
+        own = {} if scene is None else scene.class_names
+        self._known = known_of(scene, own if class_names is None else class_names)
+        self._labels = set(self._known.others["label"])
+        self._color_by = "label" if color_by is None and self._labels - {0} else color_by
+        alike = {}
+        if scene is not None and self._color_by != "label":
+            alike = names_by_instance(scene, self._known.names["label"])
         self._instances = instance_coloring(alike, DARK)
         self._style = Style(DARK)
         self._scene = scene if surfaces else None

@@ -18,16 +18,9 @@ MISSING = "□"
 
 
 def write(figure: Figure, path: PathLike, *, dpi: float) -> None:
-    """Write a figure; the same figure always gives the same bytes.
+    """Write a figure as PNG or SVG; the same figure always gives the same bytes.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    path : path-like
-        The file, PNG or SVG.
-    dpi : float
-        Pixels per inch, also of what an SVG has as pixels.
+    `dpi` is the number of pixels per inch, also of what an SVG has as pixels.
 
     Raises
     ------

@@ -31,7 +31,7 @@ from lidarsim._base.views import Camera, Plotted, register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.scan.boxes import Boxes
-from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud, with_common_fields
 from lidarsim.scan.scan import Scan
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._boxes import moved
@@ -193,7 +193,7 @@ def show(
     )
     picture = replace(picture, of_points=what is not scene)
     if accumulate:
-        picture = _accumulated(picture)
+        picture = _accumulate(picture)
     looks: dict[str, Any] = {"size": (width, height), "point_size": point_size}
     if save is not None:
         write = html.write if place.path.suffix.lower() == ".html" else pyvista.draw
@@ -260,12 +260,11 @@ def _titles(
     return [replace(frame, title=plain(text, most=80)) for frame, text in zip(frames, titles, strict=True)]
 
 
-def _accumulated(picture: Picture) -> Picture:
+def _accumulate(picture: Picture) -> Picture:
     """Return a picture with the points of all frames in one, which is the last otherwise."""
     clouds = [frame.cloud for frame in picture.frames]
-    full = [cloud for cloud in clouds if len(cloud)] or clouds
-    common = [name for name in full[0].fields if all(name in cloud.fields for cloud in full)]
-    points = PointCloud({name: np.concatenate([getattr(cloud, name) for cloud in full]) for name in common})
+    full = with_common_fields([cloud for cloud in clouds if len(cloud)] or clouds)
+    points = PointCloud({name: np.concatenate([getattr(cloud, name) for cloud in full]) for name in full[0].fields})
     return replace(picture, frames=[replace(picture.frames[-1], cloud=points)])
 
 
@@ -377,15 +376,10 @@ def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: Mappi
 
 def _together(clouds: Sequence[PointCloud], sensors: Sequence[int]) -> PointCloud:
     """Return the points of several sensors, with the fields that all have and the number of the sensor."""
-    shared = [name for name in clouds[0].fields if all(name in cloud.fields for cloud in clouds)]
-    kept = [
-        PointCloud(
-            {name: getattr(cloud, name) for name in shared} | {"sensor": np.full(len(cloud), number, np.uint16)},
-            class_names=cloud.class_names,
-        )
-        for cloud, number in zip(clouds, sensors, strict=True)
-    ]
-    return PointCloud.concatenate(kept)
+    alike = with_common_fields(clouds)
+    for cloud, number in zip(alike, sensors, strict=True):
+        cloud.sensor = np.full(len(cloud), number, np.uint16)
+    return PointCloud.concatenate(alike)
 
 
 def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence[Floats | None]:
@@ -443,27 +437,23 @@ def _picture(
         if frame.boxes is not None:
             labels |= frame.boxes.class_names
             used |= set(frame.boxes.label.tolist())
-    names: dict[str, Mapping[int, str]] = {"sensor": {number: name for name, number in sensors.items()}}
-    others: dict[str, Iterable[int]] = {}
-    objects: dict[int, str] = {}
     if scene is not None:
-        used |= {label for item in scene for label in np.unique(item.label).tolist()}
-        others = {"object_id": {item.id for item in scene}, "instance": {item.instance for item in scene}}
-        names["object_id"] = {item.id: item.name for item in scene}
         labels |= scene.class_names
-        objects = objects_by_label(scene)
-    names["label"] = labels if class_names is None else named_labels("class_names", class_names)
-    others["label"] = used
-    instances = {} if scene is None else names_by_instance(scene, names["label"])
-    names["instance"] = instances
+    class_names = labels if class_names is None else named_labels("class_names", class_names)
+    instances = {} if scene is None else names_by_instance(scene, class_names)
+    known = known_of(scene, class_names, used)
+    known = replace(
+        known,
+        names={**known.names, "sensor": {number: name for name, number in sensors.items()}, "instance": instances},
+    )
     if color_by is None and scene is not None and not any(map(len, points)):
         color_by = "instance" if instances else "label"
     found: list[Surface] = []
     if scene is not None:
         found = surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=starts[0] if starts else 0.0)
     surface_heights = [surface.points()[:, 2] for surface in found if len(surface.vertices)]
-    heights = np.array([end(end(z) for z in surface_heights) for end in (min, max)]) if surface_heights else None
-    known = Known(names, others, objects, heights)
+    if surface_heights:
+        known = replace(known, heights=np.array([end(end(z) for z in surface_heights) for end in (min, max)]))
     if starts:
         movers = [surface for surface in found if surface.item.motion is not None]
         frames = [
@@ -477,10 +467,22 @@ def _picture(
         coloring([frame.cloud for frame in frames], color_by, known, style),
         camera,
         rate,
-        class_coloring(used, known, style.theme),
+        class_coloring(known.others["label"], known, style.theme),
         instance_coloring(instances, style.theme),
         style.theme,
     )
+
+
+def known_of(scene: Scene | None, class_names: Mapping[int, str], labels: Iterable[int] = ()) -> Known:
+    """Return what a scene tells of categories, beside class names and other labels."""
+    items = () if scene is None else tuple(scene)
+    names = {"label": class_names, "object_id": {item.id: item.name for item in items}}
+    others = {
+        "label": {*labels, *(label for item in items for label in np.unique(item.label).tolist())},
+        "object_id": {item.id for item in items},
+        "instance": {item.instance for item in items},
+    }
+    return Known(names, others, {} if scene is None else objects_by_label(scene))
 
 
 def names_by_instance(scene: Scene, names: Mapping[int, str]) -> dict[int, str]:

@@ -47,8 +47,7 @@ class Surface:
 
     def points(self) -> Floats:
         """Return the vertices in the world, m: ndarray of float64, shape (n, 3)."""
-        placed: Floats = self.vertices @ self.matrix[:3, :3].T + self.matrix[:3, 3]
-        return placed
+        return transform(self.matrix, self.vertices)
 
     def outward(self) -> npt.NDArray[np.uint32]:
         """Return the faces counter-clockwise from outside in the world: ndarray of uint32, shape (m, 3)."""
@@ -71,10 +70,7 @@ class Surface:
         values, starts = np.unique(categories[order], return_index=True)
         for value, chosen in zip(values.tolist(), np.split(order, starts[1:]), strict=True):
             kept, faces = np.unique(self.faces[chosen], return_inverse=True)
-            yield (
-                value,
-                replace(self, vertices=self.vertices[kept], faces=faces.reshape(-1, 3).astype(np.uint32)),
-            )
+            yield value, replace(self, vertices=self.vertices[kept], faces=faces.reshape(-1, 3).astype(np.uint32))
 
     def refined(self, step: float) -> Surface:
         """Return the surface in the world, with triangles no higher than `step`, m, or 1/64 of its height."""
@@ -131,7 +127,7 @@ def surfaces(
         error = None if chord_error is None else chord_error / float(np.linalg.norm(matrix[:3, :3], ord=2))
         inverse: Floats = np.asarray(np.linalg.inv(matrix), np.float64)
         key = id(item.shape), error
-        triangles = shared.get(key) or item.shape._tessellated(error, _moved(inverse, box))
+        triangles = shared.get(key) or item.shape._tessellated(error, transform(inverse, box))
         if item.shape.bounded:
             shared[key] = triangles
         found[object_id] = surface = Surface(object_id, item, *triangles, matrix)
@@ -172,6 +168,7 @@ def _placement(item: SceneObject, time: float) -> Floats:
     return matrix
 
 
-def _moved(matrix: Floats, points: Floats) -> Floats:
-    moved: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved
+def transform(matrix: Floats, points: Floats) -> Floats:
+    """Return points, shape (n, 3), in the coordinates to which a matrix of shape (4, 4) leads."""
+    transformed: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return transformed

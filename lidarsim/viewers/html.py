@@ -62,18 +62,9 @@ class Page:
 
 
 def write(picture: Picture, path: PathLike, *, size: tuple[int, int], point_size: float | None) -> None:
-    """Write a picture as a page.
+    """Write a picture as a page of all frames, with a slider.
 
-    Parameters
-    ----------
-    picture : Picture
-        The picture; all frames are shown, with a slider.
-    path : path-like
-        The file.
-    size : tuple of int
-        Width and height for which the page is designed, pixels; it fills the window of the browser.
-    point_size : float, optional
-        Diameter of a point, pixels.
+    The page is designed for a width and a height, pixels, and fills the window of the browser.
 
     Raises
     ------

@@ -129,11 +129,6 @@ def _triangles(surface: Surface, shared: dict[tuple[int, bool], pyvista.CellArra
 def check_screenshot(path: PathLike) -> None:
     """Check, before any work, that a picture can be written: a PNG or JPG in an existing folder.
 
-    Parameters
-    ----------
-    path : path-like
-        The file to write.
-
     Raises
     ------
     FileFormatError
@@ -599,9 +594,8 @@ def _write_film(path: PathLike, images: Iterator[npt.NDArray[np.uint8]], rate: f
     if Path(path).suffix.lower() == ".gif":
         from PIL import Image
 
-        def palette(
-            image: npt.NDArray[np.uint8],
-        ) -> Image.Image:  # the default, median cut, merges the colours of classes with few points
+        def palette(image: npt.NDArray[np.uint8]) -> Image.Image:
+            # The default, median cut, merges the colours of classes with few points.
             return Image.fromarray(image).quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
 
         first, *others = map(palette, images)

@@ -5,7 +5,7 @@ Format: https://www.cvlibs.net/datasets/kitti/eval_object.php, the object develo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -61,18 +61,23 @@ def _parts(folder: Path) -> list[Path]:
     return [part for part in parts if (part / "velodyne").is_dir() and (part / "calib").is_dir()]
 
 
-def _to_camera(path: Path) -> Floats:
-    """Return the transform from the sensor to the rectified camera, shape (4, 4)."""
+def read_calibration(path: Path, shapes: Mapping[str, tuple[int, int]]) -> dict[str, Floats]:
+    """Return matrices of these names and shapes in a calibration of KITTI, each as the upper left of one of (4, 4)."""
     found: dict[str, Floats] = {}
     for number, line in enumerate(text_of(path).splitlines(), 1):
         name, colon, rest = line.partition(":")
-        shape = {"R0_rect": (3, 3), "Tr_velo_to_cam": (3, 4)}.get(name)
-        if colon and shape:
+        if colon and (shape := shapes.get(name)):
             values = numbers(path, number, rest.split())
             if len(values) != np.prod(shape):
                 raise FileFormatError(f"{path}: {name}: expected {np.prod(shape)} numbers, got {len(values)}")
             found[name] = np.eye(4)
             found[name][: shape[0], : shape[1]] = np.reshape(values, shape)
+    return found
+
+
+def _to_camera(path: Path) -> Floats:
+    """Return the transform from the sensor to the rectified camera, shape (4, 4)."""
+    found = read_calibration(path, {"R0_rect": (3, 3), "Tr_velo_to_cam": (3, 4)})
     if len(found) != 2:
         raise FileFormatError(f"{path}: expected R0_rect and Tr_velo_to_cam, got {', '.join(found) or 'neither'}")
     matrix: Floats = found["R0_rect"] @ found["Tr_velo_to_cam"]

@@ -19,7 +19,7 @@ from lidarsim._base.validation import Floats
 from lidarsim.datasets.frames import Frame, Frames, Row, boxes_at, folders, named, text_of, validated
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.boxes import Boxes
-from lidarsim.scan.pointcloud import PointCloud
+from lidarsim.scan.pointcloud import PointCloud, with_common_fields
 
 Three = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
 Four = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
@@ -176,10 +176,9 @@ class _Tables:
             bodies = [_matrix(self._of(self.bodies, row.ego_pose_token, "sample_data")) for row in rows]
             poses = [body @ self.mounts[row.calibrated_sensor_token] for body, row in zip(bodies, rows, strict=True)]
             clouds = [self._cloud(row).transformed(pose) for row, pose in zip(rows, poses, strict=True)]
-            shared = set.intersection(*(set(cloud.fields) for cloud in clouds))
-            parts = [PointCloud({name: getattr(cloud, name) for name in shared}) for cloud in clouds]
             time = (sample.timestamp - self.samples[0].timestamp) / 1e6
-            yield Frame(PointCloud.concatenate(parts), bodies[0], time, self._boxes(self.annotations[sample.token]))
+            cloud = PointCloud.concatenate(with_common_fields(clouds))
+            yield Frame(cloud, bodies[0], time, self._boxes(self.annotations[sample.token]))
 
     def _cloud(self, row: Data) -> PointCloud:
         cloud = PointCloud.load(self._file(row.filename, "sample_data"))

@@ -26,6 +26,7 @@ from lidarsim.datasets.frames import (
     point_files,
     text_of,
 )
+from lidarsim.datasets.reading.kitti import read_calibration
 from lidarsim.errors import FileFormatError
 from lidarsim.io.trajectories import kitti
 from lidarsim.viewers._classes import SEMANTIC_KITTI
@@ -82,15 +83,8 @@ def _poses(sequence: Path, count: int) -> list[Floats]:
         _, poses = kitti.read(iter(text_of(path).splitlines()))
     if len(poses) < count:
         raise FileFormatError(f"{path}: expected a pose for each of the {count} frames, got {len(poses)}")
-    to_camera = np.eye(4)
-    if calibration.is_file():
-        for number, line in enumerate(text_of(calibration).splitlines(), 1):
-            name, _, rest = line.partition(":")
-            if name == "Tr":
-                values = numbers(calibration, number, rest.split())
-                if len(values) != 12:
-                    raise FileFormatError(f"{calibration}: Tr: expected 12 numbers, got {len(values)}")
-                to_camera[:3] = np.reshape(values, (3, 4))
+    found = read_calibration(calibration, {"Tr": (3, 4)}) if calibration.is_file() else {}
+    to_camera = found.get("Tr", np.eye(4))
     if not np.linalg.det(to_camera):
         raise FileFormatError(f"{calibration}: Tr: expected a transform that can be inverted, got a singular one")
     back = np.linalg.inv(to_camera)

@@ -30,7 +30,7 @@ from lidarsim.datasets.samples import Nine, Number, Rows, Three
 from lidarsim.errors import FileFormatError
 from lidarsim.io import npz
 from lidarsim.scan.boxes import Boxes
-from lidarsim.scan.pointcloud import PointCloud, adopt
+from lidarsim.scan.pointcloud import PointCloud, adopt, with_common_fields
 
 Label = Annotated[int, Field(ge=0, lt=2**32)]
 
@@ -137,11 +137,9 @@ def _frame(parts: list[tuple[tuple[Path, tarfile.TarInfo], About]], names: dict[
         else:
             frames.append(in_world(cloud, pose, boxes, about.seconds))
     own = [cloud for frame in frames for cloud in frame.clouds]
-    shared = set.intersection(*(set(cloud.fields) for cloud in own))
-    clouds = [PointCloud({name: getattr(cloud, name) for name in shared}) for cloud in own]
     # Sensors of a rig each have boxes of the same things: those of the first are shown.
     boxes = next((frame.boxes for frame in frames if frame.boxes is not None), None)
-    return Frame(PointCloud.concatenate(clouds), frames[0].pose, frames[0].time, boxes)
+    return Frame(PointCloud.concatenate(with_common_fields(own)), frames[0].pose, frames[0].time, boxes)
 
 
 def _boxes(rows: tuple[Box, ...], names: dict[int, str]) -> Boxes:
