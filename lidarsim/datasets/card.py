@@ -123,13 +123,13 @@ def _splits(recipe: Recipe, summary: Summary) -> str:
     if not summary.splits:
         return ""
     rows = [
-        f"| {escaped(name)} | {len(numbers):,} | {len(numbers) * recipe.frames:,} | {_listed(numbers)} |\n"
+        f"| {escaped(name)} | {len(numbers):,} | {len(numbers) * recipe.frames:,} | {_list_ranges(numbers)} |\n"
         for name, numbers in summary.splits.items()
     ]
     return "## Splits\n\n| split | sequences | frames | which |\n|---|---:|---:|---|\n" + "".join(rows) + "\n"
 
 
-def _listed(numbers: Sequence[int]) -> str:
+def _list_ranges(numbers: Sequence[int]) -> str:
     """Return numbers as text, with ranges; abbreviated if long."""
     runs = [list(group) for _, group in itertools.groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
     texts = [f"{run[0][1]}" + (f" – {run[-1][1]}" if len(run) > 1 else "") for run in runs]

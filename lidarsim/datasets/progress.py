@@ -24,7 +24,7 @@ class Progress:
 
     def __init__(self, frames: int, done: int) -> None:
         self.total, self.done, self.new, self.points = frames, done, 0, 0
-        self.begin = self.told = time.monotonic()
+        self.begin = self.reported = time.monotonic()
         self._stack = ExitStack()
         self._bar: Bar | None = None
 
@@ -57,8 +57,8 @@ class Progress:
         rate = self.points / (now - self.begin) if now > self.begin else 0.0
         if self._bar:
             self._bar.update(self._bar.task_ids[0], completed=self.done + self.new, rate=f"{rate:,.0f} points/s")
-        elif now - self.told >= MINUTE:
-            self.told = now
+        elif now - self.reported >= MINUTE:
+            self.reported = now
             made = self.done + self.new
             left = (self.total - made) * self.seconds / max(self.new, 1)
             text = f"{made:,} of {self.total:,} frames, {rate:,.0f} points/s, {left / MINUTE:,.0f} min remaining"

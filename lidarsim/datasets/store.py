@@ -121,7 +121,7 @@ class Folder:
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
         """Yield the path of a local file to write."""
-        with self._written(name) as (path, target):
+        with self._write_aside(name) as (path, target):
             yield path
             files.sync(path)
             path.replace(target)
@@ -132,7 +132,7 @@ class Folder:
         Linking to a finished file is atomic, also over NFS. Where there are no links, a killed writer may leave a part
         of the file.
         """
-        with self._written(name) as (path, target):
+        with self._write_aside(name) as (path, target):
             path.write_bytes(data)
             files.sync(path)
             try:
@@ -160,7 +160,7 @@ class Folder:
             batch.finish()
 
     @contextmanager
-    def _written(self, name: str) -> Iterator[tuple[Path, Path]]:
+    def _write_aside(self, name: str) -> Iterator[tuple[Path, Path]]:
         """Yield the paths of a temporary file and of the file `name`, whose folder is created."""
         target = self._path(name)
         with files.writing(target), self._temporary() as folder:
@@ -171,7 +171,7 @@ class Folder:
     def _temporary(self) -> Iterator[Path]:
         """Make a temporary folder for the block, with its lock."""
         self.root.mkdir(parents=True, exist_ok=True)
-        with files.temporary_folder(self.root, TEMPORARY) as folder, _locked(folder / LOCK, "xb"):
+        with files.temporary_folder(self.root, TEMPORARY) as folder, _lock(folder / LOCK, "xb"):
             try:
                 yield folder
             finally:
@@ -251,7 +251,7 @@ class Folder:
                     if not any(path.iterdir()):
                         path.rmdir()
                     elif stat.S_ISREG((path / LOCK).lstat().st_mode):
-                        with _locked(path / LOCK, "r+b"):
+                        with _lock(path / LOCK, "r+b"):
                             _empty(path)
                             shutil.rmtree(path, ignore_errors=True)
 
@@ -317,7 +317,7 @@ def _is_empty_folder(path: Path) -> bool:
 
 
 @contextmanager
-def _locked(path: Path, mode: str) -> Iterator[None]:
+def _lock(path: Path, mode: str) -> Iterator[None]:
     """Hold the lock of a temporary folder; `OSError` if another process holds it.
 
     Where files cannot be locked, the writer is assumed to have ended. That is safe: folders are removed only when the
@@ -430,10 +430,10 @@ class Remote:
 
     def sizes(self, folder: str) -> dict[str, int]:
         """Return the sizes of the files in a folder."""
-        listed = self._listed(*(self._file(folder) if folder else self._place))
+        listed = self._list(*(self._file(folder) if folder else self._place))
         return {entry["name"].rpartition("/")[2]: entry["size"] for entry in listed if entry["type"] == "file"}
 
-    def _listed(self, filesystem: Any, path: str) -> list[dict[str, Any]]:
+    def _list(self, filesystem: Any, path: str) -> list[dict[str, Any]]:
         with self._problems():
             filesystem.invalidate_cache()
             try:
@@ -445,7 +445,7 @@ class Remote:
     def existing(self, names: Collection[str]) -> list[str]:
         """Return the existing top-level names in `names`."""
         lower = {name.lower() for name in names}
-        there = {entry["name"].rstrip("/").rpartition("/")[2] for entry in self._listed(*self._place)}
+        there = {entry["name"].rstrip("/").rpartition("/")[2] for entry in self._list(*self._place)}
         return sorted(name for name in there if name.lower() in lower)
 
     def remove(self, name: str) -> None:

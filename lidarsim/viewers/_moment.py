@@ -178,7 +178,7 @@ class Painter:
             everything = np.concatenate([seen, *(view.pose[None, :3, 3] for view in first.sensors.values())])
             bounds = np.stack([everything.min(axis=0), everything.max(axis=0)])
             found = surfaces(self._scene, bounds=bounds, time=first.time)
-            painted = [part for surface in found if len(surface.faces) for part in self._painted(surface)]
+            painted = [part for surface in found if len(surface.faces) for part in self._paint(surface)]
             self._movers = [part for part in painted if part.surface.item.motion is not None]
             static = [part for part in painted if part.surface.item.motion is None]
         named = self._classes()
@@ -200,7 +200,7 @@ class Painter:
         }
         time = min(scan.time for scan in scans.values())
         movers = [replace(mover, surface=mover.surface.at(time)) for mover in self._movers]
-        boxes = self._seen(scans, poses) if self._boxes else None
+        boxes = self._find_boxes(scans, poses) if self._boxes else None
         labels = [] if boxes is None else boxes.label.tolist()
         classes = self._classes()
         known = {label: (name, classes.color(label)) for label, name in classes.names.items()}
@@ -218,7 +218,7 @@ class Painter:
             found = coloring(clouds, self._color_by, self._known, self._style)
         return found
 
-    def _painted(self, surface: Surface) -> list[Painted]:
+    def _paint(self, surface: Surface) -> list[Painted]:
         classes = self._classes()
         label = surface.item.label
         own = f"{surface.object_id} {surface.item.name}".rstrip()
@@ -234,7 +234,7 @@ class Painter:
     def _color(self, classes: Coloring, label: int) -> str:
         return classes.color(label) if label in classes.names else DARK.surface
 
-    def _seen(self, scans: Mapping[str, Scan], poses: list[Floats]) -> Boxes:
+    def _find_boxes(self, scans: Mapping[str, Scan], poses: list[Floats]) -> Boxes:
         """Return the boxes of things with points, each by the first sensor that sees it."""
         from lidarsim.scan.boxes import Boxes
 

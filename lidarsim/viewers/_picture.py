@@ -243,16 +243,16 @@ class Picture:
             ahead = forward if abs(forward[2]) < 0.9 else pose[:3, 2]
             if self.camera == "top":
                 return _from_top(seen, vertical, ahead, angle, aspect)
-            return _fitted(seen, vertical, ahead, angle, aspect)
+            return _fit_view(seen, vertical, ahead, angle, aspect)
         if self.camera == "orbit":
             towards = np.array([math.cos(turn - 2.2), math.sin(turn - 2.2), 0.65])
-            return _fitted(seen, towards, vertical, angle, aspect)
+            return _fit_view(seen, towards, vertical, angle, aspect)
         moved = self.frames[frame].pose[:3, 3] - self.frames[0].pose[:3, 3]
-        first = _fitted(seen, -2.0 * forward + 0.5 * left + 1.3 * vertical, vertical, angle, aspect)
+        first = _fit_view(seen, -2.0 * forward + 0.5 * left + 1.3 * vertical, vertical, angle, aspect)
         return first if len(self.frames) == 1 else View(first.eye + moved, first.target + moved, vertical, angle)
 
 
-def _fitted(seen: Floats, towards: Floats, up: Floats, angle: float, aspect: float) -> View:
+def _fit_view(seen: Floats, towards: Floats, up: Floats, angle: float, aspect: float) -> View:
     """Return the nearest view from the direction `towards` that shows all points.
 
     A point (x, y, z), with z towards the eye, is visible from an eye at (a, b, c) if |x − a| <= (c − z) s, where s is

@@ -35,7 +35,7 @@ def write(figure: Figure, path: PathLike, *, dpi: float) -> None:
     drawn = BytesIO()
     figure.savefig(drawn, format=kind, dpi=dpi, metadata=metadata)
     with atomic_writer(path) as file:
-        file.write(_numbered(drawn.getvalue()) if kind == "svg" else drawn.getvalue())
+        file.write(_number_identifiers(drawn.getvalue()) if kind == "svg" else drawn.getvalue())
 
 
 def _replace_missing_glyphs(figure: Figure) -> None:
@@ -47,7 +47,7 @@ def _replace_missing_glyphs(figure: Figure) -> None:
         text.set_text("".join(c if ord(c) in known or c == "\n" else MISSING for c in text.get_text()))
 
 
-def _numbered(svg: bytes) -> bytes:
+def _number_identifiers(svg: bytes) -> bytes:
     """Return an SVG whose identifiers, in which Matplotlib has random numbers, are numbered in their order."""
     names: dict[bytes, bytes] = {}
     return _RANDOM.sub(lambda found: names.setdefault(found[0], b"i%d" % len(names)), svg)

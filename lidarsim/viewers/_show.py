@@ -178,12 +178,12 @@ def show(
         frames = _titles(title, [replace(_frame(_nothing(), np.eye(4)), boxes=shown_boxes)], None, ())
         rate, scene = 10.0, what
     else:
-        given = _given(what)
+        given = _list_frames(what)
         poses = _poses(pose, len(given))
         _check_places(given, poses, scene, accumulate=accumulate)
         several = _boxes(boxes, len(given))
-        sensors = {name: k for k, name in enumerate(dict.fromkeys(_names(given)))}
-        frames = [_shown(*frame, sensors) for frame in zip(given, poses, several, strict=True)]
+        sensors = {name: k for k, name in enumerate(dict.fromkeys(_sensor_names(given)))}
+        frames = [_make_frame(*frame, sensors) for frame in zip(given, poses, several, strict=True)]
         starts, rate = _starts(time, given), _rate(given[0])
         if accumulate and title is None:
             title = together_title(len(given), starts or ())
@@ -207,7 +207,7 @@ def show(
     return None
 
 
-def _given(what: Shown | Iterable[Shown]) -> list[Shown]:
+def _list_frames(what: Shown | Iterable[Shown]) -> list[Shown]:
     """Return the frames, at least one."""
     if isinstance(what, PointCloud | Scan | Mapping):
         return [what]
@@ -343,12 +343,12 @@ def _boxes(boxes: Boxes | Sequence[Boxes | None] | None, count: int) -> Sequence
     return several
 
 
-def _names(given: Sequence[Shown]) -> Iterator[str]:
+def _sensor_names(given: Sequence[Shown]) -> Iterator[str]:
     """Yield the names of the sensors of all frames."""
     return (name for what in given if isinstance(what, Mapping) for name in what)
 
 
-def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: Mapping[str, int]) -> Frame:
+def _make_frame(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: Mapping[str, int]) -> Frame:
     in_sensor_frame = isinstance(what, PointCloud) and what._in_sensor_frame
     if boxes is not None and boxes.in_sensor_frame != in_sensor_frame:
         places = "boxes in the sensor frame, as the points", "boxes in world coordinates"
@@ -366,7 +366,7 @@ def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: Mappi
     if not several:
         return replace(_frame(_nothing(), np.eye(4)), boxes=boxes)
     clouds = [scan if isinstance(scan, PointCloud) else scan.point_cloud("world") for scan in several.values()]
-    cloud = _together(clouds, [sensors[name] for name in several]) if isinstance(what, Mapping) else clouds[0]
+    cloud = _merge(clouds, [sensors[name] for name in several]) if isinstance(what, Mapping) else clouds[0]
     here = np.eye(4) if pose is None else pose
     first = next(iter(several.values()))
     if isinstance(first, Scan):
@@ -374,7 +374,7 @@ def _shown(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: Mappi
     return replace(_frame(cloud, here), boxes=boxes)
 
 
-def _together(clouds: Sequence[PointCloud], sensors: Sequence[int]) -> PointCloud:
+def _merge(clouds: Sequence[PointCloud], sensors: Sequence[int]) -> PointCloud:
     """Return the points of several sensors, with the fields that all have and the number of the sensor."""
     alike = with_common_fields(clouds)
     for cloud, number in zip(alike, sensors, strict=True):

@@ -37,7 +37,7 @@ STAGE = 0.82
 RIGHT = {"x": 0.99, "xanchor": "right"}
 LONGEST = 24
 """Greatest length of a name in the legend, characters."""
-TOLD = ("range", "intensity", "range_error", "ring", "object_id")
+HOVERED = ("range", "intensity", "range_error", "ring", "object_id")
 """Fields that a page shows for the point under the pointer."""
 
 
@@ -225,7 +225,7 @@ def _moving(
     """Return the traces of a frame: points, one trace per category, and the sensor's axes; same order in all frames."""
     cloud, colors = frame.cloud[::step], picture.colors
     values = field_of(cloud, colors.field)
-    told = [name for name in TOLD if name in cloud.fields]
+    told = [name for name in HOVERED if name in cloud.fields]
     lines = [f"{name} %{{customdata[{i}]:.4~f}}" for i, name in enumerate(told)]
 
     def points(chosen: npt.NDArray[np.bool_], name: str, marker: dict[str, Any], *, legend: bool) -> BaseTraceType:

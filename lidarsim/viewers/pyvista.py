@@ -363,7 +363,7 @@ class _Stage:
         wires.cell_data["rgb"] = np.repeat(_channels(colors), LINES, axis=0)
         height = self.plotter.window_size[1]
         actors = [self._add(wires, scalars="rgb", rgb=True, lighting=False, line_width=max(2, round(height / 300)))]
-        names = [self._writable(self.picture.class_name(label), str(label)) for label in boxes.label.tolist()]
+        names = [self._choose_text(self.picture.class_name(label), str(label)) for label in boxes.label.tolist()]
         tops = boxes.center * [1, 1, 0] + boxes.corners.max(axis=1) * [0, 0, 1]
         self.added += 1
         actors.append(
@@ -398,7 +398,7 @@ class _Stage:
                 others += group
                 continue
             centre = vertices.mean(axis=0)
-            shared = _shaded(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
+            shared = _add_normals(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
             first = self._add(shared, **look)
             for surface in group:
                 actor = first
@@ -416,13 +416,13 @@ class _Stage:
             mesh.point_data["height"] = mesh.points[:, 2] + self.middle[2]
             # Interpolates heights instead of colours within large triangles.
             scale = {"cmap": colors.table, "clim": colors.limits, "interpolate_before_map": True}
-            actors.append(self._add(_shaded(mesh), scalars="height", show_scalar_bar=False, **scale, **look))
+            actors.append(self._add(_add_normals(mesh), scalars="height", show_scalar_bar=False, **scale, **look))
         elif others:
             parts = [part for surface in others for part in colored(surface, self.picture)]
             mesh = self.pv.PolyData.from_regular_faces(*joined([surface for _, surface in parts], self.middle))
             table = _channels([color for color, _ in parts])
             mesh.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for _, surface in parts], axis=0)
-            actors.append(self._add(_shaded(mesh), scalars="rgb", rgb=True, **look))
+            actors.append(self._add(_add_normals(mesh), scalars="rgb", rgb=True, **look))
         if groups and self.picture.has_points:
             self.plotter.enable_depth_peeling(8)  # type: ignore[arg-type]  # its types lost the self of this method
         return actors
@@ -458,7 +458,7 @@ class _Stage:
             looks.SetJustificationToCentered()
         return text
 
-    def _writable(self, name: str, other: str) -> str:
+    def _choose_text(self, name: str, other: str) -> str:
         """Return a name, or `other` if the font lacks one of its characters."""
         return plain(name if name.isascii() or _font()[1].issuperset(map(ord, name)) else other, most=LONGEST)
 
@@ -487,7 +487,7 @@ class _Stage:
         for row in legend.rows:
             if row.color:
                 fill((font, 2 * font), (y - 0.35 * line, y + 0.35 * line), _channels([row.color]))
-            write(self._writable(row.text, row.other), (2.6 if row.color else 1.0) * font, y)
+            write(self._choose_text(row.text, row.other), (2.6 if row.color else 1.0) * font, y)
             y += line
             if row.bar is not None:
                 colors, high = row.bar, y + legend.bar - line
@@ -582,7 +582,7 @@ def _write_jpg(image: BytesIO, file: BinaryIO) -> None:
         picture.convert("RGB").save(file, "JPEG", quality=QUALITY, subsampling=0)
 
 
-def _shaded(mesh: pyvista.PolyData) -> pyvista.PolyData:
+def _add_normals(mesh: pyvista.PolyData) -> pyvista.PolyData:
     """Return a mesh with normals that smooth round surfaces and keep edges sharp."""
     shaded: pyvista.PolyData = mesh.compute_normals(
         cell_normals=False, split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False

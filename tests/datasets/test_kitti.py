@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
-from lidarsim.datasets.layouts._camera import seen
+from lidarsim.datasets.layouts._camera import view_of_box
 from lidarsim.datasets.layouts.kitti import Camera
 
 NAMES = {1: "Pedestrian", 2: "Car", 3: "Van", 40: "road"}
@@ -224,7 +224,7 @@ def test_what_the_camera_sees_of_a_box(center: Any, size: Any, turn: Any) -> Non
     camera = Camera()
     rotation = Rotation.from_rotvec(turn).as_matrix()
     corners = center + (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * size @ rotation.T
-    found = seen(corners, camera.projection, camera.width, camera.height)
+    found = view_of_box(corners, camera.projection, camera.width, camera.height)
     expected = hull(corners, camera.projection, camera.width, camera.height)
     if expected is None:
         assert found is None or found[1] > 1 - 0.1

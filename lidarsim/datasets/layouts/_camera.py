@@ -14,7 +14,7 @@ FACES = (
 """Corners of the faces of a box, in the order of ``numpy.ndindex(2, 2, 2)``, counterclockwise seen from outside."""
 
 
-def seen(corners: Floats, projection: Floats, width: int, height: int) -> tuple[tuple[float, ...], float] | None:
+def view_of_box(corners: Floats, projection: Floats, width: int, height: int) -> tuple[tuple[float, ...], float] | None:
     """Return the rectangle of the image around the visible part of a box, and the share of its volume out of view.
 
     The view is the cone from the camera through the pixels. Its four sides go through the camera, so the part of the
@@ -47,7 +47,7 @@ def seen(corners: Floats, projection: Floats, width: int, height: int) -> tuple[
     if (above >= 0).all():
         visible, outside = corners, 0.0
     else:
-        parts = [part for face in FACES if len(part := _clipped(corners[list(face)], sides))]
+        parts = [part for face in FACES if len(part := _clip(corners[list(face)], sides))]
         edges = corners[4] - corners[0], corners[2] - corners[0], corners[1] - corners[0]
         share = sum(map(_pyramid, parts)) / abs(float(np.linalg.det(edges)))
         if not share > 0:
@@ -58,7 +58,7 @@ def seen(corners: Floats, projection: Floats, width: int, height: int) -> tuple[
     return (float(column.min()), float(row.min()), float(column.max()), float(row.max())), outside
 
 
-def _clipped(polygon: Floats, sides: Floats) -> Floats:
+def _clip(polygon: Floats, sides: Floats) -> Floats:
     """Return the part of a polygon on the positive side of planes through the origin (Sutherland and Hodgman 1974)."""
     for side in sides:
         above = polygon @ side

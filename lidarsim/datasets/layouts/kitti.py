@@ -37,7 +37,7 @@ import numpy as np
 from pydantic import Field
 
 from lidarsim.config.factories import Model
-from lidarsim.datasets.layouts._camera import seen
+from lidarsim.datasets.layouts._camera import view_of_box
 from lidarsim.datasets.layouts._detection import IGNORED, SETS, Detection, Upright, upright, write_sets
 from lidarsim.datasets.layouts._images import black_png
 from lidarsim.datasets.layouts._kitti import TO_CAMERA, calibration, read_points
@@ -93,7 +93,7 @@ are black, and only tell their size.
 
     def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
         """Yield the boxes that the camera sees."""
-        return (pair for pair in super().annotations(frame) if self._seen(pair[1]) is not None)
+        return (pair for pair in super().annotations(frame) if self._view(pair[1]) is not None)
 
     def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:
         """Return points, labels, calibration and image."""
@@ -107,24 +107,24 @@ are black, and only tell their size.
 
     def _label(self, box: Annotation, names: Mapping[int, str]) -> str:
         """Return the line of a box; empty if the camera does not see it."""
-        seen_of = self._seen(box)
-        if seen_of is None:
+        view = self._view(box)
+        if view is None:
             return ""
-        around, rectangle, truncation = seen_of
+        around, rectangle, truncation = view
         size, yaw = around.size, around.yaw
         x, y, z = (TO_CAMERA[:3, :3] @ (box.center - np.array([0.0, 0.0, size[2] / 2]))).tolist()
         length, width, height = size.tolist()
-        rotation = _wrapped(-yaw - math.pi / 2)
-        alpha = _wrapped(rotation - math.atan2(x, z))
+        rotation = _wrap_angle(-yaw - math.pi / 2)
+        alpha = _wrap_angle(rotation - math.atan2(x, z))
         numbers = (alpha, *rectangle, height, width, length, x, y, z, rotation)
         occlusion = 3 if box.visibility is None else sum(box.visibility < least for least in OCCLUSION)
         name = class_name(box.label, names)
         return f"{name} {truncation!r} {occlusion} {' '.join(map(repr, numbers))}\n"
 
-    def _seen(self, box: Annotation) -> tuple[Upright, tuple[float, ...], float] | None:
+    def _view(self, box: Annotation) -> tuple[Upright, tuple[float, ...], float] | None:
         """Return the upright box, the rectangle around what the camera sees of it, and the share that it does not.
 
-        None if the camera does not see it; see `seen`. Of most boxes, a sphere around the upright box, whose diagonal
+        None if the camera does not see it; see `view_of_box`. Of most boxes, a sphere around the upright box, whose diagonal
         is at most √3 times as long as that of the box, lies beyond a side of the view.
         """
         camera, (ahead, *aside), reach = self.camera, box.center, math.hypot(*box.size)
@@ -134,7 +134,7 @@ are black, and only tell their size.
                 return None
         around = upright(box)
         corners = CORNERS * around.size @ around.axes.T + around.center
-        view = seen(corners @ TO_CAMERA[:3, :3].T, camera.projection, camera.width, camera.height)
+        view = view_of_box(corners @ TO_CAMERA[:3, :3].T, camera.projection, camera.width, camera.height)
         return None if view is None else (around, *view)
 
     def _calibration(self, record: Record) -> bytes:
@@ -157,6 +157,6 @@ def _file(record: Record, folder: str, suffix: str) -> str:
     return f"{root(record.sensor)}{part}/{folder}/{number_name(record)}.{suffix}"
 
 
-def _wrapped(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     """Return an angle from −π to π, rad."""
     return math.remainder(angle, 2 * math.pi)

@@ -83,7 +83,7 @@ range for its configuration. `METAINFO` of the data set's class needs the same c
                     },
                     "data_list": [_info(record, names, summary) for record in part],
                 }
-                files.write(f"{root(sensor)}custom_infos_{split}.pkl", _pickled(infos))
+                files.write(f"{root(sensor)}custom_infos_{split}.pkl", _pickle(infos))
             limits = point_range(box for record in records for box in record.boxes)
             text = f"class_names = {names!r}\nmetainfo = dict(classes=class_names)\npoint_cloud_range = {limits!r}\n"
             files.write(f"{root(sensor)}{CONFIGURATION}", text.encode())
@@ -106,7 +106,7 @@ def _info(record: Record, names: Sequence[str], summary: Summary) -> dict[str, A
     }
 
 
-def _pickled(value: object) -> bytes:
+def _pickle(value: object) -> bytes:
     """Return a pickle that depends on values alone: with memoisation, it would depend on which are the same object."""
     buffer = BytesIO()
     pickler = pickle.Pickler(buffer, protocol=4)

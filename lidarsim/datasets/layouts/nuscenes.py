@@ -236,7 +236,7 @@ def _stamp(record: Record) -> int:
     return START + record.sequence * APART + round(record.seconds * 1e6)
 
 
-def _placed(matrix: Floats) -> dict[str, list[float]]:
+def _pose(matrix: Floats) -> dict[str, list[float]]:
     from scipy.spatial.transform import Rotation
 
     quaternion = Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True, scalar_first=True)
@@ -320,7 +320,7 @@ class _Tables:
                         "num_radar_pts": 0,
                         "prev": tokens[index],
                         "next": tokens[index + 2],
-                        **_placed(record.matrix @ box.matrix),
+                        **_pose(record.matrix @ box.matrix),
                     }
 
     def log(self) -> Iterator[dict[str, Any]]:
@@ -346,7 +346,7 @@ class _Tables:
                 yield {
                     "token": self.token("calibrated_sensor", record.sequence, name),
                     "sensor_token": self.token("sensor", _channel(name)),
-                    **_placed(np.linalg.inv(record.body_matrix) @ record.matrix),
+                    **_pose(np.linalg.inv(record.body_matrix) @ record.matrix),
                     "camera_intrinsic": [],
                 }
 
@@ -399,7 +399,7 @@ class _Tables:
     def ego_pose(self) -> Iterator[dict[str, Any]]:
         for record in self.summary.records():
             yield {
-                "token": self.of(record, "ego_pose"), "timestamp": _stamp(record), **_placed(record.body_matrix)
+                "token": self.of(record, "ego_pose"), "timestamp": _stamp(record), **_pose(record.body_matrix)
             }  # fmt: skip
 
     def lidarseg(self) -> Iterator[dict[str, Any]]:

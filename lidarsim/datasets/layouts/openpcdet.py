@@ -120,7 +120,7 @@ def _configuration(names: list[str], limits: list[float]) -> dict[str, Any]:
         "DATA_PATH": "../data/custom",
         "CLASS_NAMES": names,  # for the configuration of the model
         "POINT_CLOUD_RANGE": limits,
-        "MAP_CLASS_TO_KITTI": {name: _evaluated(name) for name in names} | {IGNORED: IGNORED},
+        "MAP_CLASS_TO_KITTI": {name: _kitti_class(name) for name in names} | {IGNORED: IGNORED},
         "DATA_SPLIT": {"train": train, "test": val},
         "INFO_PATH": {"train": [f"custom_infos_{train}.pkl"], "test": [f"custom_infos_{val}.pkl"]},
         "POINT_FEATURE_ENCODING": {
@@ -142,6 +142,6 @@ def _configuration(names: list[str], limits: list[float]) -> dict[str, Any]:
     }
 
 
-def _evaluated(name: str) -> str:
+def _kitti_class(name: str) -> str:
     """Return the class of KITTI as which a class is evaluated."""
     return next((kind for kind, words in EVALUATED.items() if any(word in name.lower() for word in words)), "Car")

@@ -26,7 +26,7 @@ def open_frames(path: Path) -> Frames:
     names = names_in(recipe_of(path).get("class_names", {}), path / "recipe.yaml") if path.is_dir() else {}
     first = islice(_frames(files), 2)  # the first one may lack sensors that start later
     sensors = {topic: message.frame_id for frame in first for topic, message in frame.items()}
-    places, note = _placed(files[0], sensors) if len(sensors) > 1 else ({}, "")
+    places, note = _find_mounts(files[0], sensors) if len(sensors) > 1 else ({}, "")
 
     def read(start: int) -> Iterator[Frame]:
         count = 0
@@ -51,7 +51,7 @@ def _frames(files: list[Path]) -> Iterator[dict[str, rosbag.Message]]:
     yield frame
 
 
-def _placed(path: Path, sensors: Mapping[str, str]) -> tuple[dict[str, Floats], str]:
+def _find_mounts(path: Path, sensors: Mapping[str, str]) -> tuple[dict[str, Floats], str]:
     """Return the pose of each sensor in the frame that all share, and a note; `sensors` has frame_id by topic."""
     mounts = rosbag.static_mounts(path)
     frames = set(sensors.values())
