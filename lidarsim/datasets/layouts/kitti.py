@@ -124,8 +124,8 @@ are black, and only tell their size.
     def _view(self, box: Annotation) -> tuple[Upright, tuple[float, ...], float] | None:
         """Return the upright box, the rectangle around what the camera sees of it, and the share that it does not.
 
-        None if the camera does not see it; see `view_of_box`. Of most boxes, a sphere around the upright box, whose diagonal
-        is at most √3 times as long as that of the box, lies beyond a side of the view.
+        None if the camera does not see it; see `view_of_box`. Of most boxes, a sphere around the upright box, whose
+        diagonal is at most √3 times as long as that of the box, lies beyond a side of the view.
         """
         camera, (ahead, *aside), reach = self.camera, box.center, math.hypot(*box.size)
         for off, pixels in zip(aside, (camera.width, camera.height), strict=True):
