@@ -258,8 +258,8 @@ def test_a_difference_that_no_cell_shows_is_seen_over_all() -> None:
         samples = statistics.Samples(cell, block, rng.normal(shift, 0.5, cell.size))
         units.add(statistics.Mean().sums(samples, 14))
         sides.append(units)
-    contrast = comparison_module._contrast(statistic, *comparison_module._estimated(statistic, *sides, seed=0))
-    found = comparison_module._measured(statistic, contrast, tests=300)
+    contrast = comparison_module._contrast(statistic, *comparison_module._estimate(statistic, *sides, seed=0))
+    found = comparison_module._measure(statistic, contrast, tests=300)
     assert [cell.label for cell in found.cells if cell.differs] == ["all"]
     assert (found.verdict, found.where) == ("differs", "all")
 
@@ -378,26 +378,26 @@ def rings_of(*rows: list[float]) -> ls.PointCloud:
 
 def test_edges_are_counted() -> None:
     nan, near, far = np.nan, [5.0] * 4, [7.3] * 4
-    clean, mixed, lost = near + far, [*near, 6.1, *far], [*near, nan, *far]
-    row = [*clean, *mixed[::-1], *lost, *clean[::-1], *mixed, *clean[::-1]]
+    clean, between, gap = near + far, [*near, 6.1, *far], [*near, nan, *far]
+    row = [*clean, *between[::-1], *gap, *clean[::-1], *between, *clean[::-1]]
     frame = Frame.of(rings_of(row, row), None, 1.0)
-    edges = measures._Edges.of(frame)
+    mixed, lost, dual = measures.mixed_points(frame), measures.lost_at_edges(frame), measures.dual_at_edges(frame)
     jumps = [a != b for a, b in pairwise(row) if np.isfinite(a) and np.isfinite(b)]
-    assert (edges.mixed.sum(), edges.lost.sum(), edges.dual.sum()) == (4.0, 2.0, 0.0)
+    assert (mixed.value.sum(), lost.value.sum(), dual.value.sum()) == (4.0, 2.0, 0.0)
     # A mixed point makes two jumps of its own.
-    assert edges.weight[(edges.mixed == 0) & (edges.lost == 0)].sum() == 2 * (sum(jumps) - 2 * 2)
-    assert set(edges.cell) == {measures.BY_JUMP.labels.index("2 to 3 m")}
+    assert mixed.weight[(mixed.value == 0) & (lost.value == 0)].sum() == 2 * (sum(jumps) - 2 * 2)
+    assert set(mixed.cell) == {measures.BY_JUMP.labels.index("2 to 3 m")}
 
 
 def test_a_slanted_surface_has_no_edges() -> None:
     row = [10.0 + 0.4 * k for k in range(40)]
-    assert len(measures._Edges.of(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
+    assert len(measures.mixed_points(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
 
 
 def test_a_gentle_step_is_no_edge() -> None:
     """From side to side it is 0.11 m, but the lines through the sides are 0.07 m apart at the pixel between them."""
     row = [10.0, 10.02, 10.06, 10.13, 10.15]
-    assert len(measures._Edges.of(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
+    assert len(measures.mixed_points(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
 
 
 def test_runs_of_missing_pixels_are_counted() -> None:

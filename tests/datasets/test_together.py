@@ -181,7 +181,7 @@ def test_late_writers(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     ls.generate(shared, tmp_path / "whole", shard_frames=6, pictures=0)
     whole = files(tmp_path / "whole")
     places = ((run, "make"), (engine, "make_shard"), (manifest, "write_part"), (run, "_finish"), (manifest, "finish"),
-              (manifest, "missing"), (manifest, "done"))  # fmt: skip
+              (manifest, "missing_shards"), (manifest, "finished_shards"))  # fmt: skip
     for module, name in places:
         for moment in ("before", "after"):
             out = tmp_path / f"{name}-{moment}"
