@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::beam::Beam;
 use super::caster::Caster;
 use super::columns::{Entries, Rows, unused, write};
 use super::direction::beside;
@@ -9,11 +10,12 @@ use super::echo::Echo;
 use super::effects::{Draws, Echoes, Pulses};
 use super::scan::Scan;
 use super::scratch::Scratch;
+use super::single_ray::EightSurfaces;
 use super::source::Source;
 use super::status::Status;
 use super::waveform::Waveform;
 use crate::arith::elementary::first_quadrant_angle;
-use crate::arith::simd::Isa;
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::point::{cross, dot};
 
 impl<C: Caster> Scan<'_, C> {
@@ -25,7 +27,58 @@ impl<C: Caster> Scan<'_, C> {
         rows: &mut Rows,
     ) {
         self.keep_light::<I>(scratch);
-        self.measure_pulses::<I>(pulses, |_, _| true, scratch, rows);
+        let measurement = self.measurement;
+        let is_plain = measurement.most_returns() == 1 && !measurement.effects.has_weather();
+        let Some(beam) = measurement.beam.as_ref().filter(|_| is_plain && scratch.ways.is_empty()) else {
+            self.measure_pulses::<I>(pulses, |_, _| true, scratch, rows);
+            return;
+        };
+        let mut others = std::mem::take(&mut scratch.others);
+        self.measure_only_echoes::<I>(beam, pulses.clone(), scratch, rows, &mut others);
+        let is_other = |_: &Scratch, pulse: usize| others[pulse / 8] >> (pulse % 8) & 1 != 0;
+        self.measure_pulses::<I>(pulses, is_other, scratch, rows);
+        scratch.others = others;
+    }
+
+    /// Measures the pulses of one echo or none, eight at a time. The others, of which it sets the bits by
+    /// eights, get entries that are to be overwritten.
+    #[inline(always)]
+    fn measure_only_echoes<I: Isa>(
+        &self,
+        beam: &Beam,
+        pulses: Range<usize>,
+        scratch: &mut Scratch,
+        rows: &mut Rows,
+        others: &mut Vec<u8>,
+    ) {
+        let (indices, rays) = (std::mem::take(&mut scratch.indices), beam.len());
+        let batch = self.frame.pulses(pulses.clone(), &indices);
+        others.clear();
+        for part in 0..pulses.len().div_ceil(8) {
+            // Past the last pulse it is repeated.
+            let numbers = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| (8 * part + k).min(pulses.len() - 1));
+            let (surfaces, other) = scratch.only_echoes::<I>(beam, &numbers);
+            others.push(other);
+            let objects = self.measure_eight::<I>(&batch, part, &surfaces, &scratch.draws, rows);
+            for (k, object) in objects.into_iter().enumerate() {
+                let (pulse, is_hit) = (8 * part + k, object >= 0);
+                if let Some(entry) = rows.true_direction.get_mut(pulse) {
+                    let directions = self.measurement.effects.directions(&batch, &scratch.draws);
+                    entry.write(match is_hit {
+                        true => beside(directions[pulse], beam.offset(0)),
+                        false => unused::true_direction,
+                    });
+                }
+                if let Some(entry) = rows.mirrored_point.get_mut(pulse) {
+                    entry.write(unused::mirrored_point);
+                }
+                if pulse < scratch.range_rate.len() {
+                    scratch.range_rate[pulse] =
+                        if is_hit { self.range_rate(pulse, pulse * rays, scratch) } else { [f64::NAN; 2] };
+                }
+            }
+        }
+        scratch.indices = indices;
     }
 
     /// Measures those pulses, of one ray each, whose light went on from the first surface.
@@ -174,6 +227,49 @@ impl<C: Caster> Scan<'_, C> {
             ..Entries::UNUSED
         };
         report_nothing(row, entries, scratch, rows);
+    }
+}
+
+impl Scratch {
+    /// What the axes of eight pulses meet and the light of the pulses, where all of their sub-rays bring back
+    /// one echo or nothing; and a bit for each other pulse, for which these numbers have no meaning.
+    #[inline(always)]
+    fn only_echoes<I: Isa>(&self, beam: &Beam, pulses: &[usize; 8]) -> (EightSurfaces<I::F64x8>, u8) {
+        let axes = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| pulses[k] * beam.len());
+        let (mut missed, mut others) = (0, 0);
+        let [mut truth, mut range, mut intensity, mut power, mut cosine] = [[0.0; 8]; 5];
+        let ([mut object, mut primitive], mut normals) = ([[0; 8]; 2], [[0.0; 3]; 8]);
+        for k in 0..8 {
+            let (axis, bit) = (axes[k], 1 << k);
+            (object[k], primitive[k]) = (self.hits.object[axis], self.hits.primitive[axis]);
+            (normals[k], cosine[k]) = (self.hits.normal(axis), self.light.cosine[axis]);
+            if let Some(echo) = self.only_echo(beam, pulses[k]) {
+                (truth[k], range[k]) = (echo.true_range, echo.range);
+                (intensity[k], power[k]) = (echo.intensity, echo.power);
+            } else if self.hits.object[axis..axis + beam.len()].iter().all(|object| *object < 0) {
+                missed |= bit;
+            } else {
+                others |= bit as u8;
+            }
+        }
+        let [a, b, c, d, e, f, g, h] = &normals;
+        let normal = I::columns([a, b, c, d, e, f, g, h]);
+        let of = |k: usize| &self.rays.directions[axes[k]];
+        let direction = I::columns([of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)]);
+        let cross = lanes::cross(normal, direction);
+        let surfaces = EightSurfaces {
+            object,
+            primitive,
+            normal: normals.as_flattened().as_chunks().0.as_chunks().0[0],
+            missed,
+            truth: I::F64x8::load(&truth),
+            range: I::F64x8::load(&range),
+            cosine: I::F64x8::load(&cosine),
+            squared_sine: lanes::dot(cross, cross),
+            intensity: I::F64x8::load(&intensity),
+            power: I::F64x8::load(&power),
+        };
+        (surfaces, others)
     }
 }
 

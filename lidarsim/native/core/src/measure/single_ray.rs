@@ -1,12 +1,12 @@
-//! Pulses of one ray each, eight at a time: each has one echo at most, and one row. Pulses whose light went
-//! on have more echoes, and are measured once more, one by one.
+//! Pulses that have one echo at most, and one row, eight at a time. Pulses whose light went on have more
+//! echoes, and are measured once more, one by one.
 
 use std::ops::Range;
 
 use super::appearance::Labels;
 use super::caster::Caster;
 use super::columns::{Entries, Rows, unused, write};
-use super::effects::{Echoes, Pulses};
+use super::effects::{Draws, Echoes, Pulses};
 use super::light::EightLights;
 use super::scan::Scan;
 use super::scratch::Scratch;
@@ -14,6 +14,24 @@ use super::source::Source;
 use super::weather::{AIR, Reported};
 use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::simd::{Floats, Isa, lanes};
+
+/// What eight pulses meet, and the light that comes back.
+pub(super) struct EightSurfaces<F> {
+    /// The hits of their rays, or of the axes of their beams. The normals are consecutive coordinates.
+    pub(super) object: [i32; 8],
+    pub(super) primitive: [i32; 8],
+    pub(super) normal: [[f64; 8]; 3],
+    /// A bit for each pulse without an echo.
+    pub(super) missed: u32,
+    /// The range of the hit, and that of the light.
+    pub(super) truth: F,
+    pub(super) range: F,
+    /// Of the incidence.
+    pub(super) cosine: F,
+    pub(super) squared_sine: F,
+    pub(super) intensity: F,
+    pub(super) power: F,
+}
 
 impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
@@ -39,7 +57,9 @@ impl<C: Caster> Scan<'_, C> {
         let indices = std::mem::take(&mut scratch.indices);
         let batch = self.frame.pulses(pulses.clone(), &indices);
         for part in 0..pulses.len().div_ceil(8) {
-            self.measure_eight::<I>(&batch, part, scratch, rows);
+            let surfaces = self.eight_surfaces::<I>(part, scratch);
+            let objects = self.measure_eight::<I>(&batch, part, &surfaces, &scratch.draws, rows);
+            scratch.hits.object.as_chunks_mut().0[part] = objects;
         }
         if !rows.true_direction.is_empty() {
             let directions = self.measurement.effects.directions(&batch, &scratch.draws);
@@ -58,37 +78,59 @@ impl<C: Caster> Scan<'_, C> {
         scratch.indices = indices;
     }
 
+    /// What the rays from 8·part on meet.
     #[inline(always)]
-    fn measure_eight<I: Isa>(&self, batch: &Pulses, part: usize, scratch: &mut Scratch, rows: &mut Rows) {
-        let EightLights { range: truth, cosine, squared_sine, intensity } =
-            self.eight_lights::<I>(part, scratch);
-        let Scratch { hits, draws, .. } = scratch;
-        let mut object_id = hits.object.as_chunks::<8>().0[part];
-        let primitive = hits.primitive.as_chunks::<8>().0[part];
+    fn eight_surfaces<I: Isa>(&self, part: usize, scratch: &Scratch) -> EightSurfaces<I::F64x8> {
+        let EightLights { range, cosine, squared_sine, intensity } = self.eight_lights::<I>(part, scratch);
+        let hits = &scratch.hits;
         let t: I::F64x8 = lanes::load(&hits.t, part);
-        let mut missed = !t.lt(I::F64x8::splat(f64::INFINITY)) & 0xff;
         let mut intensity = intensity;
         if self.measurement.effects.attenuates() {
             let mut transmission = [1.0; 8];
-            self.measurement.effects.attenuate(&truth.store(), &mut transmission);
+            self.measurement.effects.attenuate(&range.store(), &mut transmission);
             intensity = intensity.mul(I::F64x8::load(&transmission));
         }
-        let power = intensity.div(truth.mul(truth));
-        let mut echoes = Echoes::new(part, 0, truth, intensity, power, missed);
+        EightSurfaces {
+            object: hits.object.as_chunks().0[part],
+            primitive: hits.primitive.as_chunks().0[part],
+            normal: hits.normal.as_chunks().0.as_chunks().0[part],
+            missed: !t.lt(I::F64x8::splat(f64::INFINITY)) & 0xff,
+            truth: range,
+            range,
+            cosine,
+            squared_sine,
+            intensity,
+            power: intensity.div(range.mul(range)),
+        }
+    }
+
+    /// Measures eight pulses, those from 8·part on. Returns the objects that they report, or `AIR`.
+    #[inline(always)]
+    pub(super) fn measure_eight<I: Isa>(
+        &self,
+        batch: &Pulses,
+        part: usize,
+        surfaces: &EightSurfaces<I::F64x8>,
+        draws: &Draws,
+        rows: &mut Rows,
+    ) -> [i32; 8] {
+        let EightSurfaces { object: mut object_id, primitive, mut missed, range, cosine, .. } = *surfaces;
+        let mut echoes = Echoes::new(part, 0, range, surfaces.intensity, surfaces.power, missed);
         self.measurement.effects.apply(batch, draws, &mut echoes);
 
         let nan = I::F64x8::splat(f64::NAN);
         let mut reported = echoes.report();
         if self.measurement.effects.has_weather() {
-            let surface = I::pick(missed, I::F64x8::splat(f64::INFINITY), truth);
+            let surface = I::pick(missed, I::F64x8::splat(f64::INFINITY), range);
             self.add_weather::<I>(part, batch, draws, surface, &mut reported);
         }
-        let Reported { kept, mut aerial, truth, .. } = reported;
+        let Reported { kept, mut aerial, truth: seen, .. } = reported;
+        let truth = I::pick(aerial, seen, surfaces.truth);
         let mut range = I::pick(kept, reported.range, nan);
         let mut intensity = I::pick(kept, reported.intensity, nan);
         let (mut range_error, mut falsely) = (range.sub(truth), 0);
         if let Some(others) = self.measurement.effects.false_returns(part, batch, draws) {
-            let preferred = self.measurement.returns.prefer_false(others.reported(), truth);
+            let preferred = self.measurement.returns.prefer_false(others.reported(), seen);
             falsely = others.kept & (preferred | !kept);
             range = I::pick(falsely, others.reported(), range);
             intensity = I::pick(falsely, others.intensity, intensity);
@@ -101,15 +143,13 @@ impl<C: Caster> Scan<'_, C> {
                     *object = -1;
                 }
             }
-            hits.object.as_chunks_mut().0[part] = object_id;
         }
-        let untrue = missed & !aerial;
+        let (untrue, mut objects) = (missed & !aerial, object_id);
         if aerial != 0 {
             missed |= aerial;
-            let hit = hits.object.as_chunks_mut::<8>().0[part].iter_mut();
-            for (k, (object, hit)) in object_id.iter_mut().zip(hit).enumerate() {
+            for k in 0..8 {
                 if aerial & 1 << k != 0 {
-                    (*object, *hit) = (-1, AIR);
+                    (object_id[k], objects[k]) = (-1, AIR);
                 }
             }
         }
@@ -130,9 +170,8 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
         let mut normal = [[0.0; 3]; 8];
-        let parts = parts.map(|part| part.map(|x| x as f32));
+        let parts = surfaces.normal.map(|part| part.map(|x| x as f32));
         normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
         if missed != 0 {
             for (k, normal) in normal.iter_mut().enumerate() {
@@ -141,7 +180,7 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        let (sines, cosines) = (squared_sine.sqrt().store(), I::pick(missed, nan, cosine).store());
+        let (sines, cosines) = (surfaces.squared_sine.sqrt().store(), I::pick(missed, nan, cosine).store());
         let mut incidence = [0.0; 8];
         for k in 0..8 {
             incidence[k] = first_quadrant_angle(sines[k], cosines[k]) as f32;
@@ -170,5 +209,6 @@ impl<C: Caster> Scan<'_, C> {
         );
         write(rows.status, part, status.to_le_bytes());
         write(rows.return_count, part, lanes::bytes(returned, 1).to_le_bytes());
+        objects
     }
 }

@@ -197,7 +197,7 @@ impl Scratch {
 
     /// The echo of a pulse whose sub-rays all end at one object, within an extent of 2σ: as `merge` has it.
     #[inline(always)]
-    fn only_echo(&self, beam: &Beam, pulse: usize) -> Option<Echo> {
+    pub(super) fn only_echo(&self, beam: &Beam, pulse: usize) -> Option<Echo> {
         let first = pulse * beam.len();
         let rays = first..first + beam.len();
         let (objects, ranges) = (&self.hits.object[rays.clone()], &self.light.range[rays.clone()]);
