@@ -50,6 +50,8 @@ ROUNDING = ("tests/hard/test_cases.py", "-k", "midpoints or small_sphere")
 
 DEPTH = ("tests/test_depth.py",)
 
+ONE_ECHO = ("tests/test_measurement.py", "-k", "first_of_two")
+
 FAR = ("tests/hard/test_scenes.py", "-k", "from_far_away")
 
 MUTANTS = [
@@ -743,6 +745,13 @@ MUTANTS = [
         DEPTH,
     ),
     Mutant("next hit: a solid wall in front", "&& root.1.high < low", "&& root.1.high < f64::INFINITY", DEPTH),
+    Mutant("footprint: pulses of several echoes", "others |= bit as u8;", "missed |= bit;", ONE_ECHO),
+    Mutant(
+        "footprint: range of the light",
+        "Echoes::new(part, 0, range, surf",
+        "Echoes::new(part, 0, surfaces.truth, surf",
+        ONE_ECHO,
+    ),
     Mutant("beyond: power goes out and back", "share: way.share * passed * passed", "share: way.share * passed", DEPTH),
     Mutant("beyond: the length of the way", "let before = way.before + distance", "let before = distance", DEPTH),
     Mutant(

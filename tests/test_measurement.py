@@ -1219,6 +1219,77 @@ def test_lost_echoes_leave_the_others() -> None:
     assert np.isnan(none.intensity).all()
 
 
+ADVERSE: dict[str, list[tuple[ls.Shape, tuple[float, float, float]]]] = {
+    "edges": [(ls.Box((1.0, 1.0, 1.0)), (4.0 + k % 3, (k - 10) * 0.8, (k % 5 - 2) * 0.7)) for k in range(21)],
+    "slivers": [
+        (
+            ls.Triangle(
+                (6.0 + k / 8, -5.0, 0.1 * k - 1.0), (6.0, 5.0, 0.1 * k - 1.0), (6.0, 5.0, 0.1 * k - 1.0 + 1e-6)
+            ),
+            (0, 0, 0),
+        )
+        for k in range(20)
+    ],
+    "coincident": [(ls.Box((2.0, 4.0, 2.0)), (5.0, 0.0, 0.0)), (ls.Box((2.0, 4.0, 2.0)), (5.0, 0.0, 0.0))],
+    "grazing": [(ls.Plane((0, 0, 1), -1e-3), (0, 0, 0)), (ls.Plane((0, 1, 0), 1e-6), (0, 0, 0))],
+    "around the origin": [(ls.Sphere((0, 0, 0), 3.0), (0, 0, 0)), (ls.Box((1e-3, 1e-3, 1e-3)), (0, 0, 0))],
+    "small": [(ls.Sphere((0, 0, 0), 2e-3), (3.0, 0.03 * (k % 20) - 0.3, 0.03 * (k // 20) - 0.3)) for k in range(400)],
+}
+"""Shapes, and where they stand: at their edges, narrower than a beam, at one place, or around the sensor."""
+
+
+def adverse(name: str) -> tuple[ls.patterns.Table, ls.Scene]:
+    """Pulses from the origin towards +x, and a scene of these shapes."""
+    scene = ls.Scene()
+    for shape, place in ADVERSE[name]:
+        pose = np.eye(4)
+        pose[:3, 3] = place
+        scene.add(shape, transform=pose)
+    angles = np.random.default_rng(zlib.crc32(name.encode())).uniform(-0.4, 0.4, (1003, 2))
+    directions = np.column_stack([np.ones(len(angles)), angles])
+    directions[::5, 1:] = 0.0  # along an axis, so that sub-rays lie in all octants
+    return beams(directions / np.linalg.norm(directions, axis=1, keepdims=True)), scene
+
+
+@pytest.mark.parametrize("name", ADVERSE)
+def test_echoes_are_those_of_sub_rays_cast_alone(name: str) -> None:
+    """With a pulse too short to join ranges, each echo is the hit of a sub-ray, to the bit."""
+    pattern, scene = adverse(name)
+    for beam in (ls.Beam(0.02, pulse_length=1e-15, rays=7), ls.Beam(0.1, 0.02, pulse_length=1e-15, rays=19)):
+        scan = measured(pattern, scene, beam=beam, returns=beam.rays)
+        echoes = np.arange(beam.rays) < scan.return_count[:, None]
+        assert scan.true_direction is not None
+        along = scan.true_direction[echoes]
+        alone = scene.cast(np.zeros_like(along), along)
+        assert len(along) > 100, name
+        assert np.array_equal(alone.object_id, scan.object_id[echoes])
+        # The direction is of unit length to 4 roundings, and so is the range t.
+        assert np.allclose(alone.t, scan.true_range[echoes], rtol=8 * 2.0**-53, atol=0)
+        assert np.array_equal(alone.normal.astype(np.float32), scan.normal[echoes])
+
+
+@pytest.mark.parametrize("name", ADVERSE)
+@pytest.mark.parametrize("returns", [("strongest", "dual"), ("first", 2)], ids=["strongest", "first"])
+@pytest.mark.parametrize("noisy", [False, True], ids=["clean", "noisy"])
+def test_the_only_return_is_the_first_of_two(name: str, returns: tuple[Any, Any], noisy: bool) -> None:
+    """Pulses that report one return are measured eight at a time if they have one echo; those of two, one by one."""
+    pattern, scene = adverse(name)
+    parameters: dict[str, Any] = {"beam": ls.Beam(0.01, rays=7), "max_range": 50.0}
+    if noisy:
+        parameters |= {
+            "range_sigma": 0.02, "range_sigma_limit": 0.01, "dropout": 0.2, "false_returns": 0.3, "power_sigma": 0.4,
+            "detection": ls.Detection(0.3, 6.0), "near_threshold": 0.1, "azimuth_sigma": 0.01,
+            "response": ls.Response(sigma=0.1, ring_sigma=0.1),
+        }  # fmt: skip
+    one, two = (measured(pattern, scene, returns=kind, **parameters) for kind in returns)
+    assert not noisy or two.return_count.max() == 2
+    for column in RETURNED:
+        assert np.array_equal(getattr(one, column)[:, 0], getattr(two, column)[:, 0], equal_nan=True), column
+    assert np.array_equal(one.status, two.status)
+    assert np.array_equal(one.return_count, np.minimum(two.return_count, 1))
+    assert 0 < one.return_count.mean() <= 1
+
+
 def test_part_of_the_footprint_beside_the_target_is_lost_light() -> None:
     scene = ls.Scene()
     corners = [[20, 0, -50], [20, 0, 50], [20, 50, 50], [20, 50, -50]]
