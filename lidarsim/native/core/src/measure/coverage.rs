@@ -4,10 +4,10 @@
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-use crate::arith::simd::{Isa, Task};
+use crate::arith::simd::{self, Isa, Task};
 use crate::cast::{Cast, HitArrays, MeetInstances, NO_INSTANCE, pieces};
 use crate::geometry::origins::Origins;
-use crate::geometry::pose::Path;
+use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
 use crate::scene::{Rays, TRange, World};
 use crate::{memory, parallel};
@@ -147,7 +147,7 @@ impl Task for CoverPiece<'_> {
         let CoverPiece { pulses, targets: Targets { world, instances, asked, count, max_range }, piece } =
             &self;
         let range = TRange { min: 0.0, max: *max_range };
-        let mut aimed = pulses.aim(piece.clone(), instances);
+        let mut aimed = pulses.aim::<I>(piece.clone(), instances);
         if !aimed.unknown.is_empty() {
             let unknown = aimed.part(&aimed.unknown);
             let mut hits = HitArrays::default();
@@ -251,26 +251,44 @@ impl AimedPulses {
 }
 
 impl NominalPulses<'_> {
-    /// Aims the pulses of a piece, except known misses, which meet nothing at all.
+    /// Aims the pulses of a piece, eight at a time, except known misses, which meet nothing at all.
     #[inline(always)]
-    fn aim(&self, pulses: Range<usize>, instances: &[u32]) -> AimedPulses {
+    fn aim<I: Isa>(&self, pulses: Range<usize>, instances: &[u32]) -> AimedPulses {
         let mut aimed = AimedPulses::with_capacity(pulses.len());
-        let (mut fired, mut ticks, mut pose) = (f64::NAN, 0, self.path.at(self.start));
-        for i in pulses {
-            let first = self.first.map_or(UNKNOWN, |first| first[i]);
-            if first == MISS {
+        let (mut fired, mut motions) = ([f64::NAN; 8], Motion::UNSET);
+        if let Path::Still(pose) = self.path {
+            motions.pose = Pose::splat(pose);
+        }
+        let first_hit = |i: usize| self.first.map_or(UNKNOWN, |first| first[i]);
+        for start in pulses.clone().step_by(8) {
+            let end = pulses.end.min(start + 8);
+            if (start..end).all(|i| first_hit(i) == MISS) {
                 continue;
             }
-            if first == UNKNOWN {
-                memory::push(&mut aimed.unknown, aimed.owners.len() as u32);
-            }
+            // Past the last pulse it is repeated.
+            let eight: [usize; 8] = std::array::from_fn(|k| (start + k).min(end - 1));
             // Pulses of one time are fired from one pose.
-            let moment = self.start + self.times[i];
-            if moment != fired {
-                (fired, ticks, pose) = (moment, ticks_of(self.times[i]), self.path.at(moment));
+            let moments = eight.map(|i| self.start + self.times[i]);
+            if moments != fired && !matches!(self.path, Path::Still(_)) {
+                (fired, motions) = (moments, self.path.motions::<I>(&moments));
             }
-            let (origin, direction) = (pose.place(self.origins.of(i)), pose.turn(self.directions[i]));
-            aimed.push(origin, direction, (ticks, moment), instance_of(first, instances));
+            let pose = motions.pose.load::<I::F64x8>();
+            let (mut origins, mut directions) = ([0.0; 24], [0.0; 24]);
+            simd::store_points::<I>(pose.place(self.origins.of_these::<I>(&eight)), &mut origins);
+            let nominal = I::columns(eight.map(|i| &self.directions[i]));
+            simd::store_points::<I>(pose.turn(nominal), &mut directions);
+            let places = origins.as_chunks().0.iter().zip(directions.as_chunks().0);
+            for ((i, moment), (origin, direction)) in (start..end).zip(moments).zip(places) {
+                let first = first_hit(i);
+                if first == MISS {
+                    continue;
+                }
+                if first == UNKNOWN {
+                    memory::push(&mut aimed.unknown, aimed.owners.len() as u32);
+                }
+                let time = (ticks_of(self.times[i]), moment);
+                aimed.push(*origin, *direction, time, instance_of(first, instances));
+            }
         }
         aimed
     }
