@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -47,3 +48,13 @@ def test_the_air_has_its_share_of_points(name: str, noise: str, street: ls.Scene
         if not least <= share <= (0.21 if dense and kind.startswith("snow") else most):
             off[kind] = float(share)
     assert off == {}
+
+
+@pytest.mark.parametrize("name", ls.Lidar.presets())
+def test_every_preset_measures_in_any_air(name: str) -> None:
+    """Also those whose least range lies beyond all patches of fog that are seen."""
+    lidar = ls.Lidar.preset(name, noise="datasheet")
+    seen = [atmosphere.patches_seen(lidar) for atmosphere, _ in AIR.values()]
+    assert all(math.isfinite(count) and count >= 0.0 for count in seen)
+    if lidar.min_range == 100.0:
+        assert seen[3] == 0.0

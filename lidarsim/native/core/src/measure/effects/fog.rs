@@ -243,6 +243,9 @@ impl Response {
         let begin = self.air.begin.max(range - reach);
         // Beyond this way the extinction leaves less than 2⁻³² of what it does at the beginning.
         let end = (range + reach).min(begin + 16.0 * LN_2 / self.air.extinction);
+        if begin >= end {
+            return 0.0;
+        }
         let middle = self.air.overlaps_from().clamp(begin, end);
         self.integral(range, begin, middle) + self.integral(range, middle, end)
     }
