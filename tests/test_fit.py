@@ -194,8 +194,14 @@ def without(cloud: ls.PointCloud, *left_out: str, **changes: Any) -> ls.PointClo
             ),
             {"range_resolution": "ranges are no multiples of a common step from 0.5 to 50 mm"},
         ),
+        (  # 2⁻²⁵, the step of float32 from 0.25 to 0.5
+            lambda cloud: without(
+                cloud, intensity=np.random.default_rng(len(cloud)).uniform(0.25, 0.5, len(cloud)).astype(np.float32)
+            ),
+            {"response.resolution": "intensities are no multiples of a common step"},
+        ),
     ],
-    ids=["no intensity", "dark", "no ground", "no step"],
+    ids=["no intensity", "dark", "no ground", "no step", "float32"],
 )
 def test_what_is_not_told_is_left(change: Callable[[ls.PointCloud], ls.PointCloud], why: dict[str, str]) -> None:
     of = unit(6)

@@ -48,7 +48,7 @@ class Generated:
     frames, points : int
         Frames and points made by this call; existing ones are not counted, those of lost files are.
     seconds : float
-        Duration, s.
+        Duration, pictures of the data card included, s.
     shards_left : int
         Shards that other parts still have to make; 0 if the data set is complete.
     made_again : tuple of str

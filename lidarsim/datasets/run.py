@@ -63,7 +63,6 @@ def run(
             todo |= rest
             made += _make_until_complete(plan, rest, client, progress)
             failed = [shard for shard in made if shard.problem]
-        seconds = progress.seconds
     left = 0
     try:
         if not manifest.is_complete(plan.store):
@@ -79,7 +78,11 @@ def run(
         failed, left = [], 0
         plan.store.tidy()
     again += _lost_names(todo, failed)
-    return Generated(progress.new, progress.points, seconds, left, tuple(again), _list_left_out(made)), failed
+    return _report(progress, left, again, made), failed
+
+
+def _report(progress: Progress, left: int, again: Sequence[str], made: Sequence[Made]) -> Generated:
+    return Generated(progress.new, progress.points, progress.seconds, left, tuple(again), _list_left_out(made))
 
 
 def _repair(
@@ -97,7 +100,6 @@ def _repair(
         todo = manifest.missing_shards(plan, mine) | todo
     with Progress(plan.recipe.sequences * plan.recipe.frames, _count_present(plan, todo)) as progress:
         made = list(make(plan, sorted(todo), client, progress.add))
-        seconds = progress.seconds
     failed = [shard for shard in made if shard.problem]
     again = [*again, *_lost_names(todo, failed)]
     if wrong := manifest.differences(store, again):
@@ -111,7 +113,7 @@ def _repair(
             _finish(plan, manifest.pictures(store) or 0)
             again += tables
     store.tidy()
-    return Generated(progress.new, progress.points, seconds, left, tuple(again), _list_left_out(made)), failed
+    return _report(progress, left, again, made), failed
 
 
 def _count_present(plan: Plan, todo: Collection[int]) -> int:
