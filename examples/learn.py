@@ -17,7 +17,7 @@ import lidarsim as ls
 from lidarsim.datasets.loading import LabelledFrame
 from lidarsim.io.semantickitti import read_labels
 
-WORLDS, STEPS, BATCH, CROP, SEED = 100, 200, 4, 256, 1
+WORLDS, STEPS, BATCH, CROP, SEED = 100, 2000, 4, 256, 1
 SIZE, ELEVATIONS = (64, 1024), (float(np.radians(-25.0)), float(np.radians(3.0)))
 CLASSES = {
     "car": [10, 252],

@@ -25,7 +25,8 @@ COLORS = {"car": "#4fc3f7", "person": "#ffb74d"}
 
 recipe = load(RECIPE, ["run.sensor.noise=none"]).source  # noise moves points out of their boxes
 run = recipe.run(0)
-counts = Counter(item.group for item in recipe.placed[0])
+things, _ = recipe.placed[0]
+counts = Counter(item.group for item in things)
 print(f"{counts.total()} things:", ", ".join(f"{count} {group}" for group, count in counts.items()))
 
 ((scan,),) = (scans.values() for scans in dataclasses.replace(run, frames=range(FRAME, FRAME + 1)).scans())
