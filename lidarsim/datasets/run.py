@@ -82,6 +82,7 @@ def run(
 
 
 def _report(progress: Progress, left: int, again: Sequence[str], made: Sequence[Made]) -> Generated:
+    """Return what was made; its time includes the tables and the data card."""
     return Generated(progress.new, progress.points, progress.seconds, left, tuple(again), _list_left_out(made))
 
 

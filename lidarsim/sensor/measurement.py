@@ -401,9 +401,9 @@ class Measurement(Immutable):
         object.__setattr__(self, "returns", _returns(self.returns))
         for name, (most, unit, question) in _USUAL.items():
             values = getattr(self, name)
-            ask_above(
-                name, np.array(values)[:, 1] if name == "range_sigma" and is_table else values, most, unit, question
-            )
+            if name == "range_sigma" and is_table:
+                values = np.array(values)[:, 1]
+            ask_above(name, values, most, unit, question)
 
     @property
     def max_returns(self) -> int:
