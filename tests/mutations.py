@@ -634,7 +634,7 @@ MUTANTS = [
     Mutant("backscatter: B of a rough diffuser", "0.45 * square / (square + 0.09)", "0.45 * square / (square + 0.9)"),
     Mutant("backscatter: cos⁵ of a highlight", "(square * square * cosine)", "(square * cosine)"),
     Mutant("backscatter: grazed highlights", "if falloff > 0.0 {", "if falloff >= 0.0 {"),
-    Mutant("fluctuation: mean 1", "(*normal - 0.5 * self.sigma)", "(*normal - self.sigma)"),
+    Mutant("fluctuation: mean 1", "(*normal - 0.5 * sigma)", "(*normal - sigma)"),
     Mutant("crossover: not below 0", "intensity.mul(overlap.max(F::splat(0.0)).min", "intensity.mul(overlap.min"),
     Mutant("crossover: not above 1", "(overlap.max(F::splat(0.0)).min(F::splat(1.0)))", "(overlap.max(F::splat(0.0)))"),
     Mutant("separation: at the least distance", ".abs() >= separation", ".abs() > separation"),

@@ -514,8 +514,12 @@ def test_drops_are_in_a_sub_ray_that_nothing_blocks() -> None:
     assert 0.3 < seen.sum() / (whole.source[:, 0] == ls.Source.atmosphere).sum() < 0.6
 
 
-def test_a_fluctuation_reveals_drops_that_are_too_dim_on_average() -> None:
-    calm, wild = (sensor(detection=LIMIT, power_sigma=w) for w in (0.0, 0.5))
+@pytest.mark.parametrize("soft", [False, True], ids=["power", "limit"])
+def test_a_fluctuation_reveals_drops_that_are_too_dim_on_average(*, soft: bool) -> None:
+    def effects(w: float) -> dict[str, Any]:
+        return {"detection": dataclasses.replace(LIMIT, sigma=w)} if soft else {"detection": LIMIT, "power_sigma": w}
+
+    calm, wild = (sensor(**effects(w)) for w in (0.0, 0.5))
     assert RAIN.particles_seen(wild) > 2 * RAIN.particles_seen(calm)
     # Each drop has exp(w·g − w²/2) of its power: thinned from the least that may be seen, integrated over g.
     w, g = 0.5, np.linspace(-8, 8, 161)
@@ -527,7 +531,7 @@ def test_a_fluctuation_reveals_drops_that_are_too_dim_on_average() -> None:
     expected = float(weights @ of_factor)
     count = 20_000
     beam = ls.Beam(3e-3, rays=91, pulse_length=1e-13)
-    scan = sensor(count, beam=beam, detection=LIMIT, power_sigma=w, returns=40).scan(scene(RAIN), seed=1)
+    scan = sensor(count, beam=beam, returns=40, **effects(w)).scan(scene(RAIN), seed=1)
     assert abs(scan.return_count.mean() - expected) < SIGMAS * math.sqrt(expected / count)
 
 

@@ -31,7 +31,7 @@ def scene() -> ls.Scene:
 
 
 def unit(seed: int) -> ls.Lidar:
-    """A sensor with values drawn at random; the power fluctuates, and the ground fades, in every second draw."""
+    """A sensor with values drawn at random; in every second draw the detection limit is soft, and the ground fades."""
     rng = np.random.default_rng(seed)
     step, fades = float(rng.choice([0.001, 0.002, 0.004, 0.005])), seed % 2 == 0
     response = ls.Response(
@@ -47,8 +47,7 @@ def unit(seed: int) -> ls.Lidar:
         range_resolution=step,
         channel_bias_sigma=rng.uniform(0.003, 0.02),
         dropout=rng.uniform(0.001, 0.03),
-        detection=ls.Detection(0.1, rng.uniform(25.0, 70.0)) if fades else None,
-        power_sigma=rng.uniform(0.2, 0.9) if fades else 0.0,
+        detection=ls.Detection(0.1, rng.uniform(25.0, 70.0), rng.uniform(0.2, 0.9)) if fades else None,
         response=response,
     )
     pattern = ls.patterns.Spinning(ELEVATIONS, columns=1024)
@@ -84,14 +83,14 @@ def held(seed: int) -> list[tuple[str, bool]]:
     """Names of the values that frames of a unit tell, one for each row of a table, and whether each interval holds."""
     of = unit(seed)
     fitted, comparison = ls.fit(clouds(of, seed), start(of), ground=GROUND)
-    unknown_fade = of.measurement.power_sigma > 0.0 and comparison["power_sigma"].verdict == "not measured"
+    unknown_fade = of.measurement.detection is not None and comparison["detection.sigma"].verdict == "not measured"
     found = []
     for measure in comparison:
         if measure.verdict == "not measured":
             assert measure.why
             assert true_value(fitted, measure.name) == true_value(start(of), measure.name)
             continue
-        if measure.name in {"response.sigma", "dropout"} and unknown_fade:  # they rest on what the sheet says of it
+        if measure.name == "dropout" and unknown_fade:  # it rests on what the sheet says of it
             continue
         value = true_value(of, measure.name)
         if measure.by == "range":
@@ -123,7 +122,13 @@ def test_what_was_put_in_comes_back(slow: bool) -> None:
             told[name] += 1
             inside[name] += holds
     assert set(told) >= {"range_sigma", "channel_bias_sigma", "range_resolution", "dropout", "min_range"}
-    assert set(told) >= {"detection.range", "power_sigma", "response.range", "response.ring_sigma", "response.sigma"}
+    assert set(told) >= {
+        "detection.range",
+        "detection.sigma",
+        "response.range",
+        "response.ring_sigma",
+        "response.sigma",
+    }
     assert set(told) >= {"response.resolution", *(["response.limit"] if slow else [])}
     for name, count in told.items():
         assert inside[name] >= binom.ppf(1e-3, count, 0.95), f"{name}: {inside[name]} of {count}"
@@ -134,7 +139,7 @@ def test_intervals_are_narrow() -> None:
     """The intervals that hold are of use: noise to 5 %, the limit of detection to 10 %, drop-out to a half."""
     of = unit(6)
     _, comparison = ls.fit(clouds(of), start(of), ground=GROUND)
-    for name, most in {"range_sigma": 0.05, "detection.range": 0.1, "power_sigma": 0.3, "dropout": 0.5}.items():
+    for name, most in {"range_sigma": 0.05, "detection.range": 0.1, "detection.sigma": 0.3, "dropout": 0.5}.items():
         low, high = comparison[name].real_interval
         assert 0.0 < high - low < 2.0 * most * comparison[name].real, name
         assert comparison[name].verdict == "differs"

@@ -733,6 +733,28 @@ def test_fluctuation_softens_the_edge_of_what_is_seen(beam: ls.Beam | None) -> N
     assert (powers >= least / seen_to**2 * (1.0 - 2.0**-22)).all()
 
 
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-3, rays=7)], ids=["ray", "beam"])
+def test_a_soft_limit_leaves_intensities_alone(beam: ls.Beam | None) -> None:
+    sigma, count, distances = 0.4, 4000, np.linspace(60.0, 170.0, 12)
+    pattern, limit = before_wall(np.repeat(distances, count)), ls.Detection(0.1, 100.0, sigma)
+    clean = measured(pattern, wall(0.1), beam=beam).intensity[:, 0]
+    # The near threshold dulls the power, and is below the far limit from 3 m on.
+    scan = measured(pattern, wall(0.1), detection=limit, beam=beam, near_threshold=1e-3, near_range=1.0)
+    seen = scan.status == ls.Status.hit
+    assert np.array_equal(scan.intensity[seen, 0], clean[seen])
+    draws = stats.norm.ppf([uniform(3, "", frame=0, pulse=i, effect=11) for i in range(0, 12 * count, 60)])
+    power = (100.0 / np.repeat(distances, count)[::60]) ** 2 * np.exp(sigma * draws - sigma**2 / 2)
+    assert np.array_equal(seen[::60], power >= 1.0)
+    assert 0.2 < seen.mean() < 0.8
+
+
+@pytest.mark.parametrize(("near", "share"), [(0.09, 1.0), (0.11, 0.0)])
+def test_a_soft_limit_leaves_the_near_threshold_sharp(near: float, share: float) -> None:
+    limit = ls.Detection(0.1, 100.0, 0.4)
+    scan = measured(before_wall(np.full(1000, 5.0)), wall(0.1), detection=limit, near_threshold=near, near_range=9.0)
+    assert (scan.status == ls.Status.hit).mean() == share
+
+
 def test_each_echo_fluctuates_by_itself() -> None:
     pattern, scene = beams([1.0, 1e-5, 0.0], count=20_000), edge(3.0)
     beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
@@ -1524,6 +1546,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "false returns": {"false_returns": 1e-9, "max_range": 1e3},
     "crossover": {"crossover": (0.0, 1.0)},
     "fluctuation": {"power_sigma": 1e-9},
+    "soft detection": {"detection": ls.Detection(0.1, 1000.0, 1e-9)},
     "near threshold": {"near_threshold": 1e-9},
     "response": {"response": ls.Response(sigma=0.1, ring_sigma=0.1)},
     "beam": {"beam": ls.Beam(1e-9)},

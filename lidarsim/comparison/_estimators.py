@@ -89,15 +89,6 @@ class Fit(Captures):
     """The sums over the frames, and the sensor with the values found so far."""
 
     @property
-    def fluctuation(self) -> tuple[float, float, float]:
-        """Standard deviation of the logarithm of the power, between the ends of its interval if it is fitted."""
-        try:
-            low, high = self.fade.sigma_interval
-        except UntoldError:
-            low = high = self.lidar.measurement.power_sigma
-        return low, self.lidar.measurement.power_sigma, high
-
-    @property
     def ground_rate(self) -> float:
         """Greatest share of the pulses that the ground returns at a range; 0 if none is known."""
         found = self.estimate("ground by range")
@@ -268,11 +259,20 @@ def _detection(fit: Fit) -> Found:
     return Found(at, (low, high), fade.count, f"for a reflectivity of {reflectivity:g}; {fade.how}")
 
 
-@value("power_sigma")
-def _power_sigma(fit: Fit) -> Found:
-    """Scatter of the logarithm of the power, from how gradually returns from the ground fade with range."""
+@value("detection.sigma")
+def _softness(fit: Fit) -> Found:
+    """Softness of the detection limit, from how gradually returns from the ground fade with range.
+
+    Patches and markings of the ground soften it, too.
+    """
     fade = fit.fade
     return Found(fade.sigma, fade.sigma_interval, fade.count, fade.how)
+
+
+@value("power_sigma")
+def _power_sigma(_: Fit) -> Found:
+    """Scatter of the logarithm of the power."""
+    raise UntoldError("what fades softly is detection.sigma, and what flickers response.sigma")
 
 
 @value("dropout")
@@ -283,7 +283,8 @@ def _dropout(fit: Fit) -> Found:
     errors = fit.lidar.measurement
     detection = errors.detection or Detection(0.1, 30.0)  # any lidar sees as far
     limit = math.log(detection.reflectivity / detection.range**2)
-    bright = limit + 0.5 * errors.power_sigma**2 + max(FAINT * errors.power_sigma, 0.5)
+    width = math.hypot(errors.power_sigma, detection.sigma)
+    bright = limit + 0.5 * width**2 + max(FAINT * width, 0.5)
     enough = bright < POWERS
     fit.estimate("holes")
     if len(fit.units["ground by range"]) and fit.ground_rate < 0.8:
@@ -323,8 +324,7 @@ def _ring_factors(fit: Fit) -> Found:
 def _flicker(fit: Fit) -> Found:
     """Relative standard deviation of intensities from frame to frame, where the sensor stands still.
 
-    Scatter along a ring is not told from the texture of surfaces. What `power_sigma` makes, fitted or
-    not, is subtracted.
+    Scatter along a ring is not told from the texture of surfaces. What `power_sigma` makes is subtracted.
     """
     _count_intensities(fit)
     found, rounding = fit.estimate("flicker"), fit.estimate("rounding")
@@ -332,16 +332,12 @@ def _flicker(fit: Fit) -> Found:
         raise UntoldError("too few points have the intensity and the place of the frame before")
     errors = fit.lidar.measurement
     exponent = 1.0 if errors.response is None else errors.response.exponent
-    fluctuation = fit.fluctuation
     rounding_part = fit.step_of_intensity**2 / 12.0 * float(rounding.value[0])
     square, error = float(found.value[0] ** 2) - rounding_part, float(2.0 * found.value[0] * found.error[0])
     reach = float(critical(1, found.units)[0]) * error
-    low, at, high = (
-        max(square + by - (exponent * power) ** 2, 0.0) ** 0.5
-        for by, power in zip((-reach, 0.0, reach), fluctuation[::-1], strict=True)
-    )
-    if not low and fluctuation[2]:
-        raise UntoldError(f"the fluctuation of the power, {fluctuation[1]:.2g}, hides it")
+    low, at, high = (max(square + by - (exponent * errors.power_sigma) ** 2, 0.0) ** 0.5 for by in (-reach, 0.0, reach))
+    if not low and errors.power_sigma:
+        raise UntoldError(f"the fluctuation of the power, {errors.power_sigma:.2g}, hides it")
     if not high:
         raise UntoldError("the rounding of intensities hides it")
     # In its middle 80 %, ln(1 + s·g) scatters like a normal number of standard deviation s·(1 + 0.6 s²).
@@ -411,7 +407,7 @@ class Fade:
     Attributes
     ----------
     limit, sigma : float
-        Logarithm of the power at the detection limit, and standard deviation of that of the power of an echo.
+        Logarithm of the power at the detection limit, and the softness of the limit.
     limit_interval, sigma_interval : tuple of float
         Their 95 % intervals.
     count : int
@@ -477,8 +473,9 @@ def _fade(fit: Fit) -> Fade:
     towards = np.array([1.0, -square, 0.0])
     limit, error = best[0] - 0.5 * square, reach * math.sqrt(towards @ covariance @ towards)
     ends = best[1] + reach * math.sqrt(covariance[1, 1]) * np.array([0.0, -1.0, 1.0])
-    # The power of the echoes and the texture of the ground scatter together.
-    sigma, low, high = np.sqrt(np.maximum(np.exp(2.0 * ends) - fit.ground.variation**2, 0.0)).tolist()
+    # The power of the echoes and the texture of the ground scatter together with the limit.
+    others = fit.lidar.measurement.power_sigma**2 + fit.ground.variation**2
+    sigma, low, high = np.sqrt(np.maximum(np.exp(2.0 * ends) - others, 0.0)).tolist()
     reflectivity = fit.ground.reflectivity
     return Fade(
         limit=float(limit),

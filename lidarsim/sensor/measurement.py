@@ -14,9 +14,9 @@ The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1 elevat
 draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in place of the pulse), 5 fluctuation of the
 power (one draw per echo, the nearest first), 6 false returns (draw 0 whether there is one, 1 its range), 7 drops and
 flakes (draws 3k to 3k + 2 the way to the k-th, its size and its place in the beam), 8 patches of fog (likewise), 9
-noise of the intensity (one draw per echo, the nearest first), 10 factors of channels (as 4). Echoes of the air
-(`Atmosphere`) have the draws from 32768 on of effects 3, 5 and 9: fog, then drops and flakes, then patches of fog. The
-draw 32767 of effect 9 is for false returns.
+noise of the intensity (one draw per echo, the nearest first), 10 factors of channels (as 4), 11 soft detection limit
+(one draw per echo, the nearest first). Echoes of the air (`Atmosphere`) have the draws from 32768 on of effects 3, 5, 9
+and 11: fog, then drops and flakes, then patches of fog. The draw 32767 of effect 9 is for false returns.
 """
 
 from __future__ import annotations
@@ -52,12 +52,18 @@ class Detection(Immutable):
     for clear air, so the `extinction` of a `Measurement` weakens the echo but does not lower this threshold: it can
     hide a target, never reveal one.
 
+    With a `sigma` s, the detection limit is soft: each echo is compared with exp(s·g − s²/2) times its power, with a
+    standard normal g. The probability of detection then falls gradually with range, as that of real roads does, while
+    intensities stay as they are.
+
     Parameters
     ----------
     reflectivity : float
         ρ, > 0 and <= 1; 0.1 for 10 %.
     range : float
         r, m, > 0.
+    sigma : float
+        s, standard deviation of the logarithm of the factor; 0 for a sharp limit.
 
     Raises
     ------
@@ -68,21 +74,24 @@ class Detection(Immutable):
     --------
     >>> import lidarsim as ls
     >>> ls.Detection(reflectivity=0.1, range=150.0)
-    Detection(reflectivity=0.1, range=150.0)
+    Detection(reflectivity=0.1, range=150.0, sigma=0.0)
     """
 
     configuration: ClassVar[Mapping[str, object]] = {
         "reflectivity": float,
         "range_m": float,
+        "sigma": float,
     }
 
     reflectivity: float
     range: float
+    sigma: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the arguments."""
         object.__setattr__(self, "reflectivity", share("reflectivity", self.reflectivity))
         object.__setattr__(self, "range", real("range", self.range, above=0.0))
+        object.__setattr__(self, "sigma", real("sigma", self.sigma, at_least=0.0))
 
 
 @named
@@ -260,7 +269,7 @@ class Measurement(Immutable):
     power_sigma : float
         w, standard deviation of the logarithm of the received power of an echo: power and intensity are multiplied by
         exp(w·g − w²/2), with a standard normal g, which keeps their means. With a `detection` limit, the probability of
-        detection then falls gradually with range; without one, only intensities fluctuate.
+        detection then falls gradually with range, as with its `sigma`; without one, only intensities fluctuate.
     crossover : tuple of float, (near, far), optional
         Ranges at which the beam enters the receiver's field of view and lies completely inside it, m, 0 <= near < far.
         The intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. Only

@@ -330,8 +330,8 @@ class Atmosphere(Immutable):
         Returns
         -------
         float
-            The mean number, before drop-out and range gate, and with a fluctuation of the power more than are
-            detected.
+            The mean number, before drop-out and range gate, and with a fluctuation of the power or a soft detection
+            limit more than are detected.
 
         Raises
         ------

@@ -62,7 +62,7 @@ def test_noise_is_within_the_spread_of_units(run: Run) -> None:
 def test_roads_return_as_many_pulses(run: Run) -> None:
     """A share of 4000 pulses is right to 0.03 (four sigma); the rest is what the fitted parameters leave."""
     off = [(row["preset"], row["x"]) for row, real, measured, _ in run.of("road") if abs(measured - real) > 0.15]
-    assert off == [("velodyne-hdl64e-s3", x) for x in ("37.5", "45", "70")]
+    assert off == []
     error = [sum(abs(figure[i] - figure[1]) for figure in run.of("road")) for i in (2, 3)]
     assert error[1] > 3.0 * error[0]
     assert len(run.of("road")) == 24

@@ -37,7 +37,6 @@ def test_the_air_has_its_share_of_points(name: str, noise: str, street: ls.Scene
         pytest.skip("no measured noise")
     pose = np.eye(4)
     pose[:3, 3] = (0.0, -1.8, 1.9)
-    dense = name == "velodyne-vls128" and noise == "measured"  # a higher threshold would hide road that its capture has
     off = {}
     for kind, (atmosphere, (least, most)) in AIR.items():
         street.atmosphere = atmosphere
@@ -45,7 +44,7 @@ def test_the_air_has_its_share_of_points(name: str, noise: str, street: ls.Scene
         point = ~np.isnan(scan.range)
         assert scan.source is not None
         share = (scan.source[point] == ls.Source.atmosphere).mean()
-        if not least <= share <= (0.21 if dense and kind.startswith("snow") else most):
+        if not least <= share <= most:
             off[kind] = float(share)
     assert off == {}
 

@@ -2,8 +2,9 @@
 //! comes back, how much of it is detected, and that single echoes are a Poisson process along the beam.
 
 use super::crossover::Crossover;
-use super::detection::least_power;
+use super::detection::{DetectionLimit, least_power};
 use super::extinction::Extinction;
+use super::fluctuation::largest_factor;
 use super::near::Near;
 use super::{Effect, Pulses, id};
 use crate::arith::elementary::{exp, ln};
@@ -56,18 +57,22 @@ impl Air {
 pub(super) struct Threshold {
     /// Power. 0 if unknown.
     pub(super) power: f64,
+    /// The power that the detection limit lets through at the luckiest draw of its `sigma`.
+    luckiest: f64,
     near: Option<Near>,
 }
 
 impl Threshold {
     pub(super) fn from_parameters<P: Parameters>(parameters: &P) -> Result<Self, P::Error> {
         let power = least_power(parameters)?.unwrap_or(0.0);
-        Ok(Threshold { power, near: Near::from_parameters(parameters)? })
+        let detection = DetectionLimit::from_parameters(parameters)?;
+        let luckiest = power / detection.map_or(1.0, |limit| largest_factor(limit.sigma));
+        Ok(Threshold { power, luckiest, near: Near::from_parameters(parameters)? })
     }
 
-    /// The least intensity at a range.
+    /// The least intensity at a range that may be seen.
     pub(super) fn at(&self, range: f64) -> f64 {
-        let far = self.power * range * range;
+        let far = self.luckiest * range * range;
         self.near.as_ref().map_or(far, |near| far.max(near.least_intensity(range)))
     }
 }

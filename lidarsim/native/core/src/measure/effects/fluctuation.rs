@@ -10,7 +10,7 @@ use crate::measure::rng::{EffectId, normal_quantile};
 #[derive(Clone, Debug)]
 pub(super) struct Fluctuation {
     /// w, the standard deviation of the factor's logarithm.
-    sigma: f64,
+    pub(super) sigma: f64,
 }
 
 impl Effect for Fluctuation {
@@ -27,7 +27,7 @@ impl Effect for Fluctuation {
     #[inline(always)]
     fn draw(&self, pulses: &Pulses, factors: &mut Vec<f64>) {
         pulses.normals::<Self>(0, factors);
-        self.turn_into_factors(factors);
+        turn_into_factors(self.sigma, factors);
     }
 
     #[inline(always)]
@@ -41,7 +41,7 @@ impl Effect for Fluctuation {
             0 => lanes::load(factors, echoes.part),
             number => {
                 let mut factors = pulses.lane_normals::<Self, F, N>(number, echoes).store();
-                self.turn_into_factors(&mut factors);
+                turn_into_factors(self.sigma, &mut factors);
                 F::load(&factors)
             }
         };
@@ -50,21 +50,19 @@ impl Effect for Fluctuation {
     }
 }
 
-impl Fluctuation {
-    /// A bound of all factors that are ever drawn.
-    pub(super) fn largest_factor(&self) -> f64 {
-        // The uniform numbers that normals are made of are at most 1 − 2⁻⁵³.
-        let mut factor = [normal_quantile(1.0 - 0.5 * f64::EPSILON)];
-        self.turn_into_factors(&mut factor);
-        factor[0]
-    }
+/// A bound of all factors of this width that are ever drawn.
+pub(super) fn largest_factor(sigma: f64) -> f64 {
+    // The uniform numbers that normals are made of are at most 1 − 2⁻⁵³.
+    let mut factor = [normal_quantile(1.0 - 0.5 * f64::EPSILON)];
+    turn_into_factors(sigma, &mut factor);
+    factor[0]
+}
 
-    /// exp(w·g − w²/2) of normals g: of mean 1. Written as a product, it has no ∞ − ∞ for any w.
-    #[inline(always)]
-    fn turn_into_factors(&self, normals: &mut [f64]) {
-        for normal in normals {
-            *normal = exp(self.sigma * (*normal - 0.5 * self.sigma));
-        }
+/// exp(w·g − w²/2) of normals g: of mean 1. Written as a product, it has no ∞ − ∞ for any w.
+#[inline(always)]
+pub(super) fn turn_into_factors(sigma: f64, normals: &mut [f64]) {
+    for normal in normals {
+        *normal = exp(sigma * (*normal - 0.5 * sigma));
     }
 }
 
@@ -75,10 +73,10 @@ mod tests {
     #[test]
     fn factors_are_log_normal_of_mean_1() {
         let mut factors = [0.0, 1.0, -1.0];
-        Fluctuation { sigma: 2.0 }.turn_into_factors(&mut factors);
+        turn_into_factors(2.0, &mut factors);
         assert_eq!(factors, [exp(-2.0), 1.0, exp(-4.0)]);
         let mut factors = [-8.3, 8.3];
-        Fluctuation { sigma: f64::MAX }.turn_into_factors(&mut factors);
+        turn_into_factors(f64::MAX, &mut factors);
         assert_eq!(factors, [0.0; 2]);
     }
 }

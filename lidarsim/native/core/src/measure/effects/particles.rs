@@ -12,7 +12,7 @@ use std::f64::consts::{FRAC_PI_4, PI};
 
 pub(super) use super::air::MOST;
 use super::air::{Air, Event, Process, Threshold};
-use super::fluctuation::Fluctuation;
+use super::fluctuation::{Fluctuation, largest_factor};
 use super::{Draws, Effect, Pulses};
 use crate::arith::elementary::exp;
 use crate::arith::simd::Floats;
@@ -68,7 +68,7 @@ impl Effect for Particles {
             return Err(parameters.unexpected("max_range", Value::Number(f64::INFINITY)));
         }
         let fluctuation = Fluctuation::from_parameters(parameters)?;
-        let brightest = fluctuation.map_or(1.0, |fluctuation| fluctuation.largest_factor());
+        let brightest = fluctuation.map_or(1.0, |fluctuation| largest_factor(fluctuation.sigma));
         let divergence = match divergence(parameters)? {
             Some(divergence) => divergence,
             None => [parameters.number("atmosphere.divergence")?; 2],
