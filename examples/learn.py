@@ -116,10 +116,21 @@ def network() -> Any:
     )
 
 
+def loss_of(scores: Any, classes: Any) -> Any:
+    """Return cross entropy and what is missing to an intersection over union of 1, so that rare classes count, too."""
+    from torch.nn.functional import cross_entropy, one_hot
+
+    known = classes != OTHER
+    true = one_hot(classes[known], len(CLASSES))
+    found = scores.softmax(1).movedim(1, -1)[known]
+    both, union = (true * found).sum(0), (true + found - true * found).sum(0)
+    missing = (1 - both / union)[true.any(dim=0)].mean()
+    return cross_entropy(scores, classes, ignore_index=OTHER) + missing
+
+
 def train(groups: list[list[LabelledFrame]], steps: int, seed: int) -> Any:
     """Return a network trained on groups of frames, each of which gives as many as the others."""
     import torch
-    from torch.nn.functional import cross_entropy
 
     torch.manual_seed(seed)
     rng, net = np.random.default_rng(seed), network()
@@ -129,9 +140,7 @@ def train(groups: list[list[LabelledFrame]], steps: int, seed: int) -> Any:
     for step in range(steps):
         frames = [of[rng.integers(len(of))] for of in (images[k % len(images)] for k in range(BATCH))]
         channels, classes = map(np.stack, zip(*(varied(rng, *frame) for frame in frames), strict=True))
-        loss = cross_entropy(
-            net(torch.from_numpy(features(channels))), torch.from_numpy(classes).long(), ignore_index=OTHER
-        )
+        loss = loss_of(net(torch.from_numpy(features(channels))), torch.from_numpy(classes).long())
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

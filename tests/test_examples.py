@@ -173,6 +173,18 @@ def test_learn_trains_and_counts(learn: dict[str, Any], simulated: Path) -> None
     np.testing.assert_array_equal(count.sum(1), np.bincount(np.concatenate(known), minlength=5))
 
 
+def test_learn_asks_for_rare_classes_as_for_others(learn: dict[str, Any]) -> None:
+    """The loss of sure scores is the entropy of the wrong ones, 20 each, and 1 less the mean IoU of what is there."""
+    torch = pytest.importorskip("torch")
+    classes = torch.full((1, 2, 50), 2)
+    classes[0, 0, 0], classes[0, 1, :10] = 1, learn["OTHER"]
+    found = torch.full((1, 2, 50), 2)  # the rare one is missed, and one of 89 others is taken for a car
+    found[0, 0, 1] = 0
+    scores = 20.0 * torch.nn.functional.one_hot(found, 5).movedim(-1, 1)
+    expected = 20.0 * 2 / 90 + 1 - (0 + 88 / 90) / 2
+    assert learn["loss_of"](scores, classes).item() == pytest.approx(expected, abs=1e-4)
+
+
 def test_learn_reports_intersection_over_union(learn: dict[str, Any]) -> None:
     count = np.diag([6, 0, 4, 2, 0])
     count[0, 2] = 2

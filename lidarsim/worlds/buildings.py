@@ -133,7 +133,7 @@ def _pieces(kind: BuildingKind, rng: np.random.Generator, wide: float, deep: flo
 def _tinted(rng: np.random.Generator, choices: tuple[Material, ...]) -> Material:
     """Return one of some materials, somewhat brighter or darker."""
     base = choices[rng.integers(len(choices))]
-    value = float(np.asarray(base.reflectivity)) * rng.uniform(0.7, 1.2)
+    value = float(np.asarray(base.reflectivity)) * rng.uniform(0.5, 1.1)
     return Material(reflectivity=value, roughness=base.roughness)
 
 

@@ -33,6 +33,7 @@ __all__ = ["GROUND", "STREETS", "Street", "StreetKind", "Ways", "street"]
 StreetKind = Literal["residential", "city", "rural", "car_park"]
 STREETS: tuple[StreetKind, ...] = get_args(StreetKind)
 
+Border = Literal["hedge", "bed", "fence", "wall"]
 Span = tuple[float, float]
 Bools = npt.NDArray[np.bool_]
 
@@ -95,7 +96,7 @@ REACH = 75.0
 ROOM = 4.5
 """Height over a road that is kept free, m (RASt 06)."""
 
-BEDS = 0.4
+BEDS = 0.6
 """Share of the bays without a vehicle that are beds of low shrubs."""
 
 BEND = 1 / 130
@@ -702,23 +703,27 @@ class _Builder:
         """Put a fence, wall, hedge or bed at the pavement, and plants behind it and behind the house."""
         widths, rng = self.plan.sides[side], self.rng
         if self.plan.kind == "residential" and widths.set_back > 1.5 and rng.random() < 0.9:
-            border = _BORDERS[rng.choice(len(_BORDERS), p=(0.5, 0.2, 0.15, 0.15))]
-            for middle in np.arange(start + 1.5, stop - 1.5, 3.0):
-                if any(low - 1.6 < middle < high + 1.6 and left == side for low, high, left in self.plan.drives):
-                    continue
-                d = side * (widths.plot + 0.45)
-                match border:
-                    case "fence" | "wall":
-                        make = partial(furniture, border, length=3.0)
-                        self._put(self._one(f"{border} 3 m", make, 2), border, (middle, d), side * np.pi / 2)
-                    case "hedge" | "bed":
-                        plant = self._one(f"{border} 3 m", partial(tree, border, length=3.0), 4)
-                        self._put(plant, border, (middle, d + side * (BED / 2 - 0.4) * (border == "bed")))
+            border = _BORDERS[rng.choice(len(_BORDERS), p=(0.4, 0.3, 0.15, 0.15))]
+            self._row(border, side, start, stop, widths.plot + 0.45 + (BED / 2 - 0.4) * (border == "bed"))
+        if widths.set_back > BED + 1.0 and rng.random() < 0.5:  # shrubs in front of the house
+            shrubs: Border = "bed" if rng.random() < 0.7 else "hedge"
+            self._row(shrubs, side, start, stop, widths.front - BED / 2 - 0.6)
         if widths.set_back > 1.8:
             low, high = widths.plot + 1.2, max(widths.front - 0.9, widths.plot + 1.3)
             for _ in range(rng.poisson((stop - start) * (high - low) * rng.choice((0.1, 0.3, 0.5)))):
                 kind: TreeKind = "young" if rng.random() < 0.06 else "bush"
                 self._tree(kind, rng.uniform(start, stop), side * rng.uniform(low, high), 0.9, 1.5)
+
+    def _row(self, kind: Border, side: int, start: float, stop: float, across: float) -> None:
+        """Put pieces of 3 m along a plot, except on its drives."""
+        match kind:
+            case "fence" | "wall":
+                made, count, yaw = partial(furniture, kind, length=3.0), 2, side * np.pi / 2
+            case "hedge" | "bed":
+                made, count, yaw = partial(tree, kind, length=3.0), 4, 0.0
+        for middle in np.arange(start + 1.5, stop - 1.5, 3.0):
+            if not any(low - 1.6 < middle < high + 1.6 and left == side for low, high, left in self.plan.drives):
+                self._put(self._one(f"{kind} 3 m", made, count), kind, (middle, side * across), yaw)
 
     def _trees(self, side: int) -> None:
         widths, layout, rng = self.plan.sides[side], self.plan.layout, self.rng
@@ -736,6 +741,9 @@ class _Builder:
             if at < widths.lane + np.abs(plant.bounds[:, :2]).max() + 0.5:  # it would hang over the road
                 plant = self._one("street tree", partial(tree, "broadleaf", clearance=ROOM), 4)
             self._put(plant, "broadleaf", (s, side * at), rng.uniform(0, 6.3))
+            if widths.verge > 0.8 and rng.random() < 0.7:  # low shrubs grow at its foot
+                bed = self._one("bed 3 m", partial(tree, "bed", length=3.0), 4)
+                self._put(bed, "bed", (s, side * (widths.kerb + widths.verge / 2)), scale=0.9 * widths.verge / BED)
             for _ in range(rng.integers(0, 3)):  # bushes grow at its foot
                 self._tree("bush", s + rng.uniform(-1.2, 1.2), side * (at + rng.uniform(0.0, 0.3)), 0.4, 0.8)
 
@@ -791,7 +799,7 @@ class _Builder:
                     self._tree("grass", s, side * d)
 
 
-_BORDERS: tuple[Literal["hedge", "bed", "fence", "wall"], ...] = ("hedge", "bed", "fence", "wall")
+_BORDERS: tuple[Border, ...] = get_args(Border)
 _WIDTHS: dict[BuildingKind, Span] = {
     "house": (8.0, 13.0),
     "terrace": (8.0, 18.0),

@@ -185,7 +185,7 @@ def test_trees_are_as_tall_as_they_are_said_to_be_with_gaps_between_their_leaves
     assert pruned.parts[-1].shape.bounds[0, 2] >= 3.0
 
 
-@pytest.mark.parametrize(("kind", "wide", "tall"), [("hedge", 1.12, 1.4), ("bed", 2.0, 0.6)])
+@pytest.mark.parametrize(("kind", "wide", "tall"), [("hedge", 1.12, 1.4), ("bed", 2.0, 0.6), ("bed", 2.0, 0.15)])
 def test_clipped_shrubs_have_even_surfaces(kind: Any, wide: float, tall: float) -> None:
     """Few rays from above pass the leaves near the top, which rises and falls by less than a tenth of the height."""
     plant = ls.worlds.tree(kind, np.random.default_rng(0), height=tall, length=4.0)
