@@ -17,7 +17,7 @@ import lidarsim as ls
 from lidarsim.datasets.loading import LabelledFrame
 from lidarsim.io.semantickitti import read_labels
 
-WORLDS, STEPS, BATCH, CROP, SEED = 100, 2000, 4, 256, 1
+WORLDS, STEPS, BATCH, CROP, SEED = 100, 1200, 4, 256, 1
 SIZE, ELEVATIONS = (64, 1024), (float(np.radians(-25.0)), float(np.radians(3.0)))
 CLASSES = {
     "car": [10, 252],
@@ -150,17 +150,27 @@ def train(groups: list[list[LabelledFrame]], steps: int, seed: int) -> Any:
     return net
 
 
-def confusion(net: Any, frames: list[LabelledFrame]) -> npt.NDArray[np.int64]:
-    """Return how many pixels of each class (rows) are taken for each class (columns)."""
+def found(net: Any, channels: Images) -> npt.NDArray[np.int64]:
+    """Return the class of each pixel by the mean of four views: also mirrored, and moved by half a patch."""
     import torch
 
+    total = np.zeros((len(CLASSES), *channels.shape[1:]), np.float32)
+    for mirror in (1, -1):
+        for shift in (np.zeros(2, int), np.array(PATCH) // 2):
+            view = np.roll(channels, shift, axis=(1, 2))[..., ::mirror]
+            with torch.no_grad():
+                shares = net(torch.from_numpy(features(view[None])))[0].softmax(0).numpy()
+            total += np.roll(shares[..., ::mirror], -shift, axis=(1, 2))
+    return total.argmax(axis=0)
+
+
+def confusion(net: Any, frames: list[LabelledFrame]) -> npt.NDArray[np.int64]:
+    """Return how many pixels of each class (rows) are taken for each class (columns)."""
     count = np.zeros((len(CLASSES), len(CLASSES)), np.int64)
     net.eval()
     for channels, classes in map(image, frames):
-        with torch.no_grad():
-            scores = net(torch.from_numpy(features(channels[None])))
         known = classes != OTHER
-        np.add.at(count, (classes[known], scores[0].argmax(0).numpy()[known]), 1)
+        np.add.at(count, (classes[known], found(net, channels)[known]), 1)
     return count
 
 

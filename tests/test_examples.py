@@ -185,6 +185,17 @@ def test_learn_asks_for_rare_classes_as_for_others(learn: dict[str, Any]) -> Non
     assert learn["loss_of"](scores, classes).item() == pytest.approx(expected, abs=1e-4)
 
 
+def test_learn_finds_classes_where_they_are(learn: dict[str, Any]) -> None:
+    """A network that tells pixels with points from those without is right in every view."""
+    torch = pytest.importorskip("torch")
+
+    def net(images: Any) -> Any:
+        return torch.nn.functional.one_hot(images[:, 4].long(), 5).movedim(-1, 1).float()
+
+    channels = np.random.default_rng(1).integers(0, 2, (3, 64, 1024)).astype(np.float32)
+    np.testing.assert_array_equal(learn["found"](net, channels), channels[0])
+
+
 def test_learn_reports_intersection_over_union(learn: dict[str, Any]) -> None:
     count = np.diag([6, 0, 4, 2, 0])
     count[0, 2] = 2
