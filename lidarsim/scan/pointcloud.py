@@ -8,6 +8,7 @@ import re
 import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -802,6 +803,7 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
     return np.ascontiguousarray(given, dtype)
 
 
+@lru_cache(maxsize=256)  # a missing attribute takes long: its error looks for similar names
 def _is_name(name: str) -> bool:
     """Return whether a field can have this name."""
     return name.isascii() and name.isidentifier() and name not in {"_", "x", "y", "z"} and not hasattr(PointCloud, name)

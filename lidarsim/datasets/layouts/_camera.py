@@ -75,7 +75,7 @@ def _clip(polygon: Floats, sides: Floats) -> Floats:
 
 def _pyramid(polygon: Floats) -> float:
     """Return the signed volume of the pyramid from the origin to a polygon."""
-    first, others = polygon[0], polygon[1:]
-    return (
-        float(np.einsum("ni,ni->", np.cross(others[:-1], others[1:]), np.broadcast_to(first, (len(others) - 1, 3)))) / 6
-    )
+    (ax, ay, az), (bx, by, bz) = polygon[1:-1].T, polygon[2:].T
+    # By hand, as `numpy.cross` takes several times as long for so few.
+    normals = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+    return float(np.einsum("ni,i->", normals, polygon[0])) / 6
