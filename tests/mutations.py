@@ -27,8 +27,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 CORE = Path("lidarsim", "native")
-# Dependencies are optimised, as they are built only once: among them the exact arithmetic that the tests compare with.
-CARGO = ["cargo", "--config", 'profile.test.package."*".opt-level=2', "--config", "profile.test.debug=0"]
 
 
 @dataclass(frozen=True)
@@ -782,7 +780,7 @@ def module(source: Path) -> str:
 
 def unit_tests(core: Path, environment: dict[str, str], within: str = "") -> list[str]:
     """Return the unit tests of the core, of those in a module, that fail."""
-    command = [*CARGO, "test", "--lib", "--locked", "--workspace", "--no-fail-fast", within]
+    command = ["cargo", "test", "--lib", "--locked", "--package", "lidarsim-core", "--no-fail-fast", within]
     run = subprocess.run(command, cwd=core, env=environment, capture_output=True, text=True, check=False)
     failed = re.findall(r"^test (\S+) \.\.\. FAILED$", run.stdout, re.MULTILINE)
     if run.returncode and not failed:
@@ -792,7 +790,7 @@ def unit_tests(core: Path, environment: dict[str, str], within: str = "") -> lis
 
 def package_tests(copy: Path, arguments: tuple[str, ...], environment: dict[str, str]) -> list[str]:
     """Return the tests of the package that fail with the core of this copy."""
-    build = [*CARGO, "build", "--lib", "--locked", "--features", "pyo3/extension-module"]
+    build = ["cargo", "build", "--lib", "--locked", "--features", "pyo3/extension-module"]
     subprocess.run(build, cwd=copy / CORE, env=environment, capture_output=True, check=True)
     library = max(Path(environment["CARGO_TARGET_DIR"], "debug").glob("lib*native.so"), key=lambda p: p.stat().st_mtime)
     shutil.copy(library, copy / "lidarsim" / "_native.abi3.so")

@@ -27,6 +27,13 @@ def difference(one: Path, other: Path) -> float:
     return float(np.abs(blocks(one) - blocks(other)).max())
 
 
+def is_as_shown(drawn: Path, shown: Path) -> bool:
+    """Whether a picture has the shape of another, within a hundredth, and is not blank."""
+    with Image.open(drawn) as one, Image.open(shown) as other:
+        shape = abs(one.width / one.height / (other.width / other.height) - 1.0) < 0.01
+        return shape and len(one.convert("RGB").getcolors(2**24) or []) > 16
+
+
 def reduce(drawn: Path, shown: Path, width: int | None = None) -> None:
     """Write a picture with fewer colours and, if a width is given, fewer pixels."""
     with Image.open(drawn) as image:

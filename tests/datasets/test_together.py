@@ -20,6 +20,8 @@ from lidarsim.datasets.store import open_store
 from lidarsim.errors import LidarsimError
 
 LAYOUTS = ("semantickitti", "nuscenes", "shards", "bags")
+KILLED = ["shards", *(pytest.param(layout, marks=pytest.mark.slow) for layout in LAYOUTS if layout != "shards")]
+"""Kills take seconds, and writers of all layouts share the code that they test."""
 
 WORKER = """
 import json, sys
@@ -79,7 +81,7 @@ def files(folder: Path) -> dict[str, bytes | None]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", KILLED)
 def test_killed_at_random_moments(shared: Path, tmp_path: Path, slow: bool, layout: str) -> None:
     options: dict[str, Any] = {"layout": layout, "shard_frames": 1}
     moments = random.Random(layout)
@@ -152,7 +154,7 @@ def test_one_recipe_at_once(
         assert files(out) == whole
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", KILLED)
 def test_one_of_two_is_killed(shared: Path, tmp_path: Path, slow: bool, layout: str) -> None:
     """The other is not held up by it, and removes what it left."""
     moments = random.Random(layout)

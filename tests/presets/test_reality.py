@@ -9,6 +9,7 @@ import runpy
 from dataclasses import dataclass
 from pathlib import Path
 
+import pictures
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -19,9 +20,10 @@ Figures = list[tuple[dict[str, str], float, float, float]]
 
 @dataclass(frozen=True)
 class Run:
-    """What the example prints and finds: row of the captures, real, simulated as measured, as the data sheet."""
+    """What the example prints, draws and finds: row of the captures, real, simulated as measured, as the data sheet."""
 
     printed: str
+    picture: Path
     figures: Figures
 
     def of(self, quantity: str) -> Figures:
@@ -31,10 +33,10 @@ class Run:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    printed = io.StringIO()
-    with contextlib.chdir(tmp_path_factory.mktemp("reality")), contextlib.redirect_stdout(printed):
-        names = runpy.run_path(str(ROOT / "examples" / "reality.py"))
-    return Run(printed.getvalue(), names["results"])
+    printed, place = io.StringIO(), tmp_path_factory.mktemp("reality")
+    with contextlib.chdir(place), contextlib.redirect_stdout(printed):
+        names = runpy.run_path(str(ROOT / "examples" / "reality.py"), run_name="__main__")
+    return Run(printed.getvalue(), place / "reality.png", names["results"])
 
 
 def test_page_has_the_table_of_the_example(run: Run) -> None:
@@ -42,6 +44,7 @@ def test_page_has_the_table_of_the_example(run: Run) -> None:
     table, end, _ = rest.partition("<!-- reality: end -->")
     assert end
     assert table == run.printed
+    assert pictures.is_as_shown(run.picture, ROOT / "examples" / "images" / "reality.png")
 
 
 def test_noise_is_within_the_spread_of_units(run: Run) -> None:
