@@ -12,7 +12,7 @@ import numpy as np
 from lidarsim._base.names import Answering, instead
 from lidarsim._base.shown import short
 
-FORMAT = 3
+FORMAT = 4
 """Format number of pickles, incremented whenever the contents of a public class change.
 
 A pickle of an older format has the defaults of what its class gained since; one of a newer format is refused.
