@@ -3,6 +3,7 @@
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::origins::Origins;
+use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 
 /// Rays of a subpacket: one instruction tests them against a box.
@@ -342,7 +343,7 @@ impl RayPacket {
     #[inline(always)]
     pub fn are_coherent<I: Isa>(&self, size: f64) -> bool {
         let first = self.direction(0);
-        let length2 = first[0] * first[0] + first[1] * first[1] + first[2] * first[2];
+        let length2 = dot(first, first);
         let mut divergent = 0;
         for eight in 0..self.count.div_ceil(8) {
             let (mut dot, mut norm2) = (I::F64x8::splat(0.0), I::F64x8::splat(0.0));
@@ -365,7 +366,17 @@ impl RayPacket {
                 }
             }
         }
-        divergent == 0 && wide == 0
+        wide == 0 && (divergent == 0 || self.are_a_fan())
+    }
+
+    /// Whether each ray is within 1/16 rad of its predecessor, as in the fan of a 2D lidar: it crosses a quarter
+    /// of a turn, but hardly any area, so its rays enter much the same boxes.
+    fn are_a_fan(&self) -> bool {
+        (1..self.count).all(|lane| {
+            let (a, b) = (self.direction(lane - 1), self.direction(lane));
+            let along = dot(a, b);
+            along > 0.0 && along * along >= (1.0 - 1.0 / 256.0) * dot(a, a) * dot(b, b)
+        })
     }
 }
 
@@ -567,6 +578,45 @@ mod tests {
             let signs = [1, 2, 4].map(|bit| found.octant & bit != 0);
             assert_eq!(signs, given[0].1.map(|x| x < 0.0));
             assert_eq!(found.one_origin, given[..found.count].iter().all(|(o, _)| *o == given[0].0));
+        }
+    }
+
+    struct AreCoherent<'a>(&'a RayPacket);
+
+    impl Task for AreCoherent<'_> {
+        type Output = bool;
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> bool {
+            self.0.are_coherent::<I>(1.0)
+        }
+    }
+
+    #[test]
+    fn rays_are_coherent_in_a_cone_or_in_a_fan() {
+        // Steps of the azimuth, and an elevation of one of the rays.
+        for (count, step, elevation, known) in [
+            (64, 0.02, 0.0, true),
+            (64, 0.02, 0.3, false),
+            (11, 0.1, 0.0, true),
+            (11, 0.1, 0.3, true),
+            (17, 0.09, 0.0, false),
+            (17, 0.09, 0.3, false),
+        ] {
+            let mut rays = RayPacket::empty();
+            (rays.count, rays.one_origin) = (count, true);
+            for lane in 0..LANES {
+                let azimuth = step * lane.min(count - 1) as f64;
+                let up = if lane == count / 2 { elevation } else { 0.0 };
+                rays.set(lane, [0.0; 3], [3.0 * azimuth.cos(), 3.0 * azimuth.sin(), up]);
+            }
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                assert_eq!(
+                    dispatch(level, AreCoherent(&rays)),
+                    known,
+                    "{level:?}: {count}, {step}, {elevation}"
+                );
+            }
         }
     }
 

@@ -7,7 +7,7 @@
 //! for each group of g rays, or of bundles:
 //!     if the order of the last group suits:     move its indices by g, and go on
 //!     (u, v), octant = place of d on |x| + |y| + |z| = 1
-//!     if the rays pass each octant once:        they are a fan, and stay as they are
+//!     if the rays go once round the octants:    they are a fan, and stay as they are
 //!     key = octant, [cell of o,] Morton code of (u, v)        [if the origins are far apart]
 //!     runs = rays near their predecessors, 4 or 16 as one     [if g = 1,024]
 //!     order = radix sort of the keys of runs and other rays
@@ -353,8 +353,8 @@ impl RaySort {
         }
     }
 
-    /// Whether the rays, one after the other, cross each octant once, as in a fan: neighbours then make the
-    /// narrowest packets.
+    /// Whether the rays, one after the other, cross each octant once, or return to the first, as in a fan:
+    /// neighbours then make the narrowest packets.
     #[inline(always)]
     fn are_a_fan(&self, low: [u32; 2], high: [u32; 2]) -> bool {
         // The path on the faces is continuous across octants.
@@ -365,7 +365,9 @@ impl RaySort {
             changes += u32::from(pair[0] != pair[1]);
             octants |= 1_u32 << pair[1];
         }
-        octants.count_ones() == changes + 1 && path <= (changes + 1) * (high[0] - low[0] + high[1] - low[1])
+        let returns = changes > 3 && self.octants.first() == self.octants.last();
+        octants.count_ones() + u32::from(returns) == changes + 1
+            && path <= (changes + 1) * (high[0] - low[0] + high[1] - low[1])
     }
 
     /// Finds rays that are near their predecessors. Runs of them are sorted as one and gathered into the same
@@ -646,6 +648,8 @@ fn spread3(x: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
     use crate::arith::simd::{Level, Task, dispatch};
     use crate::testing::numbers;
@@ -824,21 +828,23 @@ mod tests {
         }
     }
 
-    /// A plane of rays through four quadrants, level and tilted, and two rings at once.
+    /// A plane of rays through four quadrants and all round, level and tilted, and two rings at once.
     #[test]
     fn fans_keep_their_order_and_rings_are_sorted() {
-        let ring = |n: usize, slope: f64, lift: f64| {
-            let azimuth = move |i: usize| 4.7 * i as f64 / n as f64 - 2.3;
+        let ring = |n: usize, turn: f64, slope: f64, lift: f64| {
+            let azimuth = move |i: usize| turn * i as f64 / n as f64 - 2.3;
             (0..n).map(move |i| [azimuth(i).cos(), azimuth(i).sin(), slope * azimuth(i).cos() + lift])
         };
         for n in [1, 20, 541, NEAR] {
-            for (slope, lift) in [(0.0, 0.0), (0.3, 0.0), (0.0, 0.2)] {
-                let fan: Vec<Point> = ring(n, slope, lift).collect();
-                assert_eq!(groups(&vec![[0.0; 3]; n], &fan, 1.0), [(0..n as u32).collect::<Vec<_>>()]);
+            for turn in [4.7, TAU] {
+                for (slope, lift) in [(0.0, 0.0), (0.3, 0.0), (0.0, 0.2)] {
+                    let fan: Vec<Point> = ring(n, turn, slope, lift).collect();
+                    assert_eq!(groups(&vec![[0.0; 3]; n], &fan, 1.0), [(0..n as u32).collect::<Vec<_>>()]);
+                }
             }
         }
         let rings: Vec<Point> =
-            ring(270, 0.0, 0.2).zip(ring(270, 0.0, 0.4)).flat_map(<[_; 2]>::from).collect();
+            ring(270, 4.7, 0.0, 0.2).zip(ring(270, 4.7, 0.0, 0.4)).flat_map(<[_; 2]>::from).collect();
         let order = groups(&[[0.0; 3]; 540], &rings, 1.0).concat();
         assert!(octants_in_turn(&order, &rings) == 4 && !order.is_sorted());
     }

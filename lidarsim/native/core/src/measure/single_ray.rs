@@ -180,10 +180,13 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        let (sines, cosines) = (surfaces.squared_sine.sqrt().store(), I::pick(missed, nan, cosine).store());
         let mut incidence = [0.0; 8];
-        for k in 0..8 {
-            incidence[k] = first_quadrant_angle(sines[k], cosines[k]) as f32;
+        if !rows.incidence.is_empty() {
+            let sines = surfaces.squared_sine.sqrt().store();
+            let cosines = I::pick(missed, nan, cosine).store();
+            for k in 0..8 {
+                incidence[k] = first_quadrant_angle(sines[k], cosines[k]) as f32;
+            }
         }
         let returned = kept | falsely;
         let status = u64::from_le_bytes(echoes.statuses()) & !lanes::bytes(returned, u8::MAX);
