@@ -1,6 +1,6 @@
 """Make the courtyard of configs/scenes/courtyard.glb as a modelling program would export it, and scan it.
 
-The file has y up, as glTF has: a painted yard, a house, trees and cars of several parts, and a marker that is no thing.
+The file has y up, as glTF has: a painted yard, a house, trees and cars of several parts, and a marker of no instance.
 Rules give the parts labels and instances, and base colours become reflectivities, so that the scan shows the paint.
 Usage: python make_courtyard.py [FILE]; also writes make_courtyard.png.
 """

@@ -1,7 +1,7 @@
 """Traffic in a town: over two hundred cars and people that never touch, and the boxes of what a car among them sees.
 
-The recipe configs/recipes/traffic.yaml scatters things of several parts: cars whose wheels turn, and people whose limbs
-swing. `lidarsim generate` makes a data set of it; this scans one frame of its first sequence.
+The recipe configs/recipes/traffic.yaml scatters instances of several parts: cars whose wheels turn, and people whose
+limbs swing. `lidarsim generate` makes a data set of it; this scans one frame of its first sequence.
 Usage: python traffic.py [FOLDER]
 """
 
@@ -25,9 +25,9 @@ COLORS = {"car": "#4fc3f7", "person": "#ffb74d"}
 
 recipe = load(RECIPE, ["run.sensor.noise=none"]).source  # noise moves points out of their boxes
 run = recipe.run(0)
-things, _ = recipe.placed[0]
-counts = Counter(item.group for item in things)
-print(f"{counts.total()} things:", ", ".join(f"{count} {group}" for group, count in counts.items()))
+instances, _ = recipe.placed[0]
+counts = Counter(item.group for item in instances)
+print(f"{counts.total()} instances:", ", ".join(f"{count} {group}" for group, count in counts.items()))
 
 ((scan,),) = (scans.values() for scans in dataclasses.replace(run, frames=range(FRAME, FRAME + 1)).scans())
 cloud = scan.point_cloud("world", deskew="middle", deskew_movers=True)

@@ -224,7 +224,7 @@ def coverage(
     path: Path,
     pulses: object,
     start: float,
-    things: tuple[npt.NDArray[np.uint32], int],
+    instances: tuple[npt.NDArray[np.uint32], int],
     asked: tuple[Scene, npt.NDArray[np.uint32]],
     max_range: float,
     returns: tuple[npt.NDArray[np.int32], npt.NDArray[np.uint8]],

@@ -54,7 +54,7 @@ def stream(
     class_names : mapping of int to str, optional
         Class names by label. Default: those of the scene, then the names of the objects with the label.
     boxes : bool
-        Show the boxes of things with points, as `Scan.boxes`.
+        Show the boxes of instances with points, as `Scan.boxes`.
     surfaces : bool
         Show the surfaces of the scene. Planes end a tenth beyond everything else and the points of the first frame.
     expose : bool

@@ -107,7 +107,7 @@ MUTANTS = [
         "spread = Floats::max(start[axis].abs(), spread)",
         "spread = Floats::min(start[axis].abs(), spread)",
     ),
-    Mutant("sort: fan", "octants.count_ones() == changes + 1 && path", "path"),
+    Mutant("sort: fan", "octants.count_ones() + u32::from(returns) == changes + 1\n            && path", "path"),
     Mutant("sort: order of other groups", "self.last.start = None;\n        let (low, high)", "let (low, high)"),
     Mutant("leaf: t, vertices 4δ", "moved: 4.0 * (size * off", "moved: 2.0 * (size * off"),
     Mutant("leaf: t, distance 64u", "off + 64.0 * UNIT * square", "off + 32.0 * UNIT * square"),

@@ -1,4 +1,4 @@
-"""Boxes of things: they hold what was seen of them, wherever and whenever it is looked at."""
+"""Boxes of instances: they hold what was seen of them, wherever and whenever it is looked at."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_boxes_hold_the_points_of_what_moves_and_turns(speed: float, deskew: Any
 
 
 def test_points_of_movers_are_smeared_unless_they_are_moved_along() -> None:
-    """The points of a raw and of a deskewed cloud; the latter with the things where they are at that moment."""
+    """The points of a raw and of a deskewed cloud; the latter with the instances where they are at that moment."""
     scan = sensor().scan(traffic(30.0), EGO)
     for deskew in (False, "end"):
         boxes, cloud = scan.boxes(deskew=deskew, min_points=1), scan.point_cloud(deskew=deskew)
@@ -99,7 +99,7 @@ def test_normals_move_along_with_points() -> None:
 
 
 @pytest.mark.parametrize("pose", [at(3, 1, 0.5, 1.8), EGO], ids=["still", "moving"])
-def test_boxes_of_things_at_rest_hold_their_points_as_they_are(pose: Any) -> None:
+def test_boxes_of_instances_at_rest_hold_their_points_as_they_are(pose: Any) -> None:
     scan = sensor().scan(traffic(None), pose, time=0.5)
     clouds = [("world", False), ("sensor", "end")]
     for frame, deskew in [*clouds, ("sensor", False)] if isinstance(pose, np.ndarray) else clouds:
@@ -123,7 +123,7 @@ def test_boxes_of_a_rig_hold_the_points_of_all_its_sensors() -> None:
         assert own.sum() > 2000
         assert boxes.contain(cloud.xyz)[own].all()
         for instance, center in zip(boxes.instance.tolist(), boxes.center, strict=True):
-            # One thing has one place, whoever sees it: up to the roundings of numbers below 2⁷ m.
+            # One instance has one place, whoever sees it: up to the roundings of numbers below 2⁷ m.
             assert np.abs(seen.setdefault(instance, center) - center).max() <= 64 * math.ulp(100.0)
     assert len(seen) > 12
 
@@ -137,7 +137,7 @@ def alone(scene: ls.Scene, instance: int) -> ls.Scene:
 
 
 def crowd(seed: int) -> ls.Scene:
-    """Things of one to three parts of all bounded shapes, at rest and in motion, and planes behind them."""
+    """Instances of one to three parts of all bounded shapes, at rest and in motion, and planes behind them."""
     scene, rng = ls.Scene(), np.random.default_rng(seed)
     scene.add(ls.Plane((0, 0, 1), -1.5), instance=9000)
     scene.add(ls.Plane((1, 0, 0), 30.0), instance=9001)
@@ -216,7 +216,7 @@ def test_visibility_is_that_of_brute_force(name: str, seed: int) -> None:
     owner = owner[whole.object_id]  # -1, a miss, picks the last
     shares = {}
     for instance in {item.instance for item in scene if item.shape.bounded}:
-        # A ray that grazes a thing may round to either side, as poses are composed in another order here.
+        # A ray that grazes an instance may round to either side, as poses are composed in another order here.
         covered = alone(scene, instance).cast(origins, directions, t_max=lidar.max_range, time=now).hit
         if covered.any():
             shares[instance] = (owner == instance)[covered].mean(), covered.sum(), now[covered].mean()
@@ -234,7 +234,7 @@ def test_visibility_is_that_of_brute_force(name: str, seed: int) -> None:
         assert (boxes.visibility == 0.0).sum() == (boxes.points == 0).sum() > 0
 
 
-def test_things_are_as_visible_from_afar() -> None:
+def test_instances_are_as_visible_from_afar() -> None:
     """Rays from beyond 10³⁰ m, which fit into no packet; a power of two scales without rounding."""
     shares = []
     for scale in (1.0, 2.0**104):
@@ -512,9 +512,9 @@ def test_selections_corners_and_copies() -> None:
     scan = sensor().scan(traffic(0.0))
     boxes = scan.boxes()
     assert repr(boxes) == (
-        f"Boxes of 24 things with {boxes.points.sum():,} points\n  car  24 things  {boxes.points.sum():,} points"
+        f"Boxes of 24 instances with {boxes.points.sum():,} points\n  car  24 instances  {boxes.points.sum():,} points"
     )
-    assert repr(boxes[:0]) == "Boxes of 0 things with 0 points"
+    assert repr(boxes[:0]) == "Boxes of 0 instances with 0 points"
     assert "<td>car</td>" in boxes._repr_html_()
     rows = np.asarray(boxes)
     assert np.array_equal(rows, np.column_stack([boxes.center, boxes.size, boxes.yaw]))

@@ -27,7 +27,7 @@ MOVERS = 16
 """Number of cars that drive along the street, and of people who walk there."""
 
 CLASSES = [10, 18, 30, 31]
-"""Labels of the things with boxes: cars, lorries, people and riders."""
+"""Labels of the instances with boxes: cars, lorries, people and riders."""
 
 PERIOD = 0.1
 """Period of a frame, s."""

@@ -24,7 +24,7 @@ from lidarsim.config import objects, poses, schema, sensors
 from lidarsim.config.units import argument_of, in_si, unit_of
 from lidarsim.datasets import draws, layouts, recipe
 from lidarsim.datasets.layouts import _layout, kitti
-from lidarsim.datasets.scatter import Scatter, _things
+from lidarsim.datasets.scatter import Scatter, _instances
 from lidarsim.errors import LidarsimError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.sensor.gnss import Gnss
@@ -117,8 +117,8 @@ GROUPS: dict[str, dict[str, Section]] = {
         "recipe": Section(recipe.Settings),
         "draw": Section(draws.Draw),
         "scatter": Section(Scatter),
-        "compound": Section(_things.Compound, base=poses.Placement),
-        "walker": Section(_things.Walker, base=objects.Object),
+        "compound": Section(_instances.Compound, base=poses.Placement),
+        "walker": Section(_instances.Walker, base=objects.Object),
         **{name: Section(model) for name, model in sorted(layouts.LAYOUTS.items())},
         "boxes": Section(_layout.BoxFilter),
         "camera": Section(kitti.Camera),
@@ -214,7 +214,7 @@ NAMES: dict[Any, str] = {bool: "true or false", int: "integer", float: "number",
 NAMES |= {section.model: f"[{name}](#{name})" for name, section in SECTIONS.items()}
 NAMES |= {poses.Strips: "[strips](#strips)"}
 UNIONS: dict[frozenset[Any], str] = {
-    frozenset(kinds.values()): "[object](#object)" for kinds in (objects.SHAPES, _things.KINDS)
+    frozenset(kinds.values()): "[object](#object)" for kinds in (objects.SHAPES, _instances.KINDS)
 }
 UNIONS |= {
     frozenset(kinds.values()): ", ".join(f"[{name}](#{name})" for name in sorted(kinds))

@@ -108,8 +108,8 @@ def _coordinates(recipe: Recipe, run: Run) -> str:
     if recipe.layout.box_filter is None:
         return f"{text}."
     if moment is None:
-        return f"{text}. Each box is where its points are on average, and points of fast things may lie outside."
-    return f"{text}, and points of moving things are moved along to that moment, which is also that of the boxes."
+        return f"{text}. Each box is where its points are on average, and points of fast instances may lie outside."
+    return f"{text}, and points of moving instances are moved along to that moment, which is also that of the boxes."
 
 
 def _change(recipe: Recipe) -> str:
@@ -155,7 +155,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary, box_filter: BoxFilter) ->
     ]  # fmt: skip
     head = "boxes", "share", "a frame", "length", "width", "height", "distance", "points"
     text = f"## Boxes\n\n{count:,} box{'es' * (count != 1)}, {_describe(box_filter)}."
-    text += " Means: length, width, height and distance from the sensor in m, and points on a thing.\n\n"
+    text += " Means: length, width, height and distance from the sensor in m, and points on an instance.\n\n"
     text += _rows((f"class{split}", *head), mean)
     *few, (most, _) = itertools.pairwise(POINTS)
     whole = [*(f"{low:g}" if high - low == 1 else f"{low:g} – {high - 1:g}" for low, high in few), f"{most:g} or more"]
@@ -163,7 +163,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary, box_filter: BoxFilter) ->
     shares = [f"{low:.0%} – {high:.0%}" for low, high in itertools.pairwise(VISIBILITY)]
     histograms: dict[str, tuple[list[str], Callable[[BoxStatistics], Iterable[int]]]] = {
         "distance": (spans, lambda part: part.distances.tolist()),
-        "points on a thing": (whole, lambda part: part.numbers.tolist()),
+        "points on an instance": (whole, lambda part: part.numbers.tolist()),
         "visibility": (shares, lambda part: part.visibilities.tolist()),
     }
     for title, (bins, counts) in histograms.items():
@@ -177,7 +177,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary, box_filter: BoxFilter) ->
 
 def _describe(box_filter: BoxFilter) -> str:
     """Return a filter of boxes in words."""
-    parts = [f"of things with at least {counted(box_filter.min_points, 'point')}"]
+    parts = [f"of instances with at least {counted(box_filter.min_points, 'point')}"]
     if box_filter.max_range_m is not None:
         parts.append(f"within {box_filter.max_range_m:g} m")
     if box_filter.classes is not None:
@@ -269,13 +269,13 @@ def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:
 
 
 def _boxes_of_frame(recipe: Recipe, run: Run, records: list[Record]) -> Boxes | None:
-    """Return the boxes that the data set has of a frame, one of each thing, in world coordinates."""
+    """Return the boxes that the data set has of a frame, one of each instance, in world coordinates."""
     if recipe.layout.box_filter is None:
         return None
-    things = {box.instance: (record, box) for record, box in recipe.layout.annotations(records)}
-    boxes = boxes_of([box for _, box in things.values()], recipe.class_names)
+    instances = {box.instance: (record, box) for record, box in recipe.layout.annotations(records)}
+    boxes = boxes_of([box for _, box in instances.values()], recipe.class_names)
     if run.cloud["frame"] == "world":
         return boxes
-    poses = np.array([record.matrix for record, _ in things.values()]).reshape(-1, 4, 4)
+    poses = np.array([record.matrix for record, _ in instances.values()]).reshape(-1, 4, 4)
     center = (poses[:, :3, :3] @ boxes.center[:, :, None])[:, :, 0] + poses[:, :3, 3]
     return dataclasses.replace(boxes, center=center, rotation=poses[:, :3, :3] @ boxes.rotation)

@@ -234,8 +234,8 @@ class Document(Source):
         run = self.runs.get(sequence)  # none if frames differ
         if run is None:
             run = self._draw(sequence, frame)
-            for thing in self.scatter(sequence, None if self.by_frame else run)[0]:
-                thing.add_to(run.scene, self._groups)
+            for instance in self.scatter(sequence, None if self.by_frame else run)[0]:
+                instance.add_to(run.scene, self._groups)
             if not self.by_frame:
                 _replace(self.runs, sequence, run)
         return run

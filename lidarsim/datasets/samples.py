@@ -42,20 +42,20 @@ Named = Annotated[str, AfterValidator(lambda name: name and check_name("name", n
 
 @dataclass(frozen=True)
 class Annotation:
-    """The box of a thing in a sample, as in `lidarsim.Boxes`, in the frame of the sample's cloud.
+    """The box of an instance in a sample, as in `lidarsim.Boxes`, in the frame of the sample's cloud.
 
     Attributes
     ----------
     instance, label, points : int
-        Instance number of the thing, its label, and the number of points on it.
+        Instance number of the instance, its label, and the number of points on it.
     center, size, velocity : tuple of 3 floats
         Centre and size of the box, m, and velocity, m/s. The size allows for the rounding of points to float32.
     rotation : tuple of 9 floats
         Rows of the matrix with the axes of the box in its columns.
     visibility : float or None
-        Share of the thing's pulses that reach it; None if no pulse would hit it.
+        Share of the instance's pulses that reach it; None if no pulse would hit it.
     truncation : float
-        Share of the thing outside of the sensor's field of view.
+        Share of the instance outside of the sensor's field of view.
     time : float
         Moment of the box, s.
     """
@@ -98,7 +98,7 @@ class Record:
     split : str
         Split of the sequence; empty without splits.
     boxes : tuple of Annotation
-        Boxes of the things, if the layout has boxes.
+        Boxes of the instances, if the layout has boxes.
     extra : dict
         Notes of the layout for its tables.
     """

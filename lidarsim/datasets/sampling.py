@@ -31,8 +31,8 @@ UNIT32 = 2.0**-24
 def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[str, Scan]) -> Iterator[Sample]:
     """Yield the sample of each sensor in frame number `frame` of a sequence.
 
-    In a layout with boxes, the points of moving things are moved along when a cloud is deskewed. If all sensors of the
-    frame share its stamp in the layout, all clouds are deskewed to that of the first sensor. `after_scan` gets all
+    In a layout with boxes, the points of moving instances are moved along when a cloud is deskewed. If all sensors of
+    the frame share its stamp in the layout, all clouds are deskewed to that of the first sensor. `after_scan` gets all
     columns; the boxes then count the points that it leaves.
     """
     layout, split, change = recipe.layout, recipe.splits.of(sequence), recipe.after_scan

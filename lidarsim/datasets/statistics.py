@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["POINTS", "VISIBILITY", "BoxStatistics", "box_statistics"]
 
 POINTS = (0.0, 1.0, 5.0, 20.0, 100.0, 500.0, 2000.0, np.inf)
-"""Edges of the histogram of points on a thing."""
+"""Edges of the histogram of points on an instance."""
 
 VISIBILITY = (0.0, 0.4, 0.6, 0.8, 1.0)
 """Edges of the histogram of visibility: nuScenes' levels."""
@@ -37,14 +37,14 @@ class BoxStatistics:
     Attributes
     ----------
     count, points : int
-        Number of boxes, and of points on their things.
+        Number of boxes, and of points on their instances.
     size : ndarray of float64, shape (3,)
         Sum of the lengths, widths and heights, m.
     distance : float
         Sum of the distances of the centres from the sensor, m.
     distances, numbers, visibilities : ndarray of int64
         Histograms of the distance, of the points and of the visibility, by the edges `RANGES`, `POINTS` and
-        `VISIBILITY`; things that no pulse would hit have no visibility.
+        `VISIBILITY`; instances that no pulse would hit have no visibility.
     """
 
     count: int = 0

@@ -1,4 +1,4 @@
-"""Oriented boxes around the things that a scan shows: their annotation, as a detector is trained with."""
+"""Oriented boxes around the instances that a scan shows: their annotation, as a detector is trained with."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ transforms of some ten roundings each."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes(Pickled):
-    """Oriented boxes of things, one entry per thing.
+    """Oriented boxes of instances, one entry per instance.
 
-    A thing is an instance: all objects of the scene with one `instance` number. ``boxes[mask]`` selects some, and
+    An instance is all objects of the scene with one `instance` number. ``boxes[mask]`` selects some, and
     ``numpy.asarray(boxes)`` has rows of centre, size and yaw, (m, 7), as detectors take them.
 
     Attributes
@@ -45,9 +45,9 @@ class Boxes(Pickled):
         Length, width and height along its axes x, y and z, m. It is that of the shapes, not of the points, and larger
         by the rounding errors of points alone.
     rotation : ndarray of float64, shape (m, 3, 3)
-        Axes of the box, in columns. They are those of the first object of the thing, turned in right angles so that z
-        points up when the thing is at its reference pose: a vehicle modelled along x heads along x. If the thing has
-        a motion, they are turned so that x is nearest to the x axis of the moving frame.
+        Axes of the box, in columns. They are those of the first object of the instance, turned in right angles so that
+        z points up when the instance is at its reference pose: a vehicle modelled along x heads along x. If the
+        instance has a motion, they are turned so that x is nearest to the x axis of the moving frame.
     velocity : ndarray of float64, shape (m, 3)
         Velocity of the centre relative to the world, in the axes of the frame, m/s.
     label : ndarray of uint32, shape (m,)
@@ -55,9 +55,9 @@ class Boxes(Pickled):
     instance : ndarray of uint32, shape (m,)
         Instance number.
     points : ndarray of int64, shape (m,)
-        Number of points on the thing.
+        Number of points on the instance.
     visibility : ndarray of float64, shape (m,)
-        Share, 0 to 1, of the pulses that would hit the thing if it stood alone, within the maximum range, that reach
+        Share, 0 to 1, of the pulses that would hit the instance if it stood alone, within the maximum range, that reach
         it in the scene.
     truncation : ndarray of float64, shape (m,)
         Share, 0 to 1, of the box outside the sensor's view at that moment, as KITTI's "truncated" is the share outside
@@ -106,8 +106,8 @@ class Boxes(Pickled):
         for label in np.unique(self.label).tolist():
             points = self.points[self.label == label]
             name = plain(self.class_names.get(label, f"label {label}"))
-            rows.append((name, counted(len(points), "thing"), counted(int(points.sum()), "point")))
-        return f"Boxes of {counted(len(self), 'thing')} with {counted(int(self.points.sum()), 'point')}", rows
+            rows.append((name, counted(len(points), "instance"), counted(int(points.sum()), "point")))
+        return f"Boxes of {counted(len(self), 'instance')} with {counted(int(self.points.sum()), 'point')}", rows
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[np.float64]:
         """Return centre, size and yaw, (m, 7)."""
@@ -201,7 +201,7 @@ def boxes_of(
     min_points: int,
     labels: frozenset[int] | None,
 ) -> Boxes:
-    """Return the boxes of the things in a scan; see `lidarsim.Scan.boxes`.
+    """Return the boxes of the instances in a scan; see `lidarsim.Scan.boxes`.
 
     Parameters
     ----------
@@ -214,19 +214,19 @@ def boxes_of(
     path : lidarsim._native.Path
         Path of the sensor, sensor to world.
     moment : float or None
-        Moment of all boxes, s; None: that of each thing's own points.
+        Moment of all boxes, s; None: that of each instance's own points.
     in_world : bool
         Whether the boxes are in world coordinates, or in the sensor frame at their moment.
     min_points : int
-        Least number of points on a thing.
+        Least number of points on an instance.
     labels : frozenset of int, or None
-        Labels of the things; None for all.
+        Labels of the instances; None for all.
     """
-    things = _things_in(world)
-    covered, reached, points, mean_time = _coverage(scan, world, places, path, things, min_points, labels)
+    instances = _instances_in(world)
+    covered, reached, points, mean_time = _coverage(scan, world, places, path, instances, min_points, labels)
     listed = np.flatnonzero((points >= min_points) & ((covered > 0) | (points > 0)))
     time = scan.time + mean_time[listed] if moment is None else np.full(len(listed), moment)
-    center, size, rotation, velocity = things.boxes(listed, time)
+    center, size, rotation, velocity = instances.boxes(listed, time)
     sensor = path.at(time)
     distance = np.fmax.reduce(scan.true_range, axis=None, initial=0.0)
     farthest = distance + np.abs(sensor[:, :3, 3]).max(initial=0.0)
@@ -241,10 +241,10 @@ def boxes_of(
         size=size,
         rotation=rotation,
         velocity=velocity,
-        label=things.label[listed],
-        instance=things.instance[listed],
+        label=instances.label[listed],
+        instance=instances.instance[listed],
         points=points[listed].astype(np.int64),
-        visibility=np.divide(reached, covered, out=np.full(len(things), np.nan), where=covered > 0)[listed],
+        visibility=np.divide(reached, covered, out=np.full(len(instances), np.nan), where=covered > 0)[listed],
         truncation=truncation,
         time=time,
         class_names=dict(scan.class_names),
@@ -275,23 +275,23 @@ def _rounded_up(size: Floats, center: Floats, farthest: float) -> Floats:
     return rounded
 
 
-# --- Things ----------------------------------------------------------------------------------------------------------
+# --- Instances -------------------------------------------------------------------------------------------------------
 
 
-NO_THING = 2**32 - 1
-"""Index of the thing of an object that belongs to none."""
+NO_INSTANCE = 2**32 - 1
+"""Index of the instance of an object that belongs to none."""
 
 
 @dataclass(frozen=True)
-class _Things:
-    """The things of a scene that can have a box, in ascending order of instance.
+class _Instances:
+    """The instances of a scene that can have a box, in ascending order of instance.
 
     Attributes
     ----------
     of_object : ndarray of uint32, shape (objects,)
-        Index of the thing of each object, or `NO_THING`.
+        Index of the instance of each object, or `NO_INSTANCE`.
     parts : sequence of sequence of SceneObject
-        The m things: the objects of each, in ascending order of their ids.
+        The m instances: the objects of each, in ascending order of their ids.
     instance, label : ndarray of uint32, shape (m,)
         As in `Boxes`.
     axes : ndarray of float64, shape (m, 3, 3)
@@ -301,7 +301,7 @@ class _Things:
     moves : ndarray of bool, shape (m,)
         Whether any part moves.
     scenes : dict
-        By labels, a scene of the objects of the things that have these, and the thing of each of its objects.
+        By labels, a scene of the objects of the instances that have these, and the instance of each of its objects.
     """
 
     of_object: npt.NDArray[np.uint32]
@@ -317,20 +317,21 @@ class _Things:
         return len(self.parts)
 
     def scene_of(self, labels: frozenset[int]) -> tuple[_native.Scene, npt.NDArray[np.uint32]]:
-        """Return a scene of the things that have one of some labels alone, and the thing of each of its objects."""
+        """Return a scene of the instances of some labels alone, and the instance of each of its objects."""
         if labels not in self.scenes:
             which = np.flatnonzero(np.isin(self.label, sorted(labels))).tolist()
-            of_object = np.repeat(np.array(which, np.uint32), [len(self.parts[thing]) for thing in which])
-            self.scenes[labels] = _native.Scene([item for thing in which for item in self.parts[thing]]), of_object
+            parts = [self.parts[instance] for instance in which]
+            of_object = np.repeat(np.array(which, np.uint32), [len(items) for items in parts])
+            self.scenes[labels] = _native.Scene([item for items in parts for item in items]), of_object
         return self.scenes[labels]
 
     def measure(self, which: npt.NDArray[np.intp]) -> None:
-        """Find the axes and extents of some things, once."""
-        for thing in which[np.isnan(self.axes[which, 0, 0])].tolist():
-            parts, axes = self.parts[thing], _axes(self.parts[thing][0])
+        """Find the axes and extents of some instances, once."""
+        for instance in which[np.isnan(self.axes[which, 0, 0])].tolist():
+            parts, axes = self.parts[instance], _axes(self.parts[instance][0])
             if all(item.motion is parts[0].motion for item in parts):
-                self.extent[thing] = _extent(parts, axes.T @ np.eye(3, 4), None)
-            self.axes[thing] = axes  # last: it says that the rest is there
+                self.extent[instance] = _extent(parts, axes.T @ np.eye(3, 4), None)
+            self.axes[instance] = axes  # last: it says that the rest is there
 
     def boxes(self, which: npt.NDArray[np.intp], time: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return centre, size, rotation and velocity of some boxes in the world, each at its time, s."""
@@ -353,12 +354,12 @@ class _Things:
         return center, extent[:, 1] - extent[:, 0], turn @ axes, velocity
 
 
-_KNOWN: WeakKeyDictionary[Snapshot, _Things] = WeakKeyDictionary()
-"""The things of scenes: successive scans see one snapshot until the scene changes."""
+_KNOWN: WeakKeyDictionary[Snapshot, _Instances] = WeakKeyDictionary()
+"""The instances of scenes: successive scans see one snapshot until the scene changes."""
 
 
-def _things_in(world: Snapshot) -> _Things:
-    """Return the things of a scene, without those that have unbounded or empty parts."""
+def _instances_in(world: Snapshot) -> _Instances:
+    """Return the instances of a scene, without those that have unbounded or empty parts."""
     known = _KNOWN.get(world)
     if known is not None:
         return known
@@ -366,18 +367,18 @@ def _things_in(world: Snapshot) -> _Things:
     for place, item in enumerate(world.items):
         groups.setdefault(item.instance, []).append(place)
     bounded = [np.isfinite(item.shape.bounds).all() for item in world.items]
-    things = [places for _, places in sorted(groups.items()) if all(bounded[place] for place in places)]
-    of_object = np.full(len(world.items), NO_THING, np.uint32)
-    for thing, places in enumerate(things):
-        of_object[places] = thing
-    parts = [[world.items[place] for place in places] for places in things]
-    made = _KNOWN[world] = _Things(
+    instances = [places for _, places in sorted(groups.items()) if all(bounded[place] for place in places)]
+    of_object = np.full(len(world.items), NO_INSTANCE, np.uint32)
+    for instance, places in enumerate(instances):
+        of_object[places] = instance
+    parts = [[world.items[place] for place in places] for places in instances]
+    made = _KNOWN[world] = _Instances(
         of_object=of_object,
         parts=parts,
         instance=np.array([own[0].instance for own in parts], np.uint32),
         label=np.array([_label(own[0]) for own in parts], np.uint32),
-        axes=np.full((len(things), 3, 3), np.nan),
-        extent=np.full((len(things), 2, 3), np.nan),
+        axes=np.full((len(instances), 3, 3), np.nan),
+        extent=np.full((len(instances), 2, 3), np.nan),
         moves=np.array([any(item.motion is not None for item in own) for own in parts], bool),
     )
     return made
@@ -441,29 +442,29 @@ def _coverage(  # noqa: PLR0917 - what is known of a scan
     world: Snapshot,
     places: npt.NDArray[np.int32],
     path: _native.Path,
-    things: _Things,
+    instances: _Instances,
     min_points: int,
     labels: frozenset[int] | None,
 ) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64], npt.NDArray[np.uint64], Floats]:
-    """Return per thing: how many pulses would hit it if it stood alone; how many of these reach it; its points; a time.
+    """Return per instance: how many pulses would hit it if it stood alone, and how many do; its points; a time.
 
     That is the mean firing time of its points, or else of the pulses that would hit it, since the start of the scan.
-    Things with other labels or fewer points have no pulses.
+    Instances with other labels or fewer points have no pulses.
     """
-    objects, asked = (world.native, things.of_object), np.ones(len(things), bool)
+    objects, asked = (world.native, instances.of_object), np.ones(len(instances), bool)
     if labels is not None:
-        objects, asked = things.scene_of(labels), np.isin(things.label, sorted(labels))
+        objects, asked = instances.scene_of(labels), np.isin(instances.label, sorted(labels))
     if min_points:
         returned = places[np.arange(places.shape[1]) < scan.return_count[:, None]]
         on = np.bincount(returned + 1, minlength=len(world.items) + 1)[1:]
-        asked &= np.bincount(np.minimum(things.of_object, len(things)), on, len(things) + 1)[:-1] >= min_points
-    thing = np.append(np.where(asked, np.arange(len(things)), NO_THING), NO_THING).astype(np.uint32)
-    known, alone = (thing[np.minimum(own, len(things))] for own in (things.of_object, objects[1]))
+        asked &= np.bincount(np.minimum(instances.of_object, len(instances)), on, len(instances) + 1)[:-1] >= min_points
+    instance = np.append(np.where(asked, np.arange(len(instances)), NO_INSTANCE), NO_INSTANCE).astype(np.uint32)
+    known, alone = (instance[np.minimum(own, len(instances))] for own in (instances.of_object, objects[1]))
     limit = float(scan.lidar.max_range)
     first = _first_hits(scan, places[:, 0], limit)
     returns = places, scan.return_count
     return _native.coverage(
-        world.native, path, scan.pulses, scan.time, (known, len(things)), (objects[0], alone), limit, returns, first
+        world.native, path, scan.pulses, scan.time, (known, len(instances)), (objects[0], alone), limit, returns, first
     )
 
 

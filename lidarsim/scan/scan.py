@@ -81,8 +81,8 @@ class Summary(dict[str, int]):
     """Number of pulses for each `Status`, by its name; prints as a table."""
 
     note: str = ""
-    """A warning if all hits are on one thing that is nearer than the sensor's minimum range, or than `BODY`, or if most
-    points are echoes of the air."""
+    """A warning if all hits are on one instance that is nearer than the sensor's minimum range, or than `BODY`, or if
+    most points are echoes of the air."""
 
     def __str__(self) -> str:
         """Return one line for each status, with its share of all pulses."""
@@ -94,7 +94,7 @@ class Summary(dict[str, int]):
 
 
 BODY = 0.5
-"""Distance, m, below which a thing that hides everything else may be what carries the sensor."""
+"""Distance, m, below which an instance that hides everything else may be what carries the sensor."""
 
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Named values of `deskew`, in periods of the pattern since the start of the scan."""
@@ -441,24 +441,23 @@ class Scan(Pickled, Plotted):
         min_points: int = 0,
         labels: Collection[int | str] | None = None,
     ) -> Boxes:
-        """Return oriented boxes of the things that the sensor could see, with their visibility and truncation.
+        """Return oriented boxes of the instances that the sensor could see, with their visibility and truncation.
 
-        A thing is an instance of the scene: all objects with one `instance` number. It has a box if at least one pulse
-        would hit it if it stood alone, or it has a point. Things of which a part is unbounded, such as a `Plane`, have
-        none.
+        An instance is all objects of the scene with one `instance` number. It has a box if at least one pulse would hit
+        it if it stood alone, or it has a point. Instances of which a part is unbounded, such as a `Plane`, have none.
 
         Parameters
         ----------
         frame : {"sensor", "world"}
             Coordinates of the boxes, as in `point_cloud`.
         deskew : bool, {"start", "middle", "end"} or float
-            As in `point_cloud`: the boxes are where the things are at that moment, in the sensor frame of that moment.
-            False: each box is where its thing is at the mean firing time of its points, or of the pulses that would hit
-            it if it has none.
+            As in `point_cloud`: the boxes are where the instances are at that moment, in its sensor frame.
+            False: each box is where its instance is at the mean firing time of its points, or of the pulses that would
+            hit it if it has none.
         min_points : int
-            Least number of points on the thing.
+            Least number of points on the instance.
         labels : collection of int or str, optional
-            Labels of the things, or their class names. Boxes of fewer things take less time. Default: all.
+            Labels of the instances, or their class names. Boxes of fewer instances take less time. Default: all.
 
         Returns
         -------
@@ -468,17 +467,17 @@ class Scan(Pickled, Plotted):
         Raises
         ------
         TypeError, ValueError
-            If an argument is of the wrong type or out of range, the trajectory or the motion of a thing does not cover
-            the moment, or the scan was pickled: pickles do not contain the scene.
+            If an argument is of the wrong type or out of range, the trajectory or the motion of an instance does not
+            cover the moment, or the scan was pickled: pickles do not contain the scene.
 
         Notes
         -----
-        `point_cloud(deskew=…)` undoes the motion of the sensor, not that of the things: a thing that moves at v is
+        `point_cloud(deskew=…)` undoes the motion of the sensor, not that of the instances: one that moves at v is
         smeared by v times the time that the sensor takes to pass it, and points near its ends may lie outside its box.
         With ``deskew_movers=True``, they do not.
 
         Visibility is that of the nominal pulses, without jitter and divergence of the beam, and exact: it is what
-        casting the pulses at each thing alone, and at all of them together, would find.
+        casting the pulses at each instance alone, and at all of them together, would find.
 
         Examples
         --------
@@ -734,15 +733,15 @@ class Scan(Pickled, Plotted):
         counts = np.bincount(self.status, minlength=len(Status))
         summary = Summary({status.name: int(counts[status]) for status in Status})
         seen = self.object_id[:, 0] >= 0
-        things, objects = (np.unique(ids[seen, 0]) for ids in (self.instance, self.object_id))
-        if len(things) == 1:
+        instances, objects = (np.unique(ids[seen, 0]) for ids in (self.instance, self.object_id))
+        if len(instances) == 1:
             farthest = self.true_range[seen, 0].max()
             below_gate = farthest < self.lidar.min_range and not summary["hit"]
             if below_gate or farthest < BODY:
-                which = f"object {objects[0]}" if len(objects) == 1 else f"the objects of instance {things[0]}"
+                which = f"object {objects[0]}" if len(objects) == 1 else f"the objects of instance {instances[0]}"
                 summary.note = (
                     f"all hits are on {which}, nearer than {'min_range' if below_gate else f'{BODY} m'}:"
-                    f" is the sensor inside its own body? ignore=[{things[0]}] hides it"
+                    f" is the sensor inside its own body? ignore=[{instances[0]}] hides it"
                 )
         aerial = 0
         if self.source is not None:

@@ -92,7 +92,7 @@ class Moment:
     sensors : dict of str to SensorView
         The points by sensor name.
     boxes : Boxes or None
-        Boxes of the things that the sensors see, in the world.
+        Boxes of the instances that the sensors see, in the world.
     box_names, box_colors : list of str
         Class name and colour of each box.
     movers : list of Painted
@@ -235,7 +235,7 @@ class Painter:
         return classes.color(label) if label in classes.names else DARK.surface
 
     def _find_boxes(self, scans: Mapping[str, Scan], poses: list[Floats]) -> Boxes:
-        """Return the boxes of things with points, each by the first sensor that sees it."""
+        """Return the boxes of instances with points, each by the first sensor that sees it."""
         from lidarsim.scan.boxes import Boxes
 
         found: list[Boxes] = []

@@ -52,7 +52,7 @@ class Frame:
     movers : list of Surface
         Surfaces of the moving objects at their poses in this frame; all frames have the same objects.
     boxes : Boxes or None
-        Boxes of the things in this frame.
+        Boxes of the instances in this frame.
     title : str
         What the frame is.
     """

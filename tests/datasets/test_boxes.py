@@ -112,7 +112,7 @@ def test_sweeps_and_key_frames(sweeps: Path) -> None:
     assert ls.datasets.verify(sweeps) == []
 
 
-def test_a_key_frame_has_a_box_per_thing_that_holds_its_points(sweeps: Path) -> None:
+def test_a_key_frame_has_a_box_per_instance_that_holds_its_points(sweeps: Path) -> None:
     index = tables(sweeps)
     for sample in index["sample"].values():
         boxes = [row for row in index["sample_annotation"].values() if row["sample_token"] == sample["token"]]
@@ -141,7 +141,7 @@ def test_a_key_frame_has_a_box_per_thing_that_holds_its_points(sweeps: Path) -> 
 
 
 def test_sweeps_agree_with_interpolated_boxes(sweeps: Path) -> None:
-    """As the kit interpolates them; of the things here, only the car turns, so the walker's are exact."""
+    """As the kit interpolates them; of the instances here, only the car turns, so the walker's are exact."""
     index = tables(sweeps)
     chain = [*index["sample"].values()][:2]
     times = [sample["timestamp"] for sample in chain]
@@ -354,7 +354,7 @@ def test_the_card_tells_of_boxes(sweeps: Path, tmp_path: Path) -> None:
     text = (tmp_path / "README.md").read_text()
     rows = [*tables(tmp_path)["sample_annotation"].values()]
     points = np.mean([row["num_lidar_pts"] for row in rows])
-    assert f"{len(rows)} boxes, of things with at least 1 point, within 40 m, of the classes vehicle.truck." in text
+    assert f"{len(rows)} boxes, of instances with at least 1 point, within 40 m, of the classes vehicle.truck." in text
     (line,) = (line for line in text.splitlines() if line.startswith("| vehicle.truck | val | 3 | 100.00% |"))
     *_, length, width, height, distance, mean = map(float, line.strip("| ").split(" | ")[4:])
     assert [length, width, height, mean] == [5.0, 2.0, 1.8, round(float(points), 1)]

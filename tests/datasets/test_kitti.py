@@ -28,7 +28,7 @@ def pose(x: float, y: float, z: float, yaw: float = 0.0) -> np.ndarray:
 
 
 def drive(speed: float) -> Any:
-    """A recipe of a car that drives past a walker, a turning car, a van of three parts, and a wall that is no thing."""
+    """A recipe of a car that drives past a walker, a turning car, a van of three parts, and a wall of no instance."""
 
     def scenes(*_: object) -> Any:
         span = np.linspace(-1.0, 2.0, 61)
@@ -72,13 +72,13 @@ def own_axes(points: np.ndarray, label: list[str], matrices: dict[str, np.ndarra
     return local / (np.array([length, height, width]) / 2)
 
 
-def test_the_points_of_things_are_in_their_boxes(fast: Path) -> None:
+def test_the_points_of_instances_are_in_their_boxes(fast: Path) -> None:
     """All that is above the road and nearer than the wall is in a box."""
     for number in range(4):
         points, labels, matrices = read(fast / "training", number)
         assert [*matrices] == ["P0", "P1", "P2", "P3", "R0_rect", "Tr_velo_to_cam", "Tr_imu_to_velo"]
         assert {label[0] for label in labels} == {"Pedestrian", "Car", "Van"}
-        assert len(labels) == 3  # a van of three parts is one thing
+        assert len(labels) == 3  # a van of three parts is one instance
         inside = np.array([(np.abs(own_axes(points, label, matrices)) <= 1).all(axis=1) for label in labels])
         above = (points[:, 2] > -1.79) & (points[:, 0] < 45 - 3 * number)
         assert above.sum() > 150
@@ -87,7 +87,7 @@ def test_the_points_of_things_are_in_their_boxes(fast: Path) -> None:
 
 
 def test_boxes_stay_with_raw_points_where_asked_for(tmp_path: Path) -> None:
-    """Without deskewing, points of slow things are in their boxes all the same, and the card says what is done."""
+    """Without deskewing, points of slow instances are in their boxes all the same, and the card says what is done."""
     ls.generate(drive(8.0), tmp_path, frames=2, layout="kitti", pictures=0, deskew=False)
     points, labels, matrices = read(tmp_path / "training", 0)
     scene, lidar, ego = drive(8.0)()
@@ -133,7 +133,7 @@ def test_images_tell_their_size(fast: Path) -> None:
     assert not any(rows)
 
 
-def test_a_frame_without_things_has_a_line(tmp_path: Path) -> None:
+def test_a_frame_without_instances_has_a_line(tmp_path: Path) -> None:
     """OpenPCDet concatenates what the lines say, and of none it cannot."""
 
     def scenes(*_: object) -> Any:

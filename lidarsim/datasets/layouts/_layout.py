@@ -118,7 +118,7 @@ class BoxFilter(Model):
     Attributes
     ----------
     min_points : int
-        Least number of points on a thing.
+        Least number of points on an instance.
     max_range_m : float or None
         Greatest distance of the centre from the body of the rig, or from the sensor without a rig, m.
     classes : list of str or int, or None
@@ -141,7 +141,7 @@ class BoxFilter(Model):
 
     def of(self, boxes: Boxes, origin: Floats) -> npt.NDArray[np.bool_]:
         """Return which boxes of its classes to keep, whatever their points; `origin` is the body in their frame."""
-        kept: npt.NDArray[np.bool_] = boxes.instance != 0  # the number for no thing
+        kept: npt.NDArray[np.bool_] = boxes.instance != 0  # the number for no instance
         if self.max_range_m is not None:
             kept &= np.linalg.norm(boxes.center - origin, axis=1) <= self.max_range_m
         return kept
@@ -205,7 +205,7 @@ class Layout(Model):
 
     @property
     def least_points(self) -> int:
-        """Least number of points of one sensor on a thing with a box."""
+        """Least number of points of one sensor on an instance with a box."""
         return 0 if self.box_filter is None else self.box_filter.min_points
 
     def shares_stamp(self, frame: int) -> bool:

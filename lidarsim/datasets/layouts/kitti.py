@@ -12,16 +12,16 @@ image. All of P0 to P3 are its projection. A label has:
 
 - the class; a class without a name, say 10, is ``class_10``,
 - truncation: share of the box's volume outside of the view of the camera. Boxes wholly outside have no label,
-- occlusion, from the share of the thing's pulses that reach it: 0 from 0.8, 1 from 0.4, 2 below, 3 if no pulse would,
-- alpha, the bearing of the camera relative to the thing,
+- occlusion, from the share of an instance's pulses that reach it: 0 from 0.8, 1 from 0.4, 2 below, 3 without any,
+- alpha, the bearing of the camera relative to the instance,
 - the rectangle of the image, in pixels, around what of the box is in view,
 - height, width and length, the middle of its bottom in the frame of the camera, and rotation_y about its y axis, which
-  points down. If a thing is tilted towards the sensor, these are of the upright box of the same heading around its box.
+  points down. If an instance is tilted towards the sensor, these are of the upright box of its heading around its box.
 
 A frame without labels has one line DontCare of no area, since OpenPCDet does not read empty files. There are no images;
 ``image_2`` has a black one per frame, because both packages read the size of the image from it.
 
-Points are deskewed to the start of the frame unless the run says otherwise, and points of moving things are moved
+Points are deskewed to the start of the frame unless the run says otherwise, and points of moving instances are moved
 along. With ``cloud: {deskew: false}``, each box is where its points are on average.
 
 Format: https://www.cvlibs.net/datasets/kitti/eval_object.php, the object development kit, readme.txt.
@@ -58,7 +58,7 @@ CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
 """Corners of the unit box."""
 
 OCCLUSION = (0.8, 0.4)
-"""Least visibility of things that are fully visible (0), and partly occluded (1)."""
+"""Least visibility of instances that are fully visible (0), and partly occluded (1)."""
 
 
 class Camera(Model):

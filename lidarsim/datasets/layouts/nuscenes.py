@@ -9,12 +9,12 @@ others it needs those in ``colormap.json``::
 
     NuScenes("v1.0-lidarsim", folder, colormap=json.loads(Path(folder, "colormap.json").read_text()))
 
-Each thing with points in a key frame has one annotation, the box of `Scan.boxes` at the time of the sample, with the
+Each instance with points in a key frame has one annotation, the box of `Scan.boxes` at the time of the sample, with the
 points of all sensors. The points of a key frame are deskewed to that time for all sensors, and those of a sweep to its
-own; points of moving things are moved along. With ``cloud: {deskew: false}`` they are raw, and each box is where its
+own; points of moving instances are moved along. With ``cloud: {deskew: false}`` they are raw, and each box is where its
 points are on average. Categories are the classes. Attributes are nuScenes' own for classes named ``vehicle.…`` or
-``human.pedestrian.…``, and ``moving`` or ``still`` for others. Visibility is the share of the thing's pulses that reach
-it, for the sensor that sees it best.
+``human.pedestrian.…``, and ``moving`` or ``still`` for others. Visibility is the share of the instance's pulses that
+reach it, for the sensor that sees it best.
 
 Splits are in ``v1.0-lidarsim/splits.json``, where the kit finds them by the names ``lidarsim_train`` and so on: it
 gives the scenes of nuScenes itself for ``train``.
@@ -81,7 +81,7 @@ MOTION = {
     "human.pedestrian.": ("pedestrian.moving", "pedestrian.standing"),
     "vehicle.": ("vehicle.moving", "vehicle.parked"),
 }
-"""Attributes of things that move and of those that do not, by the beginning of their class."""
+"""Attributes of instances that move and of those that do not, by the beginning of their class."""
 
 
 class NuScenes(SampleFiles):
@@ -112,7 +112,7 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
 
     @property
     def least_points(self) -> int:
-        """Least number of points of one sensor on a thing with a box: `min_points` is for all sensors together."""
+        """Least number of points of one sensor on an instance with a box: `min_points` is for all sensors together."""
         return min(self.boxes.min_points, 1)
 
     def shares_stamp(self, frame: int) -> bool:
@@ -146,7 +146,7 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
         return {VERSION, POINTS, LABELS, MAPS, COLORS} | ({SWEEPS} if self.key_every > 1 else set())
 
     def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
-        """Yield one box per thing of a key frame, with the points of all sensors and the greatest visibility."""
+        """Yield one box per instance of a key frame, with the points of all sensors and the greatest visibility."""
         merged: dict[int, tuple[Record, Annotation]] = {}
         for record in frame:
             for box in record.boxes if self.shares_stamp(record.frame) else ():
@@ -280,7 +280,7 @@ class _Tables:
             yield {"token": token, "level": f"v{low}-{high}", "description": about}
 
     def chains(self, records: list[Record]) -> dict[int, list[tuple[Record, Annotation]]]:
-        """Return the boxes of each thing of a sequence in the order of time."""
+        """Return the boxes of each instance of a sequence in the order of time."""
         chains: dict[int, list[tuple[Record, Annotation]]] = {}
         for _, frame in groupby(records, lambda record: record.frame):
             for record, box in self.layout.annotations(frame):

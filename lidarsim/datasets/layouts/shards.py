@@ -141,14 +141,14 @@ class Shards(Layout):
         if not self.boxes:
             return
         three = dict.fromkeys(("center", "size", "velocity"), arrow.list_(real, 3))
-        things = {"instance": whole, "label": whole, "name": text, **three, "rotation": arrow.list_(real, 9)}
+        instances = {"instance": whole, "label": whole, "name": text, **three, "rotation": arrow.list_(real, 9)}
         seen = {"points": whole, "visibility": real, "truncation": real, "time": real}
         boxes = (
             _row(record) | vars(box) | {"name": class_name(box.label, summary.class_names)}
             for record in summary.records()
             for box in record.boxes
         )
-        _write_table(files, BOXES, located | things | seen, boxes)
+        _write_table(files, BOXES, located | instances | seen, boxes)
 
 
 def _write_table(files: Files, name: str, columns: dict[str, Any], rows: Iterator[dict[str, Any]]) -> None:

@@ -137,7 +137,7 @@ def _frame(parts: list[tuple[tuple[Path, tarfile.TarInfo], About]], names: dict[
         else:
             frames.append(in_world(cloud, pose, boxes, about.seconds))
     own = [cloud for frame in frames for cloud in frame.clouds]
-    # Sensors of a rig each have boxes of the same things: those of the first are shown.
+    # Sensors of a rig each have boxes of the same instances: those of the first are shown.
     boxes = next((frame.boxes for frame in frames if frame.boxes is not None), None)
     return Frame(PointCloud.concatenate(with_common_fields(own)), frames[0].pose, frames[0].time, boxes)
 

@@ -1,4 +1,4 @@
-"""Things at random places on the ground, clear of each other and of the sensor at all times, some of them moving."""
+"""Instances at random places on the ground, clear of each other and of the sensor at all times, some of them moving."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from lidarsim._base.validation import Floats
 from lidarsim.config.factories import Model, either
 from lidarsim.config.objects import Generated, Mesh, SceneFile, ask_size
 from lidarsim.datasets.draws import Draw, DrawOr, Stream, draw_number
+from lidarsim.datasets.scatter._instances import AnyItem, Instance, PlacedPart, Swing, instance_of
 from lidarsim.datasets.scatter._outlines import Obstacles, Outline, bulge_of, steps, turns_of
-from lidarsim.datasets.scatter._things import AnyThing, PlacedPart, Swing, Thing, thing_of
 from lidarsim.datasets.scatter._ways import STEP, Path, Way, path_of
 from lidarsim.datasets.scattered import Scattered, Tally
 from lidarsim.motion.trajectory import Trajectory
@@ -103,7 +103,7 @@ else:
 class Scatter(Model):
     """A group of objects; each is one of `objects`."""
 
-    objects: Annotated[list[AnyThing], Field(min_length=1)]
+    objects: Annotated[list[AnyItem], Field(min_length=1)]
     """Objects without a `motion`, of which each member is one. One with `files: models/*.glb` stands for any match."""
     weights: list[Annotated[float, Field(gt=0, le=FAR)]] | None = None
     """Weight of each of the objects. Default: equal."""
@@ -176,7 +176,7 @@ class Scatter(Model):
         for key in RANGES:
             self._check_number(key, place / key)
         for index, item in enumerate(self.objects):
-            _check_thing(item, place / "objects" / index)
+            _check_instance(item, place / "objects" / index)
             if isinstance(item, Mesh | SceneFile):
                 ask_size(item, place / "objects" / index, _middle(self.scale))
 
@@ -213,11 +213,11 @@ class Scatter(Model):
         return value
 
 
-def _check_thing(item: AnyThing, place: Place) -> None:
-    """Raise an error if a thing cannot be built, or is unbounded or too large."""
+def _check_instance(item: AnyItem, place: Place) -> None:
+    """Raise an error if an instance cannot be built, or is unbounded or too large."""
     scene = Scene()
-    thing = thing_of(item, place)
-    for part in thing.parts:
+    instance = instance_of(item, place)
+    for part in instance.parts:
         PlacedPart(part, part.affine, None).add_to(scene, place, 0)
     for built in scene.objects:
         if not built.shape.bounded:
@@ -305,7 +305,7 @@ def scatter(
     outlines = [(item, _obstacle(item, times)) for item in run.scene.objects if item.shape.bounded]
     placed: list[Placed] = []
     tallies: dict[str, Tally] = {}
-    # Things in areas, things on paths, and the latter with their gaps ahead and behind.
+    # Instances in areas, instances on paths, and the latter with their gaps ahead and behind.
     others, lanes, spaced = Obstacles(), Obstacles(), Obstacles()
     for name, given in groups.items():
         there = place / name
@@ -326,7 +326,7 @@ def scatter(
                 else [_Rule("gap to {}", lanes, group.gap_m)]
             ),
         ]
-        things: dict[tuple[int, int], Thing] = {}
+        instances: dict[tuple[int, int], Instance] = {}
         missed, done = 0, len(placed)
         refused: Counter[str] = Counter()
         for number in range(count):
@@ -334,13 +334,13 @@ def scatter(
             last = len(group.objects) - 1
             index = stream.integer(0, last) if group.weights is None else stream.index(group.weights)
             key = index, _variant(group.objects[index], Stream(seed, f"scatter.{name}.{number}.variant", sequence))
-            if key not in things:
+            if key not in instances:
                 asset_seed = Stream(seed, f"scatter.{name}.{index}.{key[1]}", sequence).word()
-                things[key] = thing_of(group.objects[index], there / "objects" / index, asset_seed)
+                instances[key] = instance_of(group.objects[index], there / "objects" / index, asset_seed)
             scale = group.draw("scale", stream, there)
             way = Way(group, stream, times, there)
             phase = Stream(seed, f"scatter.{name}.{number}.phase", sequence).unit()
-            swing = things[key].swing(scale, way, phase, there)
+            swing = instances[key].swing(scale, way, phase, there)
             found, reasons = _place(way, stream, swing, ground, rules)
             if found is None:
                 refused += reasons
@@ -351,7 +351,7 @@ def scatter(
             missed = 0
             poses, outline, spaced_out = found
             motion = Trajectory(times, poses) if way.moves else poses[0]
-            parts = things[key].place(scale, swing, motion, times[0])
+            parts = instances[key].place(scale, swing, motion, times[0])
             placed.append(Placed(name, index, scale, motion, parts))
             (lanes if along else others).add(name, outline)
             if along:
@@ -365,7 +365,7 @@ VARIANTS = 8
 """Number of assets of an entry of a group, without a seed of its own, in a sequence."""
 
 
-def _variant(item: AnyThing, stream: Stream) -> int:
+def _variant(item: AnyItem, stream: Stream) -> int:
     """Return which asset of a generator an object is; 0 of all others."""
     return stream.integer(0, VARIANTS - 1) if isinstance(item, Generated) and "seed" not in item.model_fields_set else 0
 

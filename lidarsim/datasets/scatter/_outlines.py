@@ -1,12 +1,13 @@
-"""Outlines of things on the ground over time, and whether they keep their distance at all times.
+"""Outlines of instances on the ground over time, and whether they keep their distance at all times.
 
-Time is divided into steps, the same for all things. Within a step, a thing's origin moves straight and its orientation
-turns at a constant rate about a fixed axis, as a linear `Trajectory` does. A corner at distance r from the origin that
-turns by the angle 2a from start to end is at ``r exp(i s a)``, s from -1 to 1, in the plane of its circle, and linear
-interpolation between both ends is at ``r (cos a + i s sin a)``. These differ by at most ``r (1 - cos a)``, at s = 0. So
-in a step a corner stays within ``bulge = r (1 - cos a)`` of the segment between its two positions, and the plan of the
-thing within the hull of the plans at both ends, widened by the bulge. Two things keep a gap if in each step a line
-separates their hulls by the gap and both bulges: this holds at every moment, not only at the ends of steps.
+Time is divided into steps, the same for all instances. Within a step, an instance's origin moves straight and its
+orientation turns at a constant rate about a fixed axis, as a linear `Trajectory` does. A corner at distance r from the
+origin that turns by the angle 2a from start to end is at ``r exp(i s a)``, s from -1 to 1, in the plane of its circle,
+and linear interpolation between both ends is at ``r (cos a + i s sin a)``. These differ by at most ``r (1 - cos a)``,
+at s = 0. So in a step a corner stays within ``bulge = r (1 - cos a)`` of the segment between its two positions, and the
+plan of the instance within the hull of the plans at both ends, widened by the bulge. Two instances keep a gap if in
+each step a line separates their hulls by the gap and both bulges: this holds at every moment, not only at the ends of
+steps.
 """
 
 from __future__ import annotations

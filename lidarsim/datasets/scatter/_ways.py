@@ -1,4 +1,4 @@
-"""Ways of things: where a thing may start, the path that it follows, and how far it has come at each time."""
+"""Ways of instances: where an instance may start, the path that it follows, and how far it has come at each time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-//! The pulses that would hit things, and those that reach them.
+//! The pulses that would hit instances, and those that reach them.
 
 use lidarsim_core::measure::{NominalPulses, Targets};
 use lidarsim_core::{NO_INSTANCE, Scene, memory, span};
@@ -16,13 +16,13 @@ type Coverage<'py> = (
     Bound<'py, PyArray1<f64>>,
 );
 
-/// Four arrays, of `count` things each: how many of the nominal pulses would hit it if it stood alone; how
+/// Four arrays, of `count` instances each: how many of the nominal pulses would hit it if it stood alone; how
 /// many of these reach it; the number of its returns; and the mean time of its returns, or else of the pulses
 /// that would hit it, since the start of the frame.
 ///
-/// `things` is the thing of each object of the scene, or 2³² − 1; `asked` is a scene of the objects of these
-/// things, and the thing of each of its objects. `returns` are the object of each
-/// return, (n, most), and the number of returns of each pulse. `first` is the object that each pulse hits
+/// `instances` is the instance of each object of the scene, or 2³² − 1; `asked` is a scene of the objects of
+/// these instances, and the instance of each of its objects. `returns` are the object of each return,
+/// (n, most), and the number of returns of each pulse. `first` is the object that each pulse hits
 /// first, −1 for none within `max_range` and −2 if unknown; absent if all are unknown.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call a scan")]
@@ -32,31 +32,33 @@ pub fn coverage<'py>(
     path: &PyPath,
     pulses: PulseArrays<'py>,
     start: f64,
-    things: (PyReadonlyArray1<'py, u32>, usize),
+    instances: (PyReadonlyArray1<'py, u32>, usize),
     asked: (PyRef<'py, PyScene>, PyReadonlyArray1<'py, u32>),
     max_range: f64,
     returns: (PyReadonlyArray2<'py, i32>, PyReadonlyArray1<'py, u8>),
     first: Option<PyReadonlyArray1<'py, i32>>,
 ) -> PyResult<Coverage<'py>> {
     let Pulses { directions, origins, times, .. } = pulses.slices()?;
-    let (things, count) = (elements("things", &things.0)?, things.1);
-    let (whole, alone, things_alone) = (&scene.scene, &asked.0.scene, elements("asked", &asked.1)?);
+    let (instances, count) = (elements("instances", &instances.0)?, instances.1);
+    let (whole, alone, instances_alone) = (&scene.scene, &asked.0.scene, elements("asked", &asked.1)?);
     let first = first.as_ref().map(|first| elements("first", first)).transpose()?;
     let (objects, return_counts) =
         (elements("object_id", &returns.0)?, elements("return_count", &returns.1)?);
     let (n, known) = (directions.len(), whole.objects().len());
-    let are_of = |things: &[u32], scene: &Scene| {
-        things.len() == scene.objects().len()
-            && things.iter().all(|thing| *thing == NO_INSTANCE || (*thing as usize) < count)
+    let are_of = |instances: &[u32], scene: &Scene| {
+        instances.len() == scene.objects().len()
+            && instances.iter().all(|instance| *instance == NO_INSTANCE || (*instance as usize) < count)
     };
-    if !are_of(things, whole)
-        || !are_of(things_alone, alone)
+    if !are_of(instances, whole)
+        || !are_of(instances_alone, alone)
         || return_counts.len() != n
         || returns.0.shape()[0] != n
         || first.is_some_and(|first| first.len() != n)
         || first.unwrap_or_default().iter().chain(objects).any(|object| *object >= known as i32)
     {
-        return Err(PyValueError::new_err("things, returns, first: expected one for each object and pulse"));
+        return Err(PyValueError::new_err(
+            "instances, returns, first: expected one for each object and pulse",
+        ));
     }
     let kernels = kernels(py)?;
     let pulses =
@@ -66,14 +68,14 @@ pub fn coverage<'py>(
         alone.prepare();
         let span = if whole.moves() { span(times) } else { [0.0; 2] };
         let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
-        let (world, asked) = (&whole.during(span), (&alone.during(span), things_alone));
-        let targets = Targets { world, instances: things, asked, count, max_range };
+        let (world, asked) = (&whole.during(span), (&alone.during(span), instances_alone));
+        let targets = Targets { world, instances, asked, count, max_range };
         let found = pulses.coverage(targets, |piece| kernels.cover(piece));
         (
-            memory::collect(found.iter().map(|thing| thing.covering.count)),
-            memory::collect(found.iter().map(|thing| thing.reached)),
-            memory::collect(found.iter().map(|thing| thing.returns.count)),
-            memory::collect(found.iter().map(|thing| thing.mean_time())),
+            memory::collect(found.iter().map(|instance| instance.covering.count)),
+            memory::collect(found.iter().map(|instance| instance.reached)),
+            memory::collect(found.iter().map(|instance| instance.returns.count)),
+            memory::collect(found.iter().map(|instance| instance.mean_time())),
         )
     })?;
     let (covered, reached, points, time) = found;

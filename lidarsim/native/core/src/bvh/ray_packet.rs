@@ -369,8 +369,8 @@ impl RayPacket {
         wide == 0 && (divergent == 0 || self.are_a_fan())
     }
 
-    /// Whether each ray is within 1/16 rad of its predecessor, as in the fan of a 2D lidar: it crosses a quarter
-    /// of a turn, but hardly any area, so its rays enter much the same boxes.
+    /// Whether each ray is within 1/16 rad of its predecessor, as in the fan of a 2D lidar: it crosses a
+    /// quarter of a turn, but hardly any area, so its rays enter much the same boxes.
     fn are_a_fan(&self) -> bool {
         (1..self.count).all(|lane| {
             let (a, b) = (self.direction(lane - 1), self.direction(lane));

@@ -161,7 +161,7 @@ impl Task for CoverPiece<'_> {
         let (alone, instances_alone) = *asked;
         let (rays, known, mut pairs) = (aimed.rays(alone), &aimed.owners, Vec::new());
         let (count, mut own) = (*count, self.targets.no_pulses());
-        let things_met = MeetInstances {
+        let instances_met = MeetInstances {
             world: alone,
             rays,
             range,
@@ -170,7 +170,7 @@ impl Task for CoverPiece<'_> {
             known,
             pairs: &mut pairs,
         };
-        I::call(things_met);
+        I::call(instances_met);
         for (owner, ticks) in known.iter().zip(&aimed.ticks) {
             if *owner != NO_INSTANCE {
                 own[*owner as usize].reached += 1;

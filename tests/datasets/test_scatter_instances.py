@@ -1,4 +1,4 @@
-"""Scattered things of several parts, along curves, over slopes, at changing speeds: by brute force and by hand."""
+"""Scattered instances of several parts, along curves, over slopes, at changing speeds: by brute force and by hand."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from lidarsim.config.document import Place
 from lidarsim.datasets.draws import Stream
 from lidarsim.datasets.recipe import Document, load
 from lidarsim.datasets.scatter import Placed
+from lidarsim.datasets.scatter._instances import instance_of
 from lidarsim.datasets.scatter._outlines import Outline
-from lidarsim.datasets.scatter._things import thing_of
 from lidarsim.datasets.scatter._ways import Way
 from lidarsim.errors import ConfigError
 
@@ -58,7 +58,7 @@ def placed(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
     return run.scene, source.scatter(sequence)[0]
 
 
-def things(scene: ls.Scene) -> list[list[ls.scene.SceneObject]]:
+def instances(scene: ls.Scene) -> list[list[ls.scene.SceneObject]]:
     """The scattered objects, by instance."""
     items = list(scene)[1:]
     return [[item for item in items if item.instance == number] for number in dict.fromkeys(i.instance for i in items)]
@@ -107,7 +107,7 @@ def test_the_wheels_of_a_vehicle_turn_and_the_limbs_of_pedestrians_swing(tmp_pat
         recipe(tmp_path, frames=10, cars={"count": 1} | groups["cars"], people={"count": 1} | groups["people"])
     )
     assert len(found) == 2
-    car, people = things(scene)
+    car, people = instances(scene)
     assert {item.name.split(" ")[0] for item in car} >= {"body", "wheel"}
     turned = {item.name: pose(item, 0.5)[:3, :3] for item in car}
     assert all(np.allclose(turn, np.eye(3)) for name, turn in turned.items() if not name.startswith("wheel"))
@@ -120,9 +120,10 @@ def test_the_wheels_of_a_vehicle_turn_and_the_limbs_of_pedestrians_swing(tmp_pat
 
 
 def test_someone_who_sits_keeps_the_posture(tmp_path: Path) -> None:
-    thing = {"shape": "pedestrian", "posture": "sitting", "seed": 3}
-    scene, _ = placed(recipe(tmp_path, frames=2, people={"objects": [thing], "count": 1, "area_m": [[-5, -5], [5, 5]]}))
-    heights = np.concatenate([surface(item, 0.0) for item in things(scene)[0]])[:, 2]
+    instance = {"shape": "pedestrian", "posture": "sitting", "seed": 3}
+    people = {"objects": [instance], "count": 1, "area_m": [[-5, -5], [5, 5]]}
+    scene, _ = placed(recipe(tmp_path, frames=2, people=people))
+    heights = np.concatenate([surface(item, 0.0) for item in instances(scene)[0]])[:, 2]
     assert heights.min() == pytest.approx(0.0, abs=0.02)
     assert heights.max() < 1.5
 
@@ -133,7 +134,7 @@ def test_someone_who_sits_keeps_the_posture(tmp_path: Path) -> None:
 @pytest.mark.parametrize("speed", [0.3, 0.9, 1.4, 2.2])
 def test_a_walker_takes_strides_of_its_speed(tmp_path: Path, speed: float) -> None:
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speed}
-    ((*parts,),) = things(placed(recipe(tmp_path, people=group))[0])
+    ((*parts,),) = instances(placed(recipe(tmp_path, people=group))[0])
     hip = 0.53 * 1.75
     cycle = 1.346 * np.sqrt(speed / hip) * hip / speed  # Boulic et al., in their words: RLc = 1.346 √RV
     times = np.linspace(0.0, 4.0, 401)
@@ -160,7 +161,7 @@ def test_a_walker_takes_strides_of_its_speed(tmp_path: Path, speed: float) -> No
 @pytest.mark.parametrize("speed", [0.0, 1.4, 2.2])
 def test_limbs_hold_together_and_a_foot_is_on_the_ground(tmp_path: Path, speed: float) -> None:
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speed, "yaw_deg": 30}
-    ((_, _, *parts),) = things(placed(recipe(tmp_path, people=group))[0])
+    ((_, _, *parts),) = instances(placed(recipe(tmp_path, people=group))[0])
     thigh, shank = 0.245 * 1.75, 0.246 * 1.75
     standing = []
     for time in np.linspace(0, 4, 161):
@@ -177,7 +178,7 @@ def test_limbs_hold_together_and_a_foot_is_on_the_ground(tmp_path: Path, speed: 
 def test_the_foot_on_the_ground_stays(tmp_path: Path) -> None:
     """In the middle of a stance, the ankle goes at less than a third of the walker's speed; in swing, much faster."""
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": 1.4}
-    ((_, _, *parts),) = things(placed(recipe(tmp_path, people=group))[0])
+    ((_, _, *parts),) = instances(placed(recipe(tmp_path, people=group))[0])
     times = np.linspace(0, 4, 401)
     for foot in (2, 7):
         x = np.array([pose(parts[foot], time)[0, 3] for time in times])
@@ -190,7 +191,7 @@ def test_the_foot_on_the_ground_stays(tmp_path: Path) -> None:
 def test_a_walker_that_stops_stands(tmp_path: Path) -> None:
     speeds = [[0.5, 1.4], [1.5, 0], [3, 0], [4, 1.4]]
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speeds}
-    ((*parts,),) = things(placed(recipe(tmp_path, people=group))[0])
+    ((*parts,),) = instances(placed(recipe(tmp_path, people=group))[0])
     for item in parts:
         assert item.motion is not None
         still = item.motion.at(np.linspace(1.6, 2.9, 20)).as_matrix()
@@ -214,8 +215,8 @@ def test_wheels_roll(tmp_path: Path, speed: Any) -> None:
     """A wheel of radius 0.3 m turns by the way over the radius; the point on the ground rests."""
     group = {"objects": [CART], "count": 2, "along_m": [[-200, 3], [200, 3]], "speed_m_per_s": speed, "scale": 0.9}
     scene, _ = placed(recipe(tmp_path, carts=group))
-    assert len(things(scene)) == 2
-    for body, *wheels in things(scene):
+    assert len(instances(scene)) == 2
+    for body, *wheels in instances(scene):
         assert body.motion is not None
         times = np.linspace(0, 4, 41)
         way = np.linalg.norm(body.motion.at(times).translation - body.motion.at(0.0).translation, axis=1)
@@ -230,10 +231,10 @@ def test_wheels_roll(tmp_path: Path, speed: Any) -> None:
 
 def test_wheels_roll_backwards_in_reverse(tmp_path: Path) -> None:
     group = {"objects": [CART], "count": 1, "area_m": [[-9, -9], [9, 9]], "speed_m_per_s": -3}
-    ((body, wheel, *_),) = things(placed(recipe(tmp_path, carts=group))[0])
+    ((body, wheel, *_),) = instances(placed(recipe(tmp_path, carts=group))[0])
     np.testing.assert_allclose(np.diff(spin(wheel, body, np.array([0.0, 0.05]))), [-0.15 / 0.3], rtol=2.0**-38)
     group |= {"along_m": [[-20, 0], [20, 0]], "area_m": None}
-    ((body, wheel, *_),) = things(placed(recipe(tmp_path, carts=group))[0])
+    ((body, wheel, *_),) = instances(placed(recipe(tmp_path, carts=group))[0])
     np.testing.assert_allclose(np.diff(spin(wheel, body, np.array([0.0, 0.05]))), [0.15 / 0.3], rtol=2.0**-38)
 
 
@@ -310,7 +311,7 @@ def test_cars_are_parallel_to_the_ground(tmp_path: Path, speed: float) -> None:
     scene, there = placed(recipe(tmp_path, ground=HILL, cars=group))
     assert len(there) >= 3
     normal = np.array([-0.2, 0.1, 1]) / np.linalg.norm([-0.2, 0.1, 1])
-    for parts, item in zip(things(scene), there, strict=True):
+    for parts, item in zip(instances(scene), there, strict=True):
         for time in (0.0, 1.7, 4.0):
             body = item.motion.at(time).as_matrix() if isinstance(item.motion, ls.Trajectory) else item.motion
             # Heights are found from 1e5 m above, where coordinates have steps of 2⁻³⁶ m; half the width is 0.85 m.
@@ -325,7 +326,7 @@ def test_cars_are_parallel_to_the_ground(tmp_path: Path, speed: float) -> None:
 def test_people_stand_upright_on_slopes(tmp_path: Path) -> None:
     group = {"objects": [WALKER], "count": 3, "area_m": [[-9, -9], [9, 9]], "speed_m_per_s": 1}
     scene, there = placed(recipe(tmp_path, ground=HILL, people=group))
-    for parts, item in zip(things(scene), there, strict=True):
+    for parts, item in zip(instances(scene), there, strict=True):
         assert isinstance(item.motion, ls.Trajectory)
         assert (item.motion.at(1.0).as_matrix()[:3, 2] == (0, 0, 1)).all()
         assert parts[0].motion is not None
@@ -340,7 +341,7 @@ def test_a_rotation_is_obeyed(tmp_path: Path) -> None:
     for speed in (0, 5):
         group = {"objects": [turned], "count": 3, "along_m": [[-50, 9], [50, 9]], "speed_m_per_s": speed}
         scene, _ = placed(recipe(tmp_path, cars=group))
-        for (item,) in things(scene):
+        for (item,) in instances(scene):
             bounds = np.ptp(plan([item], 0.3), axis=0)
             np.testing.assert_allclose(bounds, [4, 1], rtol=0, atol=2.0**-40)
             assert item.shape._extent(pose(item, 0.3)[:3])[0, 2] == pytest.approx(0.0, abs=2.0**-34)  # on the ground
@@ -372,11 +373,11 @@ def filed(folder: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("speed", [0, 7])
-def test_a_scene_file_is_one_thing(tmp_path: Path, speed: float) -> None:
+def test_a_scene_file_is_one_instance(tmp_path: Path, speed: float) -> None:
     group = {"objects": [filed(tmp_path)], "count": 3, "along_m": [[-50, 9], [50, 19]], "speed_m_per_s": speed}
     scene, _ = placed(recipe(tmp_path, cars=group))
-    assert len(things(scene)) == 3
-    for parts in things(scene):
+    assert len(instances(scene)) == 3
+    for parts in instances(scene):
         assert [item.label for item in parts] == [7, 5, 5, 5, 5]
         assert [item.name for item in parts] == ["shell", *(f"wheel {k}" for k in range(4))]
         shell = pose(parts[0], 0.0)
@@ -408,7 +409,7 @@ def test_boxes_hold_the_points_and_head_along_the_motion(tmp_path: Path, deskew:
     cloud = scan.point_cloud(deskew=deskew, deskew_movers=True)
     boxes = scan.boxes(deskew=deskew)
     world = scan.boxes(deskew=deskew, frame="world")
-    there = {parts[0].instance: item for parts, item in zip(things(run.scene), source.scatter(0)[0], strict=True)}
+    there = {parts[0].instance: item for parts, item in zip(instances(run.scene), source.scatter(0)[0], strict=True)}
     numbers = [number for number in boxes.instance.tolist() if number in there]
     assert len(numbers) == len(set(numbers)) >= 20
     seen = 0
@@ -457,7 +458,7 @@ def distance(first: Floats, second: Floats) -> float:
     return least
 
 
-def test_things_of_parts_never_meet(tmp_path: Path) -> None:
+def test_instances_of_parts_never_meet(tmp_path: Path) -> None:
     gap = 0.3
     bend = [[-30, 0], [0, 4], [0, 30]]
     groups: dict[str, dict[str, Any]] = {
@@ -473,7 +474,7 @@ def test_things_of_parts_never_meet(tmp_path: Path) -> None:
     for sequence in range(1):
         scene, there = placed(path, sequence)
         assert {item.group for item in there} == set(groups)
-        shapes = things(scene)
+        shapes = instances(scene)
         for time in np.linspace(0, 2.1, 36):
             plans = [hull(plan(parts, time)) for parts in shapes]
             middles = np.array([points.mean(axis=0) for points in plans])
@@ -522,8 +523,8 @@ def test_what_is_said_to_be_apart_is_apart_within_each_step() -> None:
     assert near > 40
 
 
-def test_traffic_of_two_hundred_things() -> None:
-    """The town: its things are apart at moments within its steps, and one instance each."""
+def test_traffic_of_two_hundred_instances() -> None:
+    """The town: its instances are apart at moments within its steps, and one instance each."""
     source = load(CONFIGS / "recipes" / "traffic.yaml").source
     assert isinstance(source, Document)
     run = source.run(0)
@@ -549,7 +550,7 @@ def test_traffic_of_two_hundred_things() -> None:
 
 
 @pytest.mark.parametrize(
-    ("thing", "more", "message"),
+    ("instance", "more", "message"),
     [
         (WALKER, {"speed_m_per_s": 9}, r"people\.speed_m_per_s: expected at most 2\.78 m/s of a walker 1\.75 m"),
         (WALKER, {"speed_m_per_s": [[0, 9]]}, r"speed_m_per_s: expected at most 2\.78 m/s of a walker"),
@@ -576,19 +577,19 @@ def test_traffic_of_two_hundred_things() -> None:
         (BODY, {"tilt": 1}, r"people\.tilt: "),
     ],
 )  # fmt: skip
-def test_mistakes_are_named(tmp_path: Path, thing: dict[str, Any], more: dict[str, Any], message: str) -> None:
-    group = {"objects": [thing], "count": 1, "area_m": [[-1, -1], [1, 1]]} | more
+def test_mistakes_are_named(tmp_path: Path, instance: dict[str, Any], more: dict[str, Any], message: str) -> None:
+    group = {"objects": [instance], "count": 1, "area_m": [[-1, -1], [1, 1]]} | more
     with pytest.raises(ConfigError, match=message) as caught:
         placed(recipe(tmp_path, people=group))
     assert re.match(r".*recipe\.yaml:\d+: ", str(caught.value))
 
 
 def test_a_scene_file_has_no_instances_of_its_own(tmp_path: Path) -> None:
-    thing = filed(tmp_path) | {"rules": [{"node": "*", "instance": 3}]}
-    group = {"objects": [thing], "count": 1, "area_m": [[-1, -1], [1, 1]]}
+    instance = filed(tmp_path) | {"rules": [{"node": "*", "instance": 3}]}
+    group = {"objects": [instance], "count": 1, "area_m": [[-1, -1], [1, 1]]}
     with pytest.raises(ConfigError, match=r"rules\.0\.instance: expected none, since the file is one instance"):
         load(recipe(tmp_path, cars=group))
-    group = {"objects": [thing | {"rules": [{"skip": True}]}], "count": 1, "area_m": [[-1, -1], [1, 1]]}
+    group = {"objects": [instance | {"rules": [{"skip": True}]}], "count": 1, "area_m": [[-1, -1], [1, 1]]}
     with pytest.raises(ConfigError, match=r"objects\.0\.file: expected a file with objects, got none"):
         load(recipe(tmp_path, cars=group))
 
@@ -608,7 +609,7 @@ def test_the_outline_holds_what_turns(tmp_path: Path) -> None:
     assert isinstance(source, Document)
     group = source.settings.scatter["cars"]
     way = Way(group, Stream(0, "", 0), np.linspace(0, 4, 41), Place(source.root, ()))
-    bounds = thing_of(group.objects[0], Place(source.root, ())).swing(2.0, way, 0.0, Place(source.root, ())).bounds
+    bounds = instance_of(group.objects[0], Place(source.root, ())).swing(2.0, way, 0.0, Place(source.root, ())).bounds
     np.testing.assert_allclose(bounds, [[-4, -1.7, 0], [2 * (2.5 + np.sqrt(0.5)), 1.7, 2.8]], rtol=0, atol=2.0**-44)
 
 

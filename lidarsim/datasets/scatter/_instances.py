@@ -1,4 +1,4 @@
-"""Things to scatter: a shape, several parts, a scene file or a walking person, each one instance."""
+"""Instances to scatter: a shape, several parts, a scene file or a walking person, each one instance."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lidarsim.config.document import Place
     from lidarsim.datasets.scatter._ways import Way
 
-__all__ = ["AnyThing", "Part", "PlacedPart", "Swing", "Thing", "thing_of"]
+__all__ = ["AnyItem", "Instance", "Part", "PlacedPart", "Swing", "instance_of"]
 
 STRIDE = 4
 """Poses of a limb per step of its body: at the fastest gait, a knee turns by 12° from one to the next."""
@@ -41,14 +41,14 @@ MOST_POSES = 1_000_000
 
 
 class ModelFile(SceneFile):
-    """A scene file as one thing; parts whose names match `wheels` turn."""
+    """A scene file as one instance; parts whose names match `wheels` turn."""
 
     wheels: str | None = None
     """Pattern of the names of parts that turn."""
 
 
 class Compound(Placement):
-    """Several parts as one thing; those whose names match `wheels` turn."""
+    """Several parts as one instance; those whose names match `wheels` turn."""
 
     shape: Literal["compound"]
     parts: Annotated[list[AnyObject], Field(min_length=1)]
@@ -70,14 +70,14 @@ class Walker(Object):
 KINDS: dict[str, type[Placement]] = {**SHAPES, "scene_file": ModelFile, "compound": Compound, "walker": Walker}
 
 if TYPE_CHECKING:
-    AnyThing = Object | Compound
+    AnyItem = Object | Compound
 else:
-    AnyThing = Annotated[reduce(or_, KINDS.values()), Discriminator("shape")]
+    AnyItem = Annotated[reduce(or_, KINDS.values()), Discriminator("shape")]
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a thing.
+    """A part of an instance.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Part:
     shape : Shape
         Its shape.
     affine : ndarray of float64, shape (4, 4)
-        From the shape to the axes of the thing or, for a limb, to those of the limb.
+        From the shape to the axes of the instance or, for a limb, to those of the limb.
     more : dict
         Arguments of `Scene.add` that replace those of the description.
     wheel : bool
@@ -116,18 +116,18 @@ class PlacedPart:
 
 @dataclass(frozen=True)
 class Swing:
-    """The motion of parts relative to their thing, and what it takes up.
+    """The motion of parts relative to their instance, and what it takes up.
 
     Attributes
     ----------
     poses : list of ndarray of float64, shape (m, 4, 4), or None
-        Poses of each part relative to the thing at `times`; None if it is fixed.
+        Poses of each part relative to the instance at `times`; None if it is fixed.
     times : ndarray of float64, shape (m,)
-        Times since the start, s: each step of the thing is divided evenly.
+        Times since the start, s: each step of the instance is divided evenly.
     per_step : int
         Number of these times per step.
     bounds : ndarray of float64, shape (2, 3)
-        Bounds of all parts at all of the times, in the axes of the thing, and at its foot those at rest.
+        Bounds of all parts at all of the times, in the axes of the instance, and at its foot those at rest.
     reach : list of tuple of float
         Of each part that moves, the distance of its farthest point from the origin of its poses, and the greatest turn
         from one pose to the next, rad.
@@ -140,18 +140,18 @@ class Swing:
     reach: list[tuple[float, float]] = field(default_factory=list)
 
     def bulge(self, turn: Floats) -> Floats:
-        """Return how far a part may be beyond the outline of its thing, of which a step turns by at most `turn`, (m,).
+        """Return how far a part may be beyond the outline of its instance, whose steps turn by at most `turn`, (m,).
 
         Between two of its poses a part stays within its own bulge of the segments between their corners (see
-        `_outlines`). Both ends of these are in the outline of the thing, which is convex. So the bulges add.
+        `_outlines`). Both ends of these are in the outline of the instance, which is convex. So the bulges add.
         """
         bulges = [bulge_of(far, (own + turn / self.per_step)[:, None]) for far, own in self.reach]
         return np.max(bulges, axis=0, initial=0.0) if bulges else np.zeros(len(turn))
 
 
 @dataclass(frozen=True, eq=False)
-class Thing:
-    """A thing that may be placed at many places and scales."""
+class Instance:
+    """An instance that may be placed at many places and scales."""
 
     parts: list[Part]
     walkers: tuple[worlds.Walker, ...] = ()
@@ -159,9 +159,9 @@ class Thing:
 
     @cached_property
     def along_x(self) -> bool:
-        """Whether the axes of the first part tell that the thing heads along x, as those of its box would be.
+        """Whether the axes of the first part tell that the instance heads along x, as those of its box would be.
 
-        If not, a thing that rests has a motion of speed 0, whose frame tells it.
+        If not, an instance that rests has a motion of speed 0, whose frame tells it.
         """
         u, _, vh = np.linalg.svd(self.parts[0].affine[:3, :3])
         nearest = u @ vh
@@ -223,7 +223,7 @@ class Thing:
         return Swing(poses, times, STRIDE, bounds, reach)
 
     def place(self, scale: float, swing: Swing, body: Floats | Trajectory, start: float) -> tuple[PlacedPart, ...]:
-        """Return the parts at the place, or on the way, of the thing; `start` is the time of its first pose, s."""
+        """Return the parts at the place, or on the way, of the instance; `start` is the time of its first pose, s."""
         size = np.diag([scale, scale, scale, 1.0])
         parts = []
         if not isinstance(body, Trajectory) and not self.along_x:
@@ -255,8 +255,8 @@ def _strides(height: float, phase: float, times: Floats, speeds: Floats) -> list
     return _walker.postures(height, phase + cycles, np.abs(relative))
 
 
-def thing_of(item: AnyThing, place: Place, seed: int = 0) -> Thing:
-    """Return a thing with its parts, wheels last, so that its box has the axes of its body.
+def instance_of(item: AnyItem, place: Place, seed: int = 0) -> Instance:
+    """Return an instance with its parts, wheels last, so that its box has the axes of its body.
 
     `seed` is that of an asset without a seed of its own.
 
@@ -282,23 +282,23 @@ def thing_of(item: AnyThing, place: Place, seed: int = 0) -> Thing:
             which = "a part that is no wheel" if parts[0].wheel else f"the name of a part, of {names}"
             raise (place / "wheels").error(f"expected {which}, got {shown(pattern)}")
     parts.sort(key=lambda part: part.wheel)
-    return Thing(parts)
+    return Instance(parts)
 
 
-def _walkers(item: AnyThing, place: Place) -> Thing | None:
-    """Return a walker, or people who can walk; None for other things."""
+def _walkers(item: AnyItem, place: Place) -> Instance | None:
+    """Return a walker, or people who can walk; None for other instances."""
     if isinstance(item, Walker):
         parts = [Part(item, shape, np.eye(4)) for _, shape in _walker.limbs(item.height_m)]
-        thing = Thing(parts, (worlds.Walker(0, item.height_m),))
+        instance = Instance(parts, (worlds.Walker(0, item.height_m),))
     elif isinstance(item, Generated) and (asset := item.asset(place)).walkers:
         limbs = {walker.first + limb for walker in asset.walkers for limb in range(_walker.LIMBS)}
-        thing = Thing(list(_parts_of_asset(item, asset, np.eye(4), limbs)), asset.walkers)
+        instance = Instance(list(_parts_of_asset(item, asset, np.eye(4), limbs)), asset.walkers)
     else:
         return None
     for key in sorted(item.model_fields_set & {"position_m", "rotation_deg", "matrix", "motion", "scale"}):
         hint = "use height_m" if key == "scale" else "it walks upright, ahead"
         raise (place / key).error(f"expected no {key} of a walker: {hint}")
-    return thing
+    return instance
 
 
 def _name(part: Part) -> str:
@@ -306,7 +306,7 @@ def _name(part: Part) -> str:
     return name
 
 
-def _parts(item: AnyThing, place: Place) -> Iterator[Part]:
+def _parts(item: AnyItem, place: Place) -> Iterator[Part]:
     if "motion" in item.model_fields_set:
         raise (place / "motion").error("expected no motion, since the group moves its objects")
     base = item.to_matrix(place, item.scale)
