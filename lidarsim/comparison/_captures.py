@@ -276,7 +276,7 @@ class Captures:
         for level in levels[np.unique(np.geomspace(1, len(levels) - 1, 60).astype(np.intp))]:
             step = level / max(np.rint(level / step), 1.0)  # the differences of float32 are less exact
         counts = levels / step
-        if counts[-1] > LEVEL_COUNT:  # that of float32 itself
+        if counts[-1] > LEVEL_COUNT:  # the step of float32 itself
             return 0.0
         return float(step) if (np.abs(counts - np.rint(counts)) < 0.02 + 1e-6 * counts).all() else 0.0
 

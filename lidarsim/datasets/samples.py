@@ -47,7 +47,7 @@ class Annotation:
     Attributes
     ----------
     instance, label, points : int
-        Instance number of the instance, its label, and the number of points on it.
+        Instance number, label, and number of points.
     center, size, velocity : tuple of 3 floats
         Centre and size of the box, m, and velocity, m/s. The size allows for the rounding of points to float32.
     rotation : tuple of 9 floats

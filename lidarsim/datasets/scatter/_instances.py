@@ -1,4 +1,4 @@
-"""Instances to scatter: a shape, several parts, a scene file or a walking person, each one instance."""
+"""Instances to scatter: a shape, several parts, a scene file or a walking person each."""
 
 from __future__ import annotations
 

@@ -57,8 +57,8 @@ impl Air {
 pub(super) struct Threshold {
     /// Power. 0 if unknown.
     pub(super) power: f64,
-    /// The power that the detection limit lets through at the luckiest draw of its `sigma`.
-    luckiest: f64,
+    /// The least power that any draw of a soft detection limit lets through.
+    least: f64,
     near: Option<Near>,
 }
 
@@ -66,13 +66,13 @@ impl Threshold {
     pub(super) fn from_parameters<P: Parameters>(parameters: &P) -> Result<Self, P::Error> {
         let power = least_power(parameters)?.unwrap_or(0.0);
         let detection = DetectionLimit::from_parameters(parameters)?;
-        let luckiest = power / detection.map_or(1.0, |limit| largest_factor(limit.sigma));
-        Ok(Threshold { power, luckiest, near: Near::from_parameters(parameters)? })
+        let least = power / detection.map_or(1.0, |limit| largest_factor(limit.sigma));
+        Ok(Threshold { power, least, near: Near::from_parameters(parameters)? })
     }
 
     /// The least intensity at a range that may be seen.
     pub(super) fn at(&self, range: f64) -> f64 {
-        let far = self.luckiest * range * range;
+        let far = self.least * range * range;
         self.near.as_ref().map_or(far, |near| far.max(near.least_intensity(range)))
     }
 }

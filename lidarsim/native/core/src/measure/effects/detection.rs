@@ -1,9 +1,9 @@
 //! The detection limit: an echo is seen if its power is at least that of a reference target at its greatest
 //! range.
 
-use super::fluctuation::turn_into_factors;
+use super::fluctuation::{factors_of, turn_into_factors};
 use super::{Echoes, Effect, Pulses};
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::Floats;
 use crate::measure::parameters::Parameters;
 use crate::measure::rng::EffectId;
 use crate::measure::status::Status;
@@ -50,14 +50,7 @@ impl Effect for DetectionLimit {
         // False for the power 0/0 of a black surface at distance zero.
         let mut seen = F::splat(self.power).le(echoes.power);
         if self.sigma > 0.0 {
-            let factor = match echoes.number {
-                0 => lanes::load(factors, echoes.part),
-                number => {
-                    let mut factors = pulses.lane_normals::<Self, F, N>(number, echoes).store();
-                    turn_into_factors(self.sigma, &mut factors);
-                    F::load(&factors)
-                }
-            };
+            let factor = factors_of::<Self, F, N>(self.sigma, pulses, factors, echoes);
             // Of the intensity: near the sensor the power is dulled, and the threshold there is sharp.
             let power = echoes.intensity.div(echoes.range.mul(echoes.range));
             seen = F::splat(self.power).le(power.mul(factor));

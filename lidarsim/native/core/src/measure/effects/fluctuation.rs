@@ -37,16 +37,27 @@ impl Effect for Fluctuation {
         factors: &Vec<f64>,
         echoes: &mut Echoes<F, N>,
     ) {
-        let factor = match echoes.number {
-            0 => lanes::load(factors, echoes.part),
-            number => {
-                let mut factors = pulses.lane_normals::<Self, F, N>(number, echoes).store();
-                turn_into_factors(self.sigma, &mut factors);
-                F::load(&factors)
-            }
-        };
+        let factor = factors_of::<Self, F, N>(self.sigma, pulses, factors, echoes);
         echoes.intensity = echoes.intensity.mul(factor);
         echoes.power = echoes.power.mul(factor);
+    }
+}
+
+/// The factors of N echoes: those of the first echoes of pulses are in `firsts`, others are drawn.
+#[inline(always)]
+pub(super) fn factors_of<E: Effect, F: Floats<f64, N>, const N: usize>(
+    sigma: f64,
+    pulses: &Pulses,
+    firsts: &[f64],
+    echoes: &Echoes<F, N>,
+) -> F {
+    match echoes.number {
+        0 => lanes::load(firsts, echoes.part),
+        number => {
+            let mut factors = pulses.lane_normals::<E, F, N>(number, echoes).store();
+            turn_into_factors(sigma, &mut factors);
+            F::load(&factors)
+        }
     }
 }
 
