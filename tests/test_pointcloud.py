@@ -53,13 +53,6 @@ def test_every_canonical_field_gets_its_dtype_and_shape() -> None:
         assert array.flags.c_contiguous
 
 
-def test_canonical_dtypes_are_those_of_the_annotations() -> None:
-    annotations = PointCloud.__annotations__
-    assert [name for name in annotations if not name.startswith("_")] == list(CANONICAL)
-    for name, (_, dtype) in CANONICAL.items():
-        assert annotations[name] == f"npt.NDArray[np.{dtype.__name__}]"
-
-
 def test_a_cloud_of_a_cloud_has_all_that_it_has() -> None:
     given = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0)).scan(ls.Scene(), TURN).point_cloud()
     given.class_names, given.flow = {7: "ball"}, np.ones((len(given), 2))

@@ -25,6 +25,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim import _native
 from lidarsim.patterns import Pulses
+from lidarsim.scan.columns import ScanColumns
 from lidarsim.scan.scan import scan as scan_pulses
 
 ROUNDING = 2.0**-53
@@ -173,23 +174,22 @@ def test_columns_are_those_of_the_core() -> None:
     assert untold[:, 0].any()
     assert untold[:, 1].any()
     cloud = scan.point_cloud()
-    annotations, of_clouds = ls.Scan.__annotations__, ls.PointCloud.__annotations__
     columns = _native.scan_columns()
-    assert [name for name in annotations if name in columns] == [
-        field.name for field in dataclasses.fields(scan) if isinstance(getattr(scan, field.name), np.ndarray)
-    ]
+    held = [field.name for field in dataclasses.fields(scan) if isinstance(getattr(scan, field.name), np.ndarray)]
+    assert columns.keys() == ScanColumns._columns.keys() == {*held}
     for name, (dtype, shape, of_returns, unused) in columns.items():
         array = getattr(scan, name)
         assert (array.dtype, array.shape) == (dtype, (640, 2, *shape) if of_returns else (640,)), name
         if of_returns:
             assert np.array_equal(array[untold], np.broadcast_to(unused, array[untold].shape), equal_nan=True), name
-        annotated = annotations[name].removesuffix(" | None")
-        assert annotated in {f"npt.NDArray[np.{dtype}]", "Floats"}, name
+        column = ScanColumns._columns[name]
+        assert (column.dtype, column.shape, column.of_returns) == (dtype.type, shape, of_returns), name
+        assert np.array_equal(unused, np.full(shape, column.unused, dtype), equal_nan=True), name
         axes = ", ".join(["n", "k", *map(str, shape)]) if of_returns else "n,"
         assert f"    {name} : ndarray of {dtype}, shape ({axes})" in (ls.Scan.__doc__ or ""), name
         if name in cloud.fields:
             assert getattr(cloud, name).dtype == dtype, name
-            assert name in of_clouds, name
+            assert name in ls.PointCloud.__annotations__, name
     assert columns.keys() - set(cloud.fields) == {"true_direction", "mirrored_point", "status"}
 
 
@@ -1180,7 +1180,7 @@ def test_single_returns_are_views_without_the_axis_of_returns() -> None:
     noise = ls.Measurement(range_sigma=0.01, azimuth_sigma=1e-3)
     scan = dataclasses.replace(lidar(columns=10), measurement=noise).scan(scene)
     single = scan.single
-    for name in single._fields:
+    for name in ScanColumns._columns:
         view, whole = getattr(single, name), getattr(scan, name)
         if whole is None:
             assert view is None
@@ -1188,8 +1188,6 @@ def test_single_returns_are_views_without_the_axis_of_returns() -> None:
         assert view.shape == (len(scan), *whole.shape[2:])
         assert np.shares_memory(view, whole)
         assert np.array_equal(view, whole.reshape(view.shape), equal_nan=whole.dtype.kind == "f")
-    per_pulse = {field.name for field in dataclasses.fields(ls.Scan)} & set(_native.scan_columns())
-    assert set(single._fields) == per_pulse
     dual = dataclasses.replace(lidar(columns=10), measurement=ls.Measurement(beam=ls.Beam(0.01), returns="dual"))
     with pytest.raises(
         ValueError, match=r"single: expected a sensor with one return per pulse, got up to 2; scan.range"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple, TypeAlias, cast
+from typing import Any, NamedTuple, Never, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.patterns import Pulses
 from lidarsim.patterns._pulses import pulses_of
+from lidarsim.scan.columns import Positions, ScanColumns, with_columns
 from lidarsim.scan.scan import path_of, sensor_id, until_of
 from lidarsim.sensor.sensor import Sensor
 from lidarsim.world.atmosphere import check_sensor
@@ -39,39 +40,25 @@ __all__ = ["Poses", "ScanBatch", "scan_many"]
 Poses: TypeAlias = "Transform | Sequence[Trajectory]"
 """Poses of shape (N, 4, 4), a RigidTransform of N poses, or N trajectories."""
 
-_COLUMNS: dict[str, tuple[np.dtype[Any], tuple[int, ...], bool, npt.NDArray[Any]]] = {
-    **_native.scan_columns(),
-    "xyz": (np.dtype(np.float64), (3,), True, np.full(3, np.nan)),
-}
-"""The arrays of a batch: dtype, shape of an entry, whether there is one per return, and the value of unused ones."""
-
 _DEFAULT = ("range", "xyz", "intensity", "status", "label", "object_id")
 
 
-class ScanBatch(Pickled):
+@with_columns("N, n, k")
+class ScanBatch(ScanColumns[Never], Positions, Pickled):
     """The scans of N rows: arrays with one entry per row and pulse, in firing order.
 
     `lidarsim.Lidar.scan_many` and `lidarsim.scan_many` make batches. A batch has only the arrays that were asked for,
     each C-contiguous in memory of its own: ``torch.from_numpy(batch.range)`` and ``jax.numpy.from_dlpack(batch.range)``
     take it without a copy. Arrays have shape (N, n), or (N, n, k) for sensors of k > 1 returns a pulse, where `status`
-    and `return_count` still have shape (N, n); those of vectors have one more axis, of length 3. If sensors with
-    different numbers of pulses are mixed, n is the largest; the surplus entries of a row are unused, with a `status` of
-    255.
+    and `return_count` still have shape (N, n). `xyz` is in the sensor frame at the time of the pulse, as in
+    `Scan.point_cloud`. Unused entries of floating-point arrays are nan. If sensors with different numbers of pulses are
+    mixed, n is the largest; the surplus entries of a row are unused, with a `status` of 255.
+
+    Where a `Scan` has None, a batch has 0 for the radial velocity of all hits, `Source.surface` for the source and 0
+    for the path of all returns, the nominal direction of the pulse, and nan for mirrored points.
 
     Attributes
     ----------
-    range : ndarray of float64
-        Measured distance from the beam's origin along the pulse, m; nan where there is no return.
-    xyz : ndarray of float64
-        Measured point in the sensor frame at the time of the pulse, m, as in `Scan.point_cloud`; nan where there is no
-        return.
-    intensity, status, label, object_id : ndarray
-        As in `Scan`.
-    true_range, range_error, instance, normal, incidence, return_count : ndarray
-        As in `Scan`.
-    radial_velocity, source, path, true_direction, mirrored_point : ndarray
-        As in `Scan`. Where a `Scan` has None, a batch has 0 for the radial velocity of all hits, `Source.surface` for
-        the source and 0 for the path of all returns, the nominal direction of the pulse, and nan for mirrored points.
     seed : ndarray of uint64, shape (N,)
         Seed of the noise of each row.
     frame : ndarray of uint32, shape (N,)
@@ -85,23 +72,6 @@ class ScanBatch(Pickled):
     bit.
     """
 
-    range: Floats
-    xyz: Floats
-    intensity: npt.NDArray[np.float32]
-    status: npt.NDArray[np.uint8]
-    label: npt.NDArray[np.uint32]
-    object_id: npt.NDArray[np.int32]
-    true_range: Floats
-    range_error: Floats
-    instance: npt.NDArray[np.uint32]
-    normal: npt.NDArray[np.float32]
-    incidence: npt.NDArray[np.float32]
-    return_count: npt.NDArray[np.uint8]
-    radial_velocity: npt.NDArray[np.float32]
-    source: npt.NDArray[np.uint8]
-    path: npt.NDArray[np.uint8]
-    true_direction: Floats
-    mirrored_point: Floats
     seed: npt.NDArray[np.uint64]
     frame: npt.NDArray[np.uint32]
     time: Floats
@@ -138,6 +108,9 @@ class ScanBatch(Pickled):
         """Return the number of rows, and dtype, shape and extent of each array."""
         rows = [(name, f"{array.dtype} {array.shape}  {extent(array)}") for name, array in self._contents().items()]
         return text_table(f"ScanBatch of {len(self):,} rows", rows)
+
+
+_COLUMNS = ScanBatch._columns
 
 
 class _Rows(NamedTuple):
@@ -259,7 +232,7 @@ def scan_many(
     )
     counts = np.array([len(made) for _, made in shots])[shot_of] if shots else np.zeros(0, int)
     for name, array in contents.items() if (counts < pulses).any() else ():
-        array[np.arange(pulses) >= counts[:, None]] = _COLUMNS[name][3]
+        array[np.arange(pulses) >= counts[:, None]] = _COLUMNS[name].unused
     if "object_id" in contents:
         _rename(contents["object_id"], scenes, world_of)
     batch.__dict__.update(seed=seeds, frame=frames, time=start)
@@ -377,8 +350,8 @@ def _seeds(seed: npt.ArrayLike, rows: int) -> npt.NDArray[np.uint64]:
 
 
 def _shape(name: str, rows: int, pulses: int, most: int) -> tuple[int, ...]:
-    _, entry, of_returns, _ = _COLUMNS[name]
-    return (rows, pulses, *((most,) if of_returns and most > 1 else ()), *entry)
+    column = _COLUMNS[name]
+    return (rows, pulses, *((most,) if column.of_returns and most > 1 else ()), *column.shape)
 
 
 def _arrays(fields: Collection[str] | None, rows: int, pulses: int, most: int) -> ScanBatch:
@@ -387,7 +360,9 @@ def _arrays(fields: Collection[str] | None, rows: int, pulses: int, most: int) -
     for name in names:
         if not (isinstance(name, str) and name in _COLUMNS):
             raise ArgumentValueError("fields", f"names among {', '.join(_COLUMNS)}", shown(name))
-    return ScanBatch._restored({name: np.empty(_shape(name, rows, pulses, most), _COLUMNS[name][0]) for name in names})
+    return ScanBatch._restored(
+        {name: np.empty(_shape(name, rows, pulses, most), _COLUMNS[name].dtype) for name in names}
+    )
 
 
 def _reused(out: ScanBatch, fields: Collection[str] | None, rows: int, pulses: int, most: int) -> ScanBatch:

@@ -18,6 +18,7 @@ from lidarsim._base.shown import counted, html_table, plain, text_table
 from lidarsim._base.validation import Floats, array
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.raster import FIXED
+from lidarsim.scan.columns import ScanColumns
 from lidarsim.world.scene import SceneObject, Snapshot
 
 __all__ = ["Boxes", "boxes_of"]
@@ -432,7 +433,7 @@ def _extent(parts: Sequence[SceneObject], view: Floats, moment: Floats | None) -
 UNIT_LENGTH = 2.0**-20
 """More than the error of the length of a pulse's direction: its square is checked to be 1 to within 1e-6."""
 
-UNUSED_SOURCE = _native.scan_columns()["source"][3].item()
+UNUSED_SOURCE = ScanColumns._columns["source"].unused
 MISS, UNKNOWN = np.int32(-1), np.int32(-2)
 """What the core knows of a pulse in place of the object that it hits first."""
 

@@ -8,38 +8,20 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import ArgumentValueError
+from lidarsim.scan.columns import PointColumns
 
 __all__ = ["CANONICAL", "EXTRA_DTYPES", "UNITS", "Fields", "first_misfit", "fit", "narrow", "with_unit"]
 
 Fields = dict[str, npt.NDArray[Any]]
 
-CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
-    "xyz": ((3,), np.float64),
-    "range": ((), np.float64),
-    "true_range": ((), np.float64),
-    "intensity": ((), np.float32),
-    "time": ((), np.float64),
-    "ring": ((), np.uint16),
-    "column": ((), np.uint32),
-    "return_number": ((), np.uint8),
-    "return_count": ((), np.uint8),
-    "object_id": ((), np.int32),
-    "instance": ((), np.uint32),
-    "label": ((), np.uint32),
-    "source": ((), np.uint8),
-    "path": ((), np.uint8),
-    "normal": ((3,), np.float32),
-    "incidence": ((), np.float32),
-    "range_error": ((), np.float64),
-    "radial_velocity": ((), np.float32),
-}
-"""Shape per point and dtype of lidarsim's own fields, in order."""
+_FIRST = ("xyz", "range", "true_range", "intensity", "time", "ring", "column", "return_number")
+_COLUMNS = PointColumns._columns
 
-UNITS = {
-    **dict.fromkeys(("x", "y", "z", "height", "range", "true_range", "range_error"), "m"),
-    "time": "s",
-    "incidence": "rad",
-    "radial_velocity": "m/s",
+CANONICAL = {name: (_COLUMNS[name].shape, _COLUMNS[name].dtype) for name in dict.fromkeys([*_FIRST, *_COLUMNS])}
+"""Shape per point and dtype of lidarsim's own fields, in order: the first ones, then those of the table."""
+
+UNITS = dict.fromkeys(("x", "y", "z", "height"), "m") | {
+    name: column.unit for name, column in _COLUMNS.items() if column.unit
 }
 """Units of the fields that have one, of coordinates, and of the height that pictures show."""
 

@@ -33,6 +33,7 @@ from lidarsim._base.validation import Transform, as_array, named_labels, shown
 from lidarsim._base.views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan.cells import Cells, Statistic, cells_of
+from lidarsim.scan.columns import PointColumns, with_columns
 from lidarsim.scan.fields import CANONICAL, EXTRA_DTYPES, Fields, first_misfit, fit, with_unit
 from lidarsim.scan.formats import FORMATS, HEAD, check_output, format_of, options_of, recognise
 
@@ -49,7 +50,8 @@ __all__ = ["PointCloud", "adopt", "choose", "field_names"]
 MOST_ROWS = 14  # maximum lines of a repr below its title
 
 
-class PointCloud(Pickled, Plotted):
+@with_columns("n", lacking="Absent")
+class PointCloud(PointColumns, Pickled, Plotted):
     """Points with named fields, each an array attribute with one entry per point.
 
     Only the given fields exist. Fields can be set and added later (``cloud.cluster = ids``), with the same checks;
@@ -70,39 +72,6 @@ class PointCloud(Pickled, Plotted):
 
     Attributes
     ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Positions, m. May contain NaN, as in organised clouds of other programs.
-    range, true_range : ndarray of float64, shape (n,)
-        Measured and exact distance from the beam's origin along the pulse, m.
-    intensity : ndarray of float32, shape (n,)
-        Received intensity; 1 is a perfect diffuse reflector at normal incidence.
-    time : ndarray of float64, shape (n,)
-        Firing time since the start of the scan, s.
-    ring : ndarray of uint16, shape (n,)
-        Channel that fired.
-    column : ndarray of uint32, shape (n,)
-        Column (firing cycle) of the frame.
-    return_number, return_count : ndarray of uint8, shape (n,)
-        Which return of its pulse the point is, and how many returns that pulse has.
-    object_id : ndarray of int32, shape (n,)
-        Object that was hit.
-    instance : ndarray of uint32, shape (n,)
-        Instance of that object, shared by all its parts.
-    label : ndarray of uint32, shape (n,)
-        Label of that object, or of the face that was hit. It compares with class names, too: ``cloud.label == "car"``.
-    source : ndarray of uint8, shape (n,)
-        `Source` of the point: a surface, the atmosphere, or none; only of scans with false returns or in air that has
-        echoes.
-    path : ndarray of uint8, shape (n,)
-        How many surfaces the light passed, or was mirrored by, before this one; only of sensors with a `depth` > 1.
-    normal : ndarray of float32, shape (n, 3)
-        Unit outward surface normal.
-    incidence : ndarray of float32, shape (n,)
-        Angle between the pulse and the surface normal, rad.
-    range_error : ndarray of float64, shape (n,)
-        Measured minus true range, m.
-    radial_velocity : ndarray of float32, shape (n,)
-        Rate of change of the range, m/s; only present if the sensor or an object moves.
     class_names : mapping of int to str
         Names of labels; the mapping is read-only but can be replaced.
 
@@ -131,25 +100,6 @@ class PointCloud(Pickled, Plotted):
     _class_names: dict[int, str]
     _in_sensor_frame: bool
     """Whether the points are in a sensor frame that differs from the world."""
-
-    xyz: npt.NDArray[np.float64]
-    range: npt.NDArray[np.float64]
-    true_range: npt.NDArray[np.float64]
-    intensity: npt.NDArray[np.float32]
-    time: npt.NDArray[np.float64]
-    ring: npt.NDArray[np.uint16]
-    column: npt.NDArray[np.uint32]
-    return_number: npt.NDArray[np.uint8]
-    return_count: npt.NDArray[np.uint8]
-    object_id: npt.NDArray[np.int32]
-    instance: npt.NDArray[np.uint32]
-    label: npt.NDArray[np.uint32]
-    source: npt.NDArray[np.uint8]
-    path: npt.NDArray[np.uint8]
-    normal: npt.NDArray[np.float32]
-    incidence: npt.NDArray[np.float32]
-    range_error: npt.NDArray[np.float64]
-    radial_velocity: npt.NDArray[np.float32]
 
     def __init__(
         self,

@@ -7,7 +7,7 @@ import enum
 import math
 import sys
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, Self
@@ -29,6 +29,7 @@ from lidarsim.patterns import Pulses
 from lidarsim.patterns._pulses import pulses_of
 from lidarsim.patterns.raster import projection, rows_and_columns
 from lidarsim.scan.boxes import Boxes, boxes_of
+from lidarsim.scan.columns import ScanColumns, with_columns
 from lidarsim.scan.fields import CANONICAL
 from lidarsim.scan.laser_scan import LaserScan, laser_scan_of
 from lidarsim.scan.pointcloud import PointCloud, choose
@@ -99,33 +100,13 @@ BODY = 0.5
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Named values of `deskew`, in periods of the pattern since the start of the scan."""
 
-_OWN = {"xyz", "time", "ring", "column", "return_number"}
-"""Fields of clouds that are not columns of a scan."""
-
 _IDENTITY: list[list[float]] = np.eye(4).tolist()
-_UNUSED = {name: unused.item(0) for name, (_, _, _, unused) in _native.scan_columns().items()}
-"""Value of the unused entries of each array, and of pixels without a pulse."""
 
 
-class Returns(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@with_columns("n", lacking="None")
+class Returns(ScanColumns[None]):
     """The arrays of a `Scan` with one return per pulse, as views without the axis of returns; see `Scan.single`."""
-
-    range: npt.NDArray[np.float64]
-    true_range: npt.NDArray[np.float64]
-    range_error: npt.NDArray[np.float64]
-    intensity: npt.NDArray[np.float32]
-    object_id: npt.NDArray[np.int32]
-    instance: npt.NDArray[np.uint32]
-    label: npt.NDArray[np.uint32]
-    normal: npt.NDArray[np.float32]
-    incidence: npt.NDArray[np.float32]
-    status: npt.NDArray[np.uint8]
-    return_count: npt.NDArray[np.uint8]
-    true_direction: Floats | None
-    radial_velocity: npt.NDArray[np.float32] | None
-    source: npt.NDArray[np.uint8] | None
-    path: npt.NDArray[np.uint8] | None
-    mirrored_point: Floats | None
 
 
 class _Shot(NamedTuple):
@@ -139,38 +120,16 @@ class _Shot(NamedTuple):
     """Seed, sensor and frame, which select the noise."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Scan(Pickled, Plotted):
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@with_columns("n, k", lacking="None")
+class Scan(ScanColumns[None], Pickled, Plotted):
     """One frame of a sensor: up to k returns for each of n pulses, in firing order.
 
-    k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `instance` and
-    `label`. If a pulse hit something but gave no point, its first entry holds the ground truth of its strongest echo.
+    k is `Measurement.max_returns`, 1 by default. Unused entries of floating-point arrays are nan. If a pulse hit
+    something but gave no point, its first entry holds the ground truth of its strongest echo.
 
     Attributes
     ----------
-    range : ndarray of float64, shape (n, k)
-        Measured distance from the beam's origin along the pulse, m; nan where there is no return.
-    true_range : ndarray of float64, shape (n, k)
-        Distance along the actual direction of the pulse, m, to a relative error of 2.3e-16: two roundings, of the ray
-        parameter and of its product with the length of the direction.
-    range_error : ndarray of float64, shape (n, k)
-        Measured minus true range, m.
-    intensity : ndarray of float32, shape (n, k)
-        Received intensity; 1 is a white diffuser at normal incidence.
-    object_id : ndarray of int32, shape (n, k)
-        Id of the object that was hit.
-    instance : ndarray of uint32, shape (n, k)
-        Instance of that object.
-    label : ndarray of uint32, shape (n, k)
-        Label of that object, or of the face that was hit; it compares with class names, too: ``scan.label == "car"``.
-    normal : ndarray of float32, shape (n, k, 3)
-        Unit outward normal at the hit, in world coordinates.
-    incidence : ndarray of float32, shape (n, k)
-        Angle between pulse and normal, 0 to π/2 rad.
-    status : ndarray of uint8, shape (n,)
-        `Status` of each pulse.
-    return_count : ndarray of uint8, shape (n,)
-        Number of returns of each pulse.
     pulses : Pulses
         The nominal pulses of the pattern, in the sensor frame.
     lidar : Lidar
@@ -181,23 +140,6 @@ class Scan(Pickled, Plotted):
         Start of the scan, s.
     frame : int
         Number of the frame.
-    radial_velocity : ndarray of float32, shape (n, k), or None
-        Rate of change of the true range, m/s, as an FMCW lidar measures it: the velocity of the surface point relative
-        to the beam's origin, along the actual direction of the pulse. None if neither the sensor nor any object moves.
-    source : ndarray of uint8, shape (n, k), or None
-        `Source` of each return, 255 for unused entries; None without `false_returns` and in air that has no echoes.
-        Returns without a surface have `object_id` -1, `instance` 0 and no `normal`, `incidence` and `radial_velocity`:
-        these are nan. Echoes of the air have the label of the `Atmosphere`, and their range before errors as
-        `true_range`. False returns have `label` 0 and no `true_range` and `range_error`.
-    path : ndarray of uint8, shape (n, k), or None
-        How many surfaces the light of each return passed, or was mirrored by, before it came to this one; 0 for the
-        first surface, 255 for unused entries, echoes of the air and false returns. None if `Measurement.depth` is 1.
-    mirrored_point : ndarray of float64, shape (n, k, 3), or None
-        Where the light of each return that was mirrored comes from, in the sensor frame at the time of the pulse, m;
-        nan for all other returns. None if nothing in the scene mirrors or `Measurement.depth` is 1.
-    true_direction : ndarray of float64, shape (n, k, 3), or None
-        Direction from the beam's origin to the true point of each return, in the sensor frame. None if there is neither
-        angular jitter nor a beam; it is then the nominal direction of the pulse.
     class_names : mapping of int to str
         Names of labels, from the scene.
     ignore : tuple of int
@@ -213,27 +155,11 @@ class Scan(Pickled, Plotted):
     `radial_velocity` is the rate of change of that length, to which sensor, surface and moving mirrors add.
     """
 
-    range: npt.NDArray[np.float64]
-    true_range: npt.NDArray[np.float64]
-    range_error: npt.NDArray[np.float64]
-    intensity: npt.NDArray[np.float32]
-    object_id: npt.NDArray[np.int32]
-    instance: npt.NDArray[np.uint32]
-    label: npt.NDArray[np.uint32]
-    normal: npt.NDArray[np.float32]
-    incidence: npt.NDArray[np.float32]
-    status: npt.NDArray[np.uint8]
-    return_count: npt.NDArray[np.uint8]
     pulses: Pulses
     lidar: Sensor
     pose: Floats | Trajectory
     time: float
     frame: int
-    true_direction: Floats | None = None
-    radial_velocity: npt.NDArray[np.float32] | None = None
-    source: npt.NDArray[np.uint8] | None = None
-    path: npt.NDArray[np.uint8] | None = None
-    mirrored_point: Floats | None = None
     class_names: Mapping[int, str] = field(default_factory=dict)
     ignore: tuple[int, ...] = ()
     _world: Snapshot | None = field(default=None, repr=False)
@@ -303,9 +229,9 @@ class Scan(Pickled, Plotted):
             raise ArgumentValueError(
                 "single", "a sensor with one return per pulse", got, "scan.range[:, 0] has the first"
             )
-        values: Iterator[Any] = (getattr(self, name) for name in Returns._fields)
-        views: list[Any] = [value[:, 0] if value is not None and value.ndim > 1 else value for value in values]
-        return Returns(*views)
+        values: dict[str, Any] = {name: getattr(self, name) for name in Scan._columns}
+        of_returns = [name for name, value in values.items() if value is not None and Scan._columns[name].of_returns]
+        return Returns(**values | {name: values[name][:, 0] for name in of_returns})
 
     @property
     def poses(self) -> Floats:
@@ -389,7 +315,7 @@ class Scan(Pickled, Plotted):
 
     def _cloud_fields(self) -> list[str]:
         """Return the names of all fields that its clouds can have."""
-        return [name for name in CANONICAL if name in _OWN or getattr(self, name, None) is not None]
+        return [name for name in CANONICAL if name not in Scan._columns or getattr(self, name) is not None]
 
     def _as_believed(self, pose: Transform | Trajectory) -> Scan:
         """Return the scan with another pose; the normals, which the sensor sees in its own frame, turn with it."""
@@ -398,8 +324,8 @@ class Scan(Pickled, Plotted):
             _check_span(where, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
         believed = replace(self, pose=where)
         turned = np.einsum("nij,nkj->nik", believed.poses[:, :3, :3], self.poses[:, :3, :3])
-        normal = np.einsum("nij,nrj->nri", turned, self.normal).astype(np.float32)
-        return replace(believed, normal=normal)
+        changed: dict[str, Any] = {"normal": np.einsum("nij,nrj->nri", turned, self.normal).astype(np.float32)}
+        return replace(believed, **changed)
 
     def _deskewed_to(self, deskew: object) -> float | None:
         """Return the moment of `deskew`, s, after checking that the trajectory covers it; None for raw points."""
@@ -1061,5 +987,6 @@ def _chosen(pulses: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
 
 def unset(field: str, dtype: np.dtype[Any]) -> float:
     """Return the value of a field in pixels without a point; see `Scan.image`."""
-    value: float = _UNUSED.get(field, np.iinfo(dtype).max if dtype.kind in "iu" else np.nan)
-    return value
+    if field in Scan._columns:
+        return Scan._columns[field].unused
+    return np.iinfo(dtype).max if dtype.kind in "iu" else np.nan
