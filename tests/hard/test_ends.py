@@ -41,7 +41,7 @@ shapes = {
 @pytest.mark.parametrize("kind", shapes)
 def test_any_numbers(kind: str, slow: bool) -> None:
     # With the examples of the slow profile, more than a million casts of all kinds.
-    lines = st.lists(line, min_size=36, max_size=40) if slow else st.lists(line, min_size=1, max_size=20)
+    lines = st.lists(line, min_size=36, max_size=40) if slow else st.lists(line, min_size=1, max_size=10)
 
     @given(shapes[kind], matrices, lines)
     def check(arguments, matrix, lines):

@@ -728,7 +728,7 @@ def outcome(name: str, arguments: dict[str, Any]) -> tuple[Any, Exception | None
 def test_whatever_is_given_the_outcome_is_documented(folder: Path, slow: bool) -> None:
     with bounded_memory():
         settings(
-            max_examples=20_000 if slow else 120,
+            max_examples=20_000 if slow else 60,
             deadline=None,
             suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example],
         )(check)(folder)

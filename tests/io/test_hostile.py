@@ -57,7 +57,7 @@ def refusal(read: Callable[[], object], kind: type[Exception]) -> str:
 
 
 def test_mutations(slow: bool) -> None:
-    count = 20_000 if slow else 15  # 71 × 20,000: 1.4 million files, in hours
+    count = 20_000 if slow else 10  # 71 × 20,000: 1.4 million files, in hours
     command = [sys.executable, str(Path(__file__).with_name("mutations.py")), str(count), "3"]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = [line for line in result.stdout.splitlines() if " refused, " in line]
