@@ -239,94 +239,15 @@ def test_large_arrays_go_out_of_band_without_a_copy() -> None:
     assert places >= {mesh.vertices.ctypes.data, mesh.faces.ctypes.data}
 
 
-CONTENTS = {
-    "Atmosphere": "aperture backscatter divergence extinction intercept label reflectance slope",
-    "Beam": "divergence_azimuth divergence_elevation pulse_length rays separation",
-    "Box": "center size transform",
-    "Boxes": (
-        "center class_names in_sensor_frame instance label points rotation size time truncation velocity visibility"
-    ),
-    "Capsule": "end radius start transform",
-    "Cell": (
-        "difference difference_interval differs label least n_real n_simulated real real_interval simulated "
-        "simulated_interval"
-    ),
-    "Cells": "bounds cell quantity values",
-    "Comparison": "measures notes real simulated",
-    "Cylinder": "capped end radius start transform",
-    "Detection": "range reflectivity sigma",
-    "Disk": "center normal radius transform",
-    "Disks": "centers normals radii transform",
-    "Ellipsoid": "center radii rotation transform",
-    "Georeference": "crs origin",
-    "Gnss": "drift_sigma drift_time mount name position_sigma rate",
-    "GnssFixes": "altitude gnss latitude longitude time",
-    "Grid": "azimuths column_period elevations rate",
-    "Hits": "normal object_id primitive_id t",
-    "Imu": "accelerometer gravity gyroscope latitude mount name rate",
-    "ImuErrors": "bias bias_instability misalignment noise_density random_walk range scale_factor",
-    "ImuSamples": "angular_rate imu specific_force time",
-    "LaserScan": (
-        "angle_increment angle_max angle_min intensities range_max range_min ranges scan_time time time_increment"
-    ),
-    "Lidar": "max_range measurement min_range model name pattern range_offset",
-    "Material": "mirror per reflectivity roughness specular specular_width texture_coordinates transmission",
-    "Measure": (
-        "by cells difference difference_interval least meaning n_real n_simulated name real real_interval "
-        "simulated simulated_interval unit verdict where why"
-    ),
-    "Measurement": (
-        "azimuth_sigma beam channel_bias_sigma crossover depth detection dropout elevation_sigma extinction "
-        "false_returns near_range near_threshold power_sigma range_bias range_resolution range_sigma "
-        "range_sigma_limit range_sigma_slope response returns"
-    ),
-    "Mid360": "rate",
-    "OccupancyGrid": "cells origin resolution z",
-    "OscillatingMirror": "field_of_view pulse_rate rate scan_rate turn",
-    "Palmer": "half_angle pulse_rate rate scan_rate",
-    "Plane": "numbers transform",
-    "PointCloud": "class_names fields in_sensor_frame",
-    "Polygon": "transform vertices",
-    "PolygonMirror": "azimuth_offsets elevations field_of_view firing_times line_rate pulse_rate rate sweep",
-    "Prism": "entry_tilt exit_tilt phase rotation_rate",
-    "Pulses": "column directions origins ring time",
-    "Response": "exponent limit range resolution ring_sigma sigma",
-    "Rig": "_imus _receivers _sensors",
-    "Risley": "beams prisms pulse_rate rate refractive_index",
-    "Scan": (
-        "class_names frame ignore incidence instance intensity label lidar mirrored_point normal object_id path "
-        "pose pulses radial_velocity range range_error return_count source status time true_direction true_range"
-    ),
-    "ScanBatch": "frame intensity label object_id range seed status time xyz",
-    "Scene": "atmosphere class_names next objects",
-    "SceneObject": "id instance label material motion name shape transform",
-    "Side": "frames name points rings",
-    "Sphere": "center radius transform",
-    "Spheres": "centers radii transform",
-    "Spinning": (
-        "azimuth_offsets beam_origins clockwise column_period columns elevations field_of_view firing_times rate "
-        "start_azimuth"
-    ),
-    "Table": "columns directions origins rate rings times",
-    "Texture": "interpolation values wrap",
-    "Trajectory": "recipe times",
-    "Triangle": "a b c transform",
-    "TriangleMesh": "crs faces grid transform vertices",
-    "Waveforms": "first offsets pulse pulse_length sample_period samples",
-}
-"""Names of the contents of each class in pickles of the format 4."""
-
-
-def contents() -> dict[str, set[str]]:
-    """Return the names of the contents of each class in the pickle of an object of it."""
-    found: dict[str, set[str]] = {}
+def pickled_classes() -> set[str]:
+    """Return the names of the classes whose objects are in these pickles."""
+    found: set[str] = set()
     waiting: list[Any] = list(THINGS.values())
     while waiting:
         thing = waiting.pop()
         if isinstance(thing, pickling.Pickled):
-            held = thing._contents()
-            found.setdefault(type(thing).__name__, set()).update(held)
-            waiting.extend(held.values())
+            found.add(type(thing).__name__)
+            waiting.extend(thing._contents().values())
         elif isinstance(thing, tuple | list | dict):
             waiting.extend(thing.values() if isinstance(thing, dict) else thing)
     return found
@@ -336,14 +257,7 @@ def test_every_public_class_is_pickled_here() -> None:
     public = [getattr(module, name) for module in (ls, ls.patterns) for name in module.__all__]
     classes = {c.__name__ for c in public if isinstance(c, type) and issubclass(c, pickling.Pickled)}
     assert len(classes) > 40
-    assert classes - {"Shape"} <= contents().keys()
-
-
-def test_the_format_number_is_raised_with_the_contents() -> None:
-    """New contents need a new `FORMAT`, a default for older pickles, which lack them, and then a new table here."""
-    assert pickling.FORMAT == 4
-    found = contents()
-    assert {name: set(names.split()) for name, names in CONTENTS.items()} == found
+    assert classes - {"Shape"} <= pickled_classes()
 
 
 def of_format(number: int, thing: pickling.Pickled, lacks: set[str], **more: Any) -> bytes:
@@ -370,33 +284,30 @@ GAINED: dict[str, tuple[Any, set[str]]] = {
 """Objects with only defaults in the names that pickles of format 1 lack."""
 
 
+@pytest.mark.parametrize("number", [1, pickling.FORMAT])
 @pytest.mark.parametrize("name", GAINED)
-def test_older_pickles_have_the_defaults_of_what_they_lack(name: str) -> None:
+def test_older_pickles_have_the_defaults_of_what_they_lack(name: str, number: int) -> None:
     thing, lacks = GAINED[name]
     assert lacks & thing._contents().keys()
-    found = pickle.loads(of_format(1, thing, lacks))  # noqa: S301
+    found = pickle.loads(of_format(number, thing, lacks))  # noqa: S301
     assert type(found) is type(thing)
     assert list(parts(found._contents())) == list(parts(thing._contents()))
 
 
-def test_pickles_of_formats_that_cannot_be_read_say_so() -> None:
-    now = pickling.FORMAT
+@pytest.mark.parametrize("name", [name for name, thing in THINGS.items() if isinstance(thing, pickling.Pickled)])
+def test_pickles_of_other_versions_say_so(name: str) -> None:
+    now, thing = pickling.FORMAT, THINGS[name]
     refused = (
-        rf"^pickle of a {{}}: expected format {now} of this version of lidarsim, got format {{}} of {{}} version; "
+        rf"^pickle of a {type(thing).__name__}: expected format {now} of this version of lidarsim, got format {{}} of"
+        " another version; "
     )
-    for name in ("Rig", "Scene", "Scan", "Trajectory", "shape sphere", "Measurement"):
-        thing, kind = THINGS[name], type(THINGS[name]).__name__
-        with pytest.raises(pickle.UnpicklingError, match=refused.format(kind, now + 1, "a newer")):
-            pickle.loads(of_format(now + 1, thing, set()))  # noqa: S301
+    for number, more in ((now + 1, {}), (now, {"wings": 2}), (1, {"wings": 2})):
+        with pytest.raises(pickle.UnpicklingError, match=refused.format(number)):
+            pickle.loads(of_format(number, thing, set(), **more))  # noqa: S301
     needed = {"Scene": "next", "Scan": "range", "Trajectory": "recipe", "shape sphere": "radius", "LaserScan": "ranges"}
-    for name, missing in needed.items():
-        thing, kind = THINGS[name], type(THINGS[name]).__name__
-        with pytest.raises(pickle.UnpicklingError, match=refused.format(kind, 1, "an older")):
-            pickle.loads(of_format(1, thing, {missing}))  # noqa: S301
-    for name in ("Lidar", "shape sphere", "Georeference"):
-        thing, kind = THINGS[name], type(THINGS[name]).__name__
-        with pytest.raises(pickle.UnpicklingError, match=refused.format(kind, 1, "an older")):
-            pickle.loads(of_format(1, thing, set(), wings=2))  # noqa: S301
+    if name in needed:
+        with pytest.raises(pickle.UnpicklingError, match=refused.format(now)):
+            pickle.loads(of_format(now, thing, {needed[name]}))  # noqa: S301
 
 
 def test_what_is_immutable_stays_so_in_a_copy() -> None:

@@ -13,11 +13,14 @@ from lidarsim._base.names import Answering, instead
 from lidarsim._base.shown import short
 
 FORMAT = 4
-"""Format number of pickles, incremented whenever the contents of a public class change.
+"""Format number of pickles, incremented if contents of the same name change their meaning.
 
-A pickle of an older format has the defaults of what its class gained since; one of a newer format is refused.
+A pickle has the defaults of what its class gained since. One with contents that the class does not know is refused.
 """
 
+
+_COMPLETE: set[tuple[object, ...]] = set()
+"""Classes with the names of all of their contents, as found in pickles."""
 
 SHORT = 64  # maximum size of an array whose numbers are hashed
 
@@ -36,7 +39,7 @@ class Pickled(metaclass=Answering):
 
     @classmethod
     def _upgraded(cls, contents: dict[str, Any]) -> dict[str, Any]:
-        """Return contents of an older format, with the default of each value that they lack."""
+        """Return contents of any version, with the default of each value that they lack."""
         if not hasattr(cls, "__dataclass_fields__"):
             return contents
         known = fields(cls)  # type: ignore[arg-type]
@@ -124,18 +127,22 @@ def _hashable(value: object) -> object:
 
 
 def _restore(number: int, cls: type[Pickled], contents: dict[str, Any]) -> Pickled:
-    if number == FORMAT:
+    if number == FORMAT and (cls, *contents) in _COMPLETE:
         return cls._restored(contents)
-    if number > FORMAT:
-        raise _refusal(number, cls, "a newer")
     try:
-        return cls._restored(cls._upgraded(contents))
+        made = cls._restored(cls._upgraded(contents))
     except (AttributeError, LookupError, TypeError, ValueError) as error:
-        raise _refusal(number, cls, "an older") from error
+        raise _refusal(number, cls) from error
+    known = made._contents().keys()
+    if number > FORMAT or not contents.keys() <= known:
+        raise _refusal(number, cls)
+    if contents.keys() == known:
+        _COMPLETE.add((cls, *contents))
+    return made
 
 
-def _refusal(number: int, cls: type[Pickled], age: str) -> pickle.UnpicklingError:
+def _refusal(number: int, cls: type[Pickled]) -> pickle.UnpicklingError:
     return pickle.UnpicklingError(
         f"pickle of a {cls.__name__}: expected format {FORMAT} of this version of lidarsim, got format {number}"
-        f" of {age} version; pickles are for one version, files for more"
+        " of another version; pickles are for one version, files for more"
     )

@@ -98,7 +98,7 @@ class ScanBatch(ScanColumns[Never], Positions, Pickled):
         raise AttributeError(f"{name}: a batch keeps its arrays; write into them")
 
     def _contents(self) -> dict[str, Any]:
-        return dict(self.__dict__)
+        return {name: array for name, array in self.__dict__.items() if name in ScanBatch.__annotations__}
 
     def __len__(self) -> int:
         """Return the number of rows."""
