@@ -539,8 +539,8 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         lambda: LIDAR.scan(SCENE).image("depth"),
         ValueError,
         (
-            "field: expected one of range, true_range, range_error, intensity, object_id, instance, label, "
-            "normal, incidence, status, return_count, directions, origins, time, ring, column, got 'depth'"
+            "field: expected one of range, true_range, intensity, return_count, object_id, instance, label, "
+            "normal, incidence, range_error, status, directions, origins, time, ring, column, got 'depth'"
         ),
     ),
     "rig of lidars alone": (
