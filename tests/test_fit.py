@@ -166,6 +166,30 @@ def test_each_ring_gets_its_own_bias() -> None:
     assert inside.sum() >= binom.ppf(1e-3, len(own), 0.95)
 
 
+def test_spread_of_ring_factors_is_that_of_the_rings() -> None:
+    """Bright and dim rings count alike, and so do those that see no more than a part of a tile."""
+    of = unit(6)
+    assert of.measurement.response is not None
+    own = replace(of, measurement=ls.Measurement(response=ls.Response(ring_sigma=of.measurement.response.ring_sigma)))
+    around = ls.Scene()
+    around.add(ls.Sphere((0, 0, 0), 10.0), material=ls.Material(reflectivity=0.5))
+    exact = own.scan(around)
+    true = np.log(np.bincount(exact.pulses.ring, exact.intensity[:, 0])).reshape(-1, 8)
+    line = np.column_stack([np.ones(8), np.arange(8.0)])
+    true -= (line @ np.linalg.lstsq(line, true.T, rcond=None)[0]).T
+    _, comparison = ls.fit(clouds(of), start(of), ground=GROUND)
+    spread = np.sqrt((true**2).sum() / (true.size * 6 / 8))
+    assert comparison["response.ring_sigma"].real == pytest.approx(spread, rel=0.1)
+
+
+def test_a_limit_shows_by_what_piles_up_at_it() -> None:
+    """Of unit 24, nine times as many points have the greatest intensity as any other near it; of unit 0, one has it."""
+    _, comparison = ls.fit(clouds(unit(24), 24), start(unit(24)))
+    assert comparison["response.limit"].real == pytest.approx(0.6, rel=1e-6)
+    _, comparison = ls.fit(clouds(unit(0)), start(unit(0)))
+    assert comparison["response.limit"].why == "no intensities pile up at the greatest"
+
+
 def test_the_fitted_sensor_is_alike_where_the_sheet_differs() -> None:
     of = unit(7)
     told, kept = clouds(of, count=2), clouds(of, count=4)[2:]

@@ -11,9 +11,10 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.comparison._frame import Frame, Image, Mask, tile_shape
 from lidarsim.comparison._inferred import Beams
-from lidarsim.comparison._measures import INTENSITIES, RANGES, SIGMA, STEPS, bin_of, range_noise, ring_bias, smooth
+from lidarsim.comparison._measures import INTENSITIES, RANGES, SIGMA, STEPS, bin_of, range_noise, smooth
 from lidarsim.comparison._sources import intensity_unit
 from lidarsim.comparison._statistics import (
+    BLOCKS,
     Estimate,
     Histogram,
     Indices,
@@ -42,6 +43,10 @@ POWERS = np.arange(-18.0, 4.05, 0.05)
 """Edges of the bins of the logarithm of the received power, I/R², 1/m²."""
 LEVEL_COUNT = 1 << 16
 """Most intensities that a sensor reports as whole numbers of steps."""
+FEWEST_STEPS = 5.0
+"""Steps of the intensity from which its mean is right beside the rounding."""
+BRIGHTEST = 0.6
+"""Share of the greatest intensity up to which a limit does not cut off noise."""
 STEPS_OF_NOISE = 20.0
 """Steps of the intensity from which its noise is measured: the rounding is then below 1.5 %."""
 GROUND = 0.15
@@ -57,21 +62,20 @@ class UntoldError(Exception):
 
 
 BY_RANGE = len(RANGES) - 1
-SUMS: dict[str, tuple[Summary, int | None]] = {
+SUMS: dict[str, tuple[Summary, int]] = {
     "noise": (SIGMA, BY_RANGE),
     "noise at": (Mean(), BY_RANGE),
-    "bias": (Mean(), None),
-    "brightness": (Mean(), None),
     "step": (Step(STEPS), 3),
     "holes": (Rate(), len(POWERS)),
     "ground": (Rate(), len(POWERS)),
+    "ground at": (Mean(), len(POWERS)),
     "ground by range": (Rate(), BY_RANGE),
     "factor": (Mean(), BY_RANGE),
     "factor at": (Mean(), BY_RANGE),
     "flicker": (Histogram(SIGMA.edges, robust_sigma()), 1),
     "rounding": (Mean(), 1),
 }
-"""What is added up over the frames: how, and the number of cells; None: the rings."""
+"""What is added up over the frames: how, and the number of cells."""
 
 
 class Captures:
@@ -93,8 +97,9 @@ class Captures:
         self.missing: dict[str, str] = {}
         self.units = {name: Units() for name in SUMS}
         self.beams = Beams.of(sensor)
-        self.rows: tuple[Indices, int] | None = None
-        """Rings by rising elevation, and rows of a tile."""
+        rings = sensor.pattern.shape[0]
+        self.equations = {name: np.zeros((BLOCKS, rings, 2 + rings)) for name in ("bias", "brightness")}
+        """Normal equations of what rings have of their own; see `_normal_equations`."""
         self.levels: npt.NDArray[np.float64] = np.zeros(0)
         """Intensities, rising, up to twice `LEVEL_COUNT`."""
         self.level_counts: Indices = np.zeros(0, np.intp)
@@ -112,12 +117,12 @@ class Captures:
     def estimate(self, name: str) -> Estimate:
         """Return the estimate of a sum, or raise the reason why there is none."""
         summary, cells = SUMS[name]
-        units = self.units[name]
-        if not len(units):
-            raise UntoldError(self._reason(name))
-        return estimate(summary, units, units.cells if cells is None else cells, seed=list(SUMS).index(name))
+        if not len(self.units[name]):
+            raise UntoldError(self.reason(name))
+        return estimate(summary, self.units[name], cells, seed=list(SUMS).index(name))
 
-    def _reason(self, name: str) -> str:
+    def reason(self, name: str) -> str:
+        """Return the reason why there are no samples of a sum."""
         if "column" in self.missing:
             return f"the clouds {self.missing['column']}"
         if name in {"flicker", "rounding"}:
@@ -160,7 +165,6 @@ class Captures:
     def _add_image(self, frame: Frame, image: Image) -> None:
         """Add what rings and columns tell."""
         bright = frame.intensity
-        self.rows = self.rows or (image.rings, tile_shape(image)[0])
         noise = range_noise(frame)
         ranges = noise.other
         assert ranges is not None  # noqa: S101 - `range_noise` gives them
@@ -170,7 +174,8 @@ class Captures:
         noise = replace(noise, cell=np.where(told, noise.cell // (len(INTENSITIES) - 1), -1))
         self._take("noise", noise)
         self._take("noise at", Samples(noise.cell, noise.block, ranges))
-        self._take("bias", ring_bias(frame))
+        on = image.planes.on & (image.planes.cosine > 0.3)
+        self.equations["bias"] += _normal_equations(image, image.planes.deviation, on, self.lidar.pattern.shape[0])
         lit = bright is not None and bool((bright > 0.0).any())
         power = np.full(image.reach.shape, np.nan)
         shining = np.full(image.reach.shape, np.nan)
@@ -179,7 +184,10 @@ class Captures:
             shining[seen] = bright[image.point[seen]]
             # An intensity of 0 counts as 1e-9, which lies below all `POWERS` from 0.26 m on.
             power = np.log(np.maximum(self._intensity(shining, image.reach), 1e-9)) - 2.0 * np.log(image.reach)
-            self._take("brightness", _brightness(image, np.where(self._are_clear(shining), shining, np.nan)))
+            on = self._are_even(image, shining)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                brightness = np.log(shining) - np.log(image.planes.cosine)
+            self.equations["brightness"] += _normal_equations(image, brightness, on, self.lidar.pattern.shape[0])
             self._add_flicker(image, shining)
             self._last = image, shining
         agree = smooth(image)
@@ -219,8 +227,7 @@ class Captures:
     def _take(self, name: str, samples: Samples) -> None:
         summary, cells = SUMS[name]
         if len(samples.cell):
-            count = int(samples.cell.max(initial=0)) + 1 if cells is None else cells
-            self.units[name].add(summary.sums(samples, count))
+            self.units[name].add(summary.sums(samples, cells))
 
     def _add_levels(self, bright: Floats) -> None:
         values, counts = np.unique(np.concatenate([self.levels, bright[np.isfinite(bright)]]), return_inverse=True)
@@ -287,8 +294,21 @@ class Captures:
         """
         guide = np.pad(0.5 * (shining[:, 2:] + shining[:, :-2]), ((0, 0), (1, 1)), constant_values=np.nan)
         with np.errstate(invalid="ignore"):
-            clear: Mask = (guide > STEPS_OF_NOISE * self.step_of_intensity) & (guide < 0.6 * self.levels[-1])
+            clear: Mask = (guide > STEPS_OF_NOISE * self.step_of_intensity) & (guide < BRIGHTEST * self.levels[-1])
         return clear
+
+    def _are_even(self, image: Image, shining: Floats) -> Mask:
+        """Return the points on planes whose tiles are brighter than the rounding and darker than a limit may be.
+
+        Whole tiles are chosen, as a choice by the brightness of rings would make them alike.
+        """
+        with np.errstate(invalid="ignore"):
+            on: Mask = image.planes.on & (image.planes.cosine > 0.5) & (shining > 0.0)
+        tile = _tiles(image)
+        count = np.bincount(tile[on], minlength=tile.max() + 1)
+        mean = np.bincount(tile[on], shining[on], len(count)) / np.maximum(count, 1)
+        even: Mask = (mean > FEWEST_STEPS * self.step_of_intensity) & (mean < BRIGHTEST * self.levels[-1])
+        return on & even[tile]
 
     def _add_ground(self, image: Image, shining: Floats) -> None:
         """Add which pulses at the ground return, and how bright they are."""
@@ -318,7 +338,9 @@ class Captures:
         with np.errstate(divide="ignore"):
             power = np.log(bright) - 2.0 * np.log(reach[counts])
         block, back = image.block[counts], on[counts].astype(np.float64)
-        self._take("ground", Samples(bin_of(power, POWERS), block, back))
+        level = bin_of(power, POWERS)
+        self._take("ground", Samples(level, block, back))
+        self._take("ground at", Samples(level, block, power))
         cell = bin_of(reach[counts], RANGES)
         self._take("ground by range", Samples(cell, block, back))
         exponent = 1.0 if self.lidar.measurement.response is None else self.lidar.measurement.response.exponent
@@ -356,25 +378,53 @@ def _steps(frame: Frame, ranges: Floats) -> Samples:
     return Samples(cell, np.tile(frame.block, 3), value)
 
 
-def _brightness(image: Image, shining: Floats) -> Samples:
-    """Return by how much the logarithm of the intensity of a ring deviates from linear over each plane."""
+def _tiles(image: Image) -> Indices:
+    """Return the tile of each pixel, by row, shape (R, C)."""
     rows, columns = tile_shape(image)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        on = image.planes.on & (image.planes.cosine > 0.5) & (shining > 0.0)
-        bright = np.log(shining) - np.log(image.planes.cosine)
+    high, wide = image.reach.shape
+    tile: Indices = np.add.outer(np.arange(high) // rows * -(-wide // columns), np.arange(wide) // columns)
+    return tile
+
+
+def _normal_equations(image: Image, values: Floats, on: Mask, rings: int) -> Floats:
+    """Return the normal equations of a number for each ring, from values that are linear over each tile but for it.
+
+    What is linear over a tile is eliminated. Of each block and ring they have the number of points, the right side, and
+    a row of the matrix: shape (BLOCKS, rings, 2 + rings).
+    """
+    rows, columns = tile_shape(image)
     row, column = np.nonzero(on)
-    tile = row // rows * (-(-on.shape[1] // columns)) + column // columns
-    x = np.column_stack([np.ones(len(row)), row % rows, column % columns]).astype(np.float64)
-    y, count = bright[on], int(tile.max(initial=-1)) + 1
+    all_tiles = _tiles(image)
+    tile, tiles = all_tiles[on], int(all_tiles.max()) + 1
+    place = tile * rows + row % rows
+    count = np.bincount(place, minlength=tiles * rows).reshape(tiles, rows)
+    # A ring that only brushes a plane, as the ground before a wall, is of another surface.
+    along = (count >= 0.5 * count.max(axis=1, keepdims=True)).ravel()[place]
+    row, column, tile, place = row[along], column[along], tile[along], place[along]
+    x = np.stack([np.ones(len(row)), row % rows, column % columns]).astype(np.float64)
+    y = values[row, column]
 
     def total(values: Floats) -> Floats:
-        sums: Floats = np.bincount(tile, values, count).astype(np.float64)
-        return sums
+        return np.bincount(tile, values, tiles).astype(np.float64)
 
-    matrix = np.array([[total(x[:, i] * x[:, j]) for j in range(3)] for i in range(3)]).transpose(2, 0, 1)
-    right = np.array([total(x[:, i] * y) for i in range(3)]).T
-    fitted = (np.linalg.pinv(matrix) @ right[..., None])[..., 0]
-    return Samples(image.rings[row], image.block[on], y - (x * fitted[tile]).sum(axis=1))
+    def by_row(values: Floats) -> Floats:
+        return np.bincount(place, values, tiles * rows).reshape(tiles, rows).astype(np.float64)
+
+    matrix = np.array([[total(one * other) for other in x] for one in x]).transpose(2, 0, 1)
+    right = np.array([total(one * y) for one in x]).T
+    parts = np.stack([by_row(one) for one in x], axis=-1)
+    leverage = parts @ np.linalg.pinv(matrix, hermitian=True)
+    own = parts[..., :1] * np.eye(rows) - leverage @ parts.swapaxes(1, 2)
+    rest = by_row(y) - (leverage @ right[..., None])[..., 0]
+    high, wide = on.shape
+    across = -(-wide // columns)
+    ring = image.rings[np.minimum(np.arange(tiles)[:, None] // across * rows + np.arange(rows), high - 1)]
+    block = image.block[0, np.minimum(np.arange(tiles) % across * columns + columns // 2, wide - 1)]
+    sums = np.zeros((BLOCKS, rings, 2 + rings))
+    np.add.at(sums, (block[:, None], ring, 0), parts[..., 0])
+    np.add.at(sums, (block[:, None], ring, 1), rest)
+    np.add.at(sums, (block[:, None, None], ring[:, :, None], 2 + ring[:, None, :]), own)
+    return sums
 
 
 def _find_ground(image: Image) -> Floats | None:

@@ -15,21 +15,21 @@ from typing import Any
 import numpy as np
 
 from lidarsim._base.validation import Floats
-from lidarsim.comparison._captures import APPROACHES, BY_RANGE, POWERS, Captures, UntoldError
+from lidarsim.comparison._captures import APPROACHES, BY_RANGE, FEWEST_STEPS, POWERS, Captures, UntoldError
 from lidarsim.comparison._measures import STEPS
 from lidarsim.comparison._result import Interval
-from lidarsim.comparison._statistics import Indices, critical
+from lidarsim.comparison._statistics import FEWEST_UNITS, Indices, critical
 from lidarsim.sensor.measurement import Detection, Response
 
 FEWEST_POINTS = 1000
 """Fewest points of all frames that are fitted."""
 FEWEST = 300
 """Fewest samples of a value."""
+FEWEST_OF_RING = 50.0
+"""Fewest points that tell the number of a ring."""
 FAINT = 6.0
 """Standard deviations of the logarithm of the power above the detection limit from which each pulse is detected: 3.7
 for 1 in 10,000, and the rest for the neighbours that tell the power."""
-FEWEST_STEPS = 5.0
-"""Steps of the intensity from which its mean is right beside the rounding."""
 EDGES = 20
 """Surfaces cut off by the least range that tell it."""
 RETURNING = 0.97
@@ -167,7 +167,7 @@ def _channel_bias(fit: Fit) -> Found:
     Biases that a plane follows, equal ones and those linear in the elevation of neighbouring rings, do not show. If the
     rings differ, each gets its own deviation as `range_bias`, in place of one that is drawn.
     """
-    found, rings = _ring_spread(fit, "bias", "deviations of rings from planes")
+    found, rings = _ring_spread(fit, "bias", "deviations of rings from planes", 1.5)
     if not found.interval[0]:
         return found
     biases = np.full(fit.lidar.pattern.shape[0], np.mean(fit.lidar.measurement.range_bias))
@@ -177,46 +177,43 @@ def _channel_bias(fit: Fit) -> Found:
     return replace(found, how=how, changes={"range_bias": own, "channel_bias_sigma": 0.0})
 
 
-def _ring_spread(fit: Fit, name: str, how: str) -> tuple[Found, Indices]:
-    """Return the standard deviation between rings of values that lack what is linear within the rows of a tile.
+def _ring_spread(fit: Fit, name: str, how: str, fewest: float) -> tuple[Found, Indices]:
+    """Return the standard deviation between rings of numbers that lack what is linear within the rows of a tile.
 
-    The second array has the ring of each row.
+    They are a least-squares solution, of which only the eigenvectors count that enough points tell, in as many as
+    `fewest` equal blocks of columns. A block of all frames is one unit, since it may see the same walls. The second
+    array has the ring of each row.
     """
     from scipy.special import chdtri
 
-    found = fit.estimate(name)
-    if fit.rows is None:
-        raise UntoldError("the clouds have no columns")
-    rings, high = fit.rows
-    rows, seen, squares, noise, freedom, count = [], [], 0.0, 0.0, 0, 0
-    for start in range(0, len(rings), high):
-        row = np.arange(start, min(start + high, len(rings)))
-        ring = rings[row]
-        told = ring < len(found.value)
-        row, ring = row[told], ring[told]
-        told = found.has(50)[ring] & np.isfinite(found.error[ring])
-        row, ring = row[told], ring[told]
-        if len(ring) < 4:
-            continue
-        q, _ = np.linalg.qr(np.column_stack([np.ones(len(row)), row - row.mean()]))
-        rest = found.value[ring] - q @ (q.T @ found.value[ring])
-        squares += float((rest**2).sum())
-        noise += float((found.error[ring] ** 2 * (1.0 - (q**2).sum(axis=1))).sum())
-        freedom += len(ring) - 2
-        count += int(found.count[ring].sum())
-        reach = critical(1, found.units[ring]) * found.error[ring]
-        ends = zip(ring, rest, rest - reach, rest + reach, found.count[ring], strict=True)
-        rows += [(f"ring {int(i)}", float(v), float(a), float(b), int(n)) for i, v, a, b, n in ends]
-        seen.append(ring)
+    units = fit.equations[name]
+    count, right, matrix = units[..., 0], units[..., 1], units[..., 2:]
+    if not count.any():
+        raise UntoldError(fit.reason(name))
+    weights, vectors = np.linalg.eigh(matrix.sum(axis=0))
+    squares = (np.einsum("ik,uij,jk->uk", vectors, matrix, vectors, optimize=True) ** 2).sum(axis=0)
+    told = (weights > FEWEST_OF_RING) & (weights**2 > fewest * squares)
+    freedom = int(np.count_nonzero(told))
     if freedom < 4:
         raise UntoldError("fewer than 4 rings more than planes over them need have 50 points on planes")
+    inverse = vectors[:, told] / weights[told] @ vectors[:, told].T
+    numbers = inverse @ right.sum(axis=0)
+    # Of units: what each adds to the solution (P. J. Huber, Proc. 5th Berkeley Symposium, 1967).
+    adds = (right - matrix @ numbers) @ inverse
+    noise = float((adds**2).sum()) * len(units) / (len(units) - 1.0)
     each = noise / freedom
-    value = math.sqrt(max(squares / freedom - each, 0.0))
-    low, high_end = (math.sqrt(max(squares / float(chdtri(freedom, share)) - each, 0.0)) for share in (0.025, 0.975))
-    if not high_end:
+    square = float(numbers @ numbers)
+    low, value, high = (
+        math.sqrt(max(square / float(by) - each, 0.0))
+        for by in (chdtri(freedom, 0.025), freedom, chdtri(freedom, 0.975))
+    )
+    if not high:
         raise UntoldError("the errors of the rings hide it")
-    spread = Found(value, (low, high_end), count, f"{how}, {len(rows)} rings", tuple(rows))
-    return spread, np.concatenate(seen)
+    rings = np.flatnonzero(matrix.sum(axis=0).diagonal() > FEWEST_OF_RING)
+    reach = critical(1, np.array(float(len(units)))) * np.sqrt(noise * inverse.diagonal() / np.trace(inverse))
+    ends = zip(rings, numbers[rings], reach[rings], count.sum(axis=0)[rings], strict=True)
+    rows = tuple((f"ring {i}", float(at), float(at - by), float(at + by), int(n)) for i, at, by, n in ends)
+    return Found(value, (low, high), int(count.sum()), f"{how}, {len(rows)} rings", rows), rings
 
 
 @value("response.resolution")
@@ -231,12 +228,12 @@ def _intensity_step(fit: Fit) -> Found:
 
 @value("response.limit")
 def _intensity_limit(fit: Fit) -> Found:
-    """Greatest intensity, if more points have it than the tenth of the intensities below it."""
+    """Greatest intensity, if more than three times as many points have it as any in the tenth below it."""
     count = _count_intensities(fit)
     most = float(fit.levels[-1])
     top = fit.level_counts[-1]
-    below = fit.level_counts[:-1][fit.levels[:-1] > 0.9 * most].sum()
-    if top < 20 or top <= below:
+    below = fit.level_counts[:-1][fit.levels[:-1] > 0.9 * most].max(initial=0)
+    if top < 20 or top <= 3 * below:
         raise UntoldError("no intensities pile up at the greatest")
     return Found(most, (most, most), count, f"{top:,} points have it")
 
@@ -309,7 +306,8 @@ def _dropout(fit: Fit) -> Found:
 def _ring_factors(fit: Fit) -> Found:
     """How much the factors of rings scatter: standard deviation of their logarithms, from intensities on planes."""
     _count_intensities(fit)
-    found, _ = _ring_spread(fit, "brightness", "intensities of rings on planes")
+    # Unlike ranges on planes, intensities have textures, which are alike in one block.
+    found, _ = _ring_spread(fit, "brightness", "intensities of rings on planes", FEWEST_UNITS)
     response = fit.lidar.measurement.response or Response()
     scale = 1.0 / response.exponent
     low, high = found.interval
@@ -340,8 +338,8 @@ def _flicker(fit: Fit) -> Found:
         raise UntoldError(f"the fluctuation of the power, {errors.power_sigma:.2g}, hides it")
     if not high:
         raise UntoldError("the rounding of intensities hides it")
-    # In its middle 80 %, ln(1 + s·g) scatters like a normal number of standard deviation s·(1 + 0.6 s²).
-    at, low, high = (each / (1.0 + 0.6 * each**2) for each in (at, low, high))
+    # In its middle 80 %, ln(1 + s·g) scatters like a normal number of standard deviation s·(1 + 0.37 s²).
+    at, low, high = (each / (1.0 + 0.37 * each**2) for each in (at, low, high))
     return Found(at, (low, high), int(found.count[0]), "differences from frame to frame")
 
 
@@ -442,7 +440,7 @@ def _fade(fit: Fit) -> Fade:
     units = fit.units["ground"].sums(len(POWERS))[..., 1:]
     units = units[units.sum(axis=(1, 2)) > 0]
     told = units.sum(axis=(0, 2)) > 0
-    x, total, back = POWERS[told] + 0.5 * (POWERS[1] - POWERS[0]), units[:, told, 0], units[:, told, 1]
+    x, total, back = fit.estimate("ground at").value[told], units[:, told, 0], units[:, told, 1]
 
     def losses(parameters: Floats) -> Floats:
         """Return the negative logarithm of the likelihood of each unit."""
