@@ -68,7 +68,7 @@ def test_roads_return_as_many_pulses(run: Run) -> None:
     assert off == []
     error = [sum(abs(figure[i] - figure[1]) for figure in run.of("road")) for i in (2, 3)]
     assert error[1] > 3.0 * error[0]
-    assert len(run.of("road")) == 24
+    assert len(run.of("road")) == 25
 
 
 def test_edges_have_as_many_dual_returns(run: Run) -> None:
