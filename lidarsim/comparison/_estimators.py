@@ -332,7 +332,9 @@ def _flicker(fit: Fit) -> Found:
     exponent = 1.0 if errors.response is None else errors.response.exponent
     rounding_part = fit.step_of_intensity**2 / 12.0 * float(rounding.value[0])
     square, error = float(found.value[0] ** 2) - rounding_part, float(2.0 * found.value[0] * found.error[0])
-    reach = float(critical(1, found.units)[0]) * error
+    # Squares of two differences that share a frame are correlated by 1/4.
+    shared = 1.5 - 0.5 / (fit.frames - 1.0)
+    reach = float(critical(1, found.units)[0]) * error * math.sqrt(shared)
     low, at, high = (max(square + by - (exponent * errors.power_sigma) ** 2, 0.0) ** 0.5 for by in (-reach, 0.0, reach))
     if not low and errors.power_sigma:
         raise UntoldError(f"the fluctuation of the power, {errors.power_sigma:.2g}, hides it")
