@@ -57,6 +57,11 @@ impl Effect for DetectionLimit {
         }
         echoes.lose(!seen, Status::BelowThreshold);
     }
+
+    #[inline(always)]
+    fn least_intensity<F: Floats<f64, N>, const N: usize>(&self, range: F) -> F {
+        F::splat(self.power).mul(range.mul(range))
+    }
 }
 
 /// The least power that is detected: that of the detection limit; without one, that of a diffuser of the

@@ -1,6 +1,6 @@
 //! Random drop-out of pulses.
 
-use super::{Echoes, Effect, Pulses};
+use super::{ActsOn, Echoes, Effect, Pulses};
 use crate::arith::simd::{Floats, lanes};
 use crate::measure::parameters::Parameters;
 use crate::measure::rng::EffectId;
@@ -14,6 +14,7 @@ pub(super) struct Dropout {
 
 impl Effect for Dropout {
     const ID: Option<EffectId> = Some(EffectId(2));
+    const ACTS_ON: ActsOn = ActsOn::Both;
     /// Uniform numbers.
     type Draws = Vec<f64>;
 

@@ -1,6 +1,6 @@
 //! False returns: what the receiver takes for an echo though no surface sent light back.
 
-use super::{Echoes, Effect, Pulses};
+use super::{ActsOn, Echoes, Effect, Pulses};
 use crate::arith::simd::{Floats, lanes};
 use crate::measure::parameters::{Parameters, Value};
 use crate::measure::rng::EffectId;
@@ -27,6 +27,7 @@ const PLACE: u16 = 1;
 
 impl Effect for FalseReturns {
     const ID: Option<EffectId> = Some(EffectId(6));
+    const ACTS_ON: ActsOn = ActsOn::FalseReturns;
     type Draws = Uniforms;
 
     fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
@@ -46,13 +47,12 @@ impl Effect for FalseReturns {
         pulses.uniforms::<Self>(CHANCE, &mut draws.chance);
         pulses.uniforms::<Self>(PLACE, &mut draws.place);
     }
-}
 
-impl FalseReturns {
     /// Reads a range, uniform over the gate, for those of N pulses that have a false return.
     #[inline(always)]
-    pub(super) fn read<F: Floats<f64, N>, const N: usize>(
+    fn apply<F: Floats<f64, N>, const N: usize>(
         &self,
+        _: &Pulses,
         draws: &Uniforms,
         echoes: &mut Echoes<F, N>,
     ) {

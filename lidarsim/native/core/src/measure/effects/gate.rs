@@ -1,6 +1,6 @@
 //! The range gate: it acts on the reading, noise and quantisation included.
 
-use super::{Echoes, Effect, Pulses};
+use super::{ActsOn, Echoes, Effect, Pulses};
 use crate::arith::simd::Floats;
 use crate::measure::parameters::Parameters;
 use crate::measure::status::Status;
@@ -13,6 +13,7 @@ pub(super) struct Gate {
 }
 
 impl Effect for Gate {
+    const ACTS_ON: ActsOn = ActsOn::Both;
     type Draws = ();
 
     fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {

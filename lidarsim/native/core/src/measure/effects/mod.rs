@@ -93,9 +93,41 @@ macro_rules! effects {
                 draws: &Draws,
                 echoes: &mut Echoes<F, N>,
             ) {
-                $(if let Some(effect) = &self.$field {
+                $(if let Some(effect) = &self.$field
+                    && <$module::$effect as Effect>::ACTS_ON.echoes()
+                {
                     effect.apply(pulses, &draws.$field, echoes);
                 })+
+                $(if let Some(effect) = &self.$field {
+                    effect.report(pulses, &draws.$field, echoes);
+                })+
+            }
+
+            /// The false returns of N pulses, those from N·part on; none if there never are any. Their
+            /// intensity is the least that is detected at their range.
+            #[inline(always)]
+            pub(super) fn false_returns<F: Floats<f64, N>, const N: usize>(
+                &self,
+                part: usize,
+                pulses: &Pulses,
+                draws: &Draws,
+            ) -> Option<Echoes<F, N>> {
+                self.false_returns.as_ref()?;
+                let zero = F::splat(0.0);
+                let mut echoes = Echoes::new(part, FIRST_NUMBER - 1, zero, zero, zero, 0);
+                $(if let Some(effect) = &self.$field
+                    && <$module::$effect as Effect>::ACTS_ON.false_returns()
+                {
+                    effect.apply(pulses, &draws.$field, &mut echoes);
+                })+
+                echoes.range = echoes.reported();
+                $(if let Some(effect) = &self.$field {
+                    echoes.intensity = echoes.intensity.max(effect.least_intensity(echoes.range));
+                })+
+                $(if let Some(effect) = &self.$field {
+                    effect.report(pulses, &draws.$field, &mut echoes);
+                })+
+                Some(echoes)
             }
         }
 
@@ -182,45 +214,6 @@ impl Effects {
         patches.chain(particles)
     }
 
-    /// The false returns of N pulses, those from N·part on; none if there never are any. A pulse that is
-    /// dropped has none, and they are rounded and gated as any reading. Their intensity is the least that is
-    /// detected at their range.
-    #[inline(always)]
-    pub(super) fn false_returns<F: Floats<f64, N>, const N: usize>(
-        &self,
-        part: usize,
-        pulses: &Pulses,
-        draws: &Draws,
-    ) -> Option<Echoes<F, N>> {
-        let false_returns = self.false_returns.as_ref()?;
-        let zero = F::splat(0.0);
-        let mut echoes = Echoes::new(part, 0, zero, zero, zero, 0);
-        if let Some(reading) = &self.reading {
-            reading.apply(pulses, &draws.reading, &mut echoes);
-        }
-        false_returns.read(&draws.false_returns, &mut echoes);
-        if let Some(dropout) = &self.dropout {
-            dropout.apply(pulses, &draws.dropout, &mut echoes);
-        }
-        if let Some(quantization) = &self.quantization {
-            quantization.apply(pulses, &draws.quantization, &mut echoes);
-        }
-        if let Some(gate) = &self.gate {
-            gate.apply(pulses, &draws.gate, &mut echoes);
-        }
-        let range = echoes.reported();
-        let least_power = self.detection.as_ref().map_or(0.0, |detection| detection.power);
-        echoes.intensity = F::splat(least_power).mul(range.mul(range));
-        if let Some(near) = &self.near {
-            echoes.intensity = echoes.intensity.max(near.least_intensity(range));
-        }
-        if let Some(response) = &self.response {
-            (echoes.range, echoes.number) = (range, FIRST_NUMBER - 1);
-            response.apply(pulses, &draws.response, &mut echoes);
-        }
-        Some(echoes)
-    }
-
     /// The parameters that each ring has of its own, and the number of rings that have them.
     pub(super) fn rings(&self) -> impl Iterator<Item = (&'static str, usize)> {
         let biases = self.bias.as_ref().and_then(bias::Bias::rings);
@@ -252,6 +245,9 @@ trait Effect: Sized {
     /// reproducible across versions. None: the effect draws nothing.
     const ID: Option<EffectId> = None;
 
+    /// What `apply` acts on.
+    const ACTS_ON: ActsOn = ActsOn::Echoes;
+
     /// Whether the effect has an `attenuate`.
     const ATTENUATES: bool = false;
 
@@ -279,6 +275,33 @@ trait Effect: Sized {
     /// Changes the readings of echoes, or loses some of them.
     #[inline(always)]
     fn apply<F: Floats<f64, N>, const N: usize>(&self, _: &Pulses, _: &Self::Draws, _: &mut Echoes<F, N>) {}
+
+    /// The least intensity that is detected at a range.
+    #[inline(always)]
+    fn least_intensity<F: Floats<f64, N>, const N: usize>(&self, _range: F) -> F {
+        F::splat(0.0)
+    }
+
+    /// Turns the intensity of echoes and false returns, after all effects, into the number that is reported.
+    #[inline(always)]
+    fn report<F: Floats<f64, N>, const N: usize>(&self, _: &Pulses, _: &Self::Draws, _: &mut Echoes<F, N>) {}
+}
+
+/// What an effect acts on.
+enum ActsOn {
+    Echoes,
+    FalseReturns,
+    Both,
+}
+
+impl ActsOn {
+    const fn echoes(&self) -> bool {
+        !matches!(self, ActsOn::FalseReturns)
+    }
+
+    const fn false_returns(&self) -> bool {
+        !matches!(self, ActsOn::Echoes)
+    }
 }
 
 /// The pulses of a batch, as effects see them.

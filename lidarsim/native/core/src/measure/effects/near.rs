@@ -49,11 +49,9 @@ impl Effect for Near {
             echoes.power = echoes.power.min(dulled);
         }
     }
-}
 
-impl Near {
     #[inline(always)]
-    pub(super) fn least_intensity<F: Floats<f64, N>, const N: usize>(&self, range: F) -> F {
+    fn least_intensity<F: Floats<f64, N>, const N: usize>(&self, range: F) -> F {
         let fall = F::splat(self.range).div(range);
         F::splat(self.intensity).mul(fall.mul(fall).min(F::splat(1.0)))
     }

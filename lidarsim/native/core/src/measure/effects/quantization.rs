@@ -1,6 +1,6 @@
 //! Quantisation of the reading, to the nearest multiple of the least significant bit, halves to even.
 
-use super::{Echoes, Effect, Pulses};
+use super::{ActsOn, Echoes, Effect, Pulses};
 use crate::arith::simd::Floats;
 use crate::measure::parameters::Parameters;
 
@@ -11,6 +11,7 @@ pub(super) struct Quantization {
 }
 
 impl Effect for Quantization {
+    const ACTS_ON: ActsOn = ActsOn::Both;
     type Draws = ();
 
     fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {

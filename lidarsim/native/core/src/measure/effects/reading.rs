@@ -2,7 +2,7 @@
 //! origin.
 
 use super::per_ring::PerRing;
-use super::{Echoes, Effect, Pulses};
+use super::{ActsOn, Echoes, Effect, Pulses};
 use crate::arith::simd::{Floats, lanes};
 use crate::measure::parameters::Parameters;
 
@@ -13,6 +13,7 @@ pub(super) struct Reading {
 }
 
 impl Effect for Reading {
+    const ACTS_ON: ActsOn = ActsOn::Both;
     /// The offset of each pulse; unspecified if all rings have one.
     type Draws = Vec<f64>;
 

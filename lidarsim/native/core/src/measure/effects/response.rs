@@ -82,7 +82,7 @@ impl Effect for Response {
     }
 
     #[inline(always)]
-    fn apply<F: Floats<f64, N>, const N: usize>(
+    fn report<F: Floats<f64, N>, const N: usize>(
         &self,
         pulses: &Pulses,
         drawn: &Drawn,
@@ -144,7 +144,7 @@ mod tests {
         let pulses = Pulses { stream: Stream::new(1, 2, 3), indices: &[0], rings: &[0], directions: &[] };
         let report = |range: f64, intensity: f64| {
             let mut echoes = Echoes::<f64, 1>::new(0, 0, range, intensity, intensity / (range * range), 0);
-            response.apply(&pulses, &Drawn::default(), &mut echoes);
+            response.report(&pulses, &Drawn::default(), &mut echoes);
             echoes.intensity
         };
         // √(0.5·0.5), √(0.75·1), √0.02, √9.
