@@ -654,6 +654,12 @@ class Trajectory(Immutable):
         trajectory._native = _built(recipe) if native is None else native
         return trajectory
 
+    @classmethod
+    def _through(cls, times: Floats, poses: Floats) -> list[Self]:
+        """Return linear trajectories through poses of shape (m, n, 4, 4), known to be rigid, at the same rising times."""
+        knots = zip(poses.reshape(len(poses), -1, 16), _linear_steps(times, poses), strict=True)
+        return [cls._made(times, ("knots", (times, own, steps.reshape(-1, 18)), ())) for own, steps in knots]
+
     def _contents(self) -> dict[str, Any]:
         return {"times": self._times, "recipe": self._recipe}
 
@@ -738,20 +744,22 @@ def _rigid(matrices: Floats) -> Floats:
 
 
 def _turns(matrices: Floats) -> Floats:
-    """Return the rotation vector from each pose to the next, in the frame of the former."""
+    """Return the rotation vector from each pose, of shape (…, n, 4, 4), to the next, in the frame of the former."""
     from scipy.spatial.transform import Rotation
 
-    rotations = Rotation.from_matrix(matrices[:, :3, :3])
-    turns: Floats = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
-    return turns
+    rotations = Rotation.from_matrix(matrices[..., :3, :3].reshape(-1, 3, 3))
+    before = np.arange(len(rotations)).reshape(matrices.shape[:-2])[..., :-1]
+    turns: Floats = (rotations[before.ravel()].inv() * rotations[before.ravel() + 1]).as_rotvec()
+    return turns.reshape(*before.shape, 3)
 
 
 def _linear_steps(times: Floats, matrices: Floats) -> Floats:
-    """Return, per step, the coefficients of u, u² and u³ of translation and rotation vector: (n - 1, 2, 3, 3)."""
+    """Return, per step, the coefficients of u, u² and u³ of translation and rotation vector: (…, n - 1, 2, 3, 3)."""
     del times
-    steps = np.zeros((len(matrices) - 1, 2, 3, 3))
-    steps[:, 0, 0] = np.diff(matrices[:, :3, 3], axis=0)
-    steps[:, 1, 0] = _turns(matrices)
+    turns = _turns(matrices)
+    steps = np.zeros((*turns.shape[:-1], 2, 3, 3))
+    steps[..., 0, 0, :] = np.diff(matrices[..., :3, 3], axis=-2)
+    steps[..., 1, 0, :] = turns
     return steps
 
 

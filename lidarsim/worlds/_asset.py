@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -205,10 +206,10 @@ def merged(name: str, pieces: Iterable[Piece]) -> Iterator[Part]:
         )
         labels = np.repeat(np.array([piece.label for piece in group], np.uint32), counts)
         bright = np.repeat([piece.material.reflectivity for piece in group], counts)
-        same = len(np.unique(bright)) == 1
+        same = bright.min() == bright.max()
         material = Material(**dict(key), reflectivity=bright[0] if same else bright, per="object" if same else "face")
         suffix = " glass" if material.transmission else ""
-        yield Part(f"{name}{suffix}", mesh, labels if len(np.unique(labels)) > 1 else int(labels[0]), material)
+        yield Part(f"{name}{suffix}", mesh, labels if labels.min() < labels.max() else int(labels[0]), material)
 
 
 def check_generator(rng: object) -> None:
@@ -242,11 +243,22 @@ def bridged(rings: Floats) -> Faces:
     They face outward where the rings run counter-clockwise, seen from the last ring towards the first. The faces from
     vertex j to j + 1 of ring i are number 2 (i n + j) and the one after it.
     """
-    k, n = rings.shape[:2]
+    return _bridges(*rings.shape[:2])[: 2 * (len(rings) - 1) * rings.shape[1]]
+
+
+@lru_cache
+def _bridges(k: int, n: int) -> Faces:
+    """Return the faces between k rings of n vertices, as in `bridged`, and those of caps on both ends, as in `lofted`."""
     i, j = np.meshgrid(np.arange(k - 1), np.arange(n), indexing="ij")
     a, b = i * n + j, i * n + (j + 1) % n
     c, d = b + n, a + n
-    return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3).astype(np.uint32)
+    sides = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    j = np.arange(n)
+    first = np.stack([(j + 1) % n, j, np.full(n, k * n)], axis=1)
+    last = np.stack([j, (j + 1) % n, np.full(n, n + 1)], axis=1) + (k - 1) * n
+    faces = np.concatenate([sides, first, last]).astype(np.uint32)
+    faces.setflags(write=False)
+    return faces
 
 
 def lofted(rings: Floats, label: int = 0, material: Material | None = None) -> Piece:
@@ -254,21 +266,18 @@ def lofted(rings: Floats, label: int = 0, material: Material | None = None) -> P
 
     The faces of the caps follow those of `bridged`; they meet in the middle of the ring.
     """
-    k, n = rings.shape[:2]
     vertices = np.concatenate([rings.reshape(-1, 3), rings[[0, -1]].mean(axis=1)])
-    j = np.arange(n)
-    first = np.stack([(j + 1) % n, j, np.full(n, k * n)], axis=1)
-    last = np.stack([j, (j + 1) % n, np.full(n, n + 1)], axis=1) + (k - 1) * n
-    faces = np.concatenate([bridged(rings), first, last]).astype(np.uint32)
-    return Piece(vertices, faces, label, material or Material())
+    return Piece(vertices, _bridges(*rings.shape[:2]), label, material or Material())
 
 
 def box(size: npt.ArrayLike, middle: npt.ArrayLike, label: int = 0, material: Material | None = None) -> Piece:
     """Return a box."""
     half, centre = np.asarray(size, float) / 2, np.asarray(middle, float)
-    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    rings = np.array([np.column_stack([square, np.full(4, z)]) for z in (-1, 1)])
-    return lofted(rings * half + centre, label, material)
+    return lofted(CUBE * half + centre, label, material)
+
+
+CUBE = np.array([[(-1.0, -1.0, z), (1.0, -1.0, z), (1.0, 1.0, z), (-1.0, 1.0, z)] for z in (-1.0, 1.0)])
+"""Rings of a cube from -1 to 1."""
 
 
 def extruded(outline: Floats, low: float, high: float, label: int = 0, material: Material | None = None) -> Piece:
@@ -289,17 +298,30 @@ def tube(
     points: npt.ArrayLike, radii: npt.ArrayLike, sides: int = 8, label: int = 0, material: Material | None = None
 ) -> Piece:
     """Return a closed tube along points, shape (k, 3), with a radius at each."""
+    # By hand, as NumPy's gradient, norm and cross take several times as long for so few.
     path = np.asarray(points, float)
-    ahead = np.gradient(path, axis=0)
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    across = np.eye(3)[np.argmin(np.abs(ahead[0]))]
-    u = across - (ahead @ across)[:, None] * ahead
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(ahead, u)
-    angle = 2 * np.pi * np.arange(sides) / sides
-    radius = np.broadcast_to(np.asarray(radii, float), len(path))[:, None, None]
-    rings = path[:, None] + radius * (np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None])
+    ahead = np.concatenate([path[1:2] - path[:1], (path[2:] - path[:-2]) / 2.0, path[-1:] - path[-2:-1]])
+    ahead /= np.sqrt((ahead * ahead).sum(axis=1, keepdims=True))
+    axis = int(np.argmin(np.abs(ahead[0])))
+    u = -ahead[:, axis : axis + 1] * ahead
+    u[:, axis] += 1.0
+    u /= np.sqrt((u * u).sum(axis=1, keepdims=True))
+    v = ahead[:, TURN] * u[:, BACK] - ahead[:, BACK] * u[:, TURN]
+    cosine, sine = _circle(sides)
+    radius = np.reshape(radii, (-1, 1, 1))
+    rings = path[:, None] + radius * (cosine * u[:, None] + sine * v[:, None])
     return lofted(rings, label, material)
+
+
+TURN, BACK = [1, 2, 0], [2, 0, 1]
+"""The next axis of each, and the one after that."""
+
+
+@lru_cache
+def _circle(sides: int) -> tuple[Floats, Floats]:
+    """Return cosine and sine, each of shape (sides, 1), of the corners of a regular polygon."""
+    angle = (2 * np.pi * np.arange(sides) / sides)[:, None]
+    return np.cos(angle), np.sin(angle)
 
 
 def lathed(

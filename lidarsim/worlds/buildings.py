@@ -206,10 +206,14 @@ def _wall(
     along = (end - start) / np.linalg.norm(end - start)
     inward = np.array([-along[1], along[0]])
 
+    edge = _between(start, end, share)
+
     def quads(*corners: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]) -> Floats:
-        plans = [_between(start, end, share[i]) + depth[:, None] * inward for i, _, depth in corners]
-        heights = [levels[j] for _, j, _ in corners]
-        return np.stack([np.column_stack(pair) for pair in zip(plans, heights, strict=True)], axis=1)
+        points = np.empty((len(corners[0][0]), len(corners), 3))
+        for corner, (i, j, depth) in enumerate(corners):
+            points[:, corner, :2] = edge[i] + depth[:, None] * inward
+            points[:, corner, 2] = levels[j]
+        return points
 
     i, j = (index.ravel() for index in np.indices(deep.shape))
     d = deep[i, j]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import pairwise, permutations
+from itertools import islice, pairwise, permutations
 from typing import Literal, get_args
 
 import numpy as np
@@ -430,8 +430,9 @@ class Plan:
             stops = [(j.s - j.reach, j.s + j.reach) for j in self.junctions if side in j.sides]
             blocks = [(start, stop) for start, stop in _between(-end, end, stops) if stop - start > 12.0]
             pavements += [((start, walk), (stop, walk)) for start, stop in blocks]
-        place = partial(_placed, self)
-        return Ways(*(tuple(map(place, lines)) for lines in (lanes, turns, pavements, crossings)))
+        kinds = (lanes, turns, pavements, crossings)
+        placed = iter(_placed(self, [line for lines in kinds for line in lines]))
+        return Ways(*(tuple(islice(placed, len(lines))) for lines in kinds))
 
     def _movements(self, junction: Junction, lane: float) -> Iterator[tuple[Line, Line]]:
         """Yield lanes that come to a junction with those that leave it, but for those along the street."""
@@ -480,15 +481,18 @@ def _turned(comes: Line, goes: Line) -> Line:
     return (comes[0], *map(tuple, bend.tolist()), goes[1])
 
 
-def _placed(plan: Plan, line: Line) -> Floats:
-    """Return a line of points s and d as points on the ground, one every metre and one at each of its own."""
-    points = np.asarray(line, float)
-    pieces = [
-        np.linspace(start, stop, max(2, int(np.ceil(np.linalg.norm(stop - start)))), endpoint=False)
-        for start, stop in pairwise(points)
-    ]
-    s, d = np.concatenate([*pieces, points[-1:]]).T
-    return plan.at(s, d)
+def _placed(plan: Plan, lines: Sequence[Line]) -> list[Floats]:
+    """Return lines of points s and d as points on the ground, one every metre and one at each of its own."""
+    dense = []
+    for line in lines:
+        points = np.asarray(line, float)
+        pieces = [
+            np.linspace(start, stop, max(2, int(np.ceil(np.linalg.norm(stop - start)))), endpoint=False)
+            for start, stop in pairwise(points)
+        ]
+        dense.append(np.concatenate([*pieces, points[-1:]]))
+    s, d = np.concatenate(dense).T
+    return np.split(plan.at(s, d), np.cumsum([len(points) for points in dense])[:-1])
 
 
 def _between(start: float, stop: float, holes: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:

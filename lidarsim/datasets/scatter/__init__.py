@@ -602,13 +602,10 @@ def _obstacle(item: SceneObject, times: Floats) -> Outline:
 def _upright(item: SceneObject) -> Outline | None:
     """Return the outline of an object that is turned about the z axis, which its bounds along x and y exceed."""
     place = item.transform
-    if (
-        place is None
-        or place[2, :2].any()
-        or place[:2, 2].any()
-        or not place[0, 1]
-        or place[0, 0] * place[1, 1] <= place[0, 1] * place[1, 0]
-    ):
+    if place is None:
+        return None
+    (a, b, c), (d, e, f), (g, h, _) = place[:3, :3].tolist()
+    if c or f or g or h or not b or a * e <= b * d:
         return None
     box = item.shape.bounds
     plan = _corners(box) @ place[:2, :2].T + place[:2, 3]

@@ -228,19 +228,20 @@ class Instance:
         parts = []
         if not isinstance(body, Trajectory) and not self.along_x:
             body = Trajectory.from_twist(body)
+        swinging = [own for own in swing.poses if own is not None]
+        motions: Iterator[Trajectory] = iter(())
+        if isinstance(body, Trajectory) and swinging:
+            times = start + swing.times
+            times[[0, -1]] = body.times[[0, -1]]
+            motions = iter(Trajectory._through(times, product(body._native.at(times), np.array(swinging))))
         for part, own in zip(self.parts, swing.poses, strict=True):
             sized = size @ part.affine
             if isinstance(body, Trajectory):
-                if own is None:
-                    parts.append(PlacedPart(part, sized, body))
-                    continue
-                if part.wheel:
+                if own is not None and part.wheel:
                     middle = np.eye(4)
                     middle[:3, 3] = -own[0, :3, 3]
                     sized = middle @ sized
-                times = start + swing.times
-                times[[0, -1]] = body.times[[0, -1]]
-                parts.append(PlacedPart(part, sized, Trajectory(times, product(body._native.at(times), own))))
+                parts.append(PlacedPart(part, sized, body if own is None else next(motions)))
             else:
                 parts.append(PlacedPart(part, body @ (sized if own is None else own[0] @ sized), None))
         return tuple(parts)

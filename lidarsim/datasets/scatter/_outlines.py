@@ -13,7 +13,7 @@ steps.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -68,15 +68,18 @@ class Outline:
     def separated(self, other: Outline, gap: float) -> npt.NDArray[np.bool_]:
         """Return whether a line separates two outlines by the gap, in each step: shape (…, k)."""
         shape = np.broadcast_shapes(self.corners.shape[:-2], other.corners.shape[:-2])
-        both = [np.broadcast_to(corners, (*shape, *corners.shape[-2:])) for corners in (self.corners, other.corners)]
-        axes = np.concatenate([np.diff(corners[..., :3, :], axis=-2) for corners in both], axis=-2)
+        both = self.corners, other.corners
+        sides = [corners[..., 1:3, :] - corners[..., :2, :] for corners in both]
+        axes = np.concatenate([np.broadcast_to(side, (*shape, 2, 2)) for side in sides], axis=-2)
         # Far away, corners may coincide and give a zero axis; on overflow, no axis separates the outlines.
         with np.errstate(over="ignore", invalid="ignore"):
-            lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
-            axes = axes / np.where(lengths > 0, lengths, 1.0)
-            mine, its = (np.einsum("...ai,...ci->...ac", axes, corners) for corners in both)
+            lengths = np.sqrt((axes * axes).sum(axis=-1))
+            axes = axes / np.where(lengths > 0, lengths, 1.0)[..., None]
+            mine, its = (
+                axes[..., :1] * corners[..., None, :, 0] + axes[..., 1:] * corners[..., None, :, 1] for corners in both
+            )
             free = np.maximum(mine.min(-1) - its.max(-1), its.min(-1) - mine.max(-1))
-        free = np.where(lengths[..., 0] > 0, free, -np.inf).max(-1)
+        free = np.where(lengths > 0, free, -np.inf).max(-1)
         room = gap + np.asarray(self.bulge) + np.asarray(other.bulge)
         result: npt.NDArray[np.bool_] = free >= room[..., None]
         return result
@@ -109,7 +112,15 @@ class Obstacles:
         pairs = list(named)
         self.names = [name for name, _ in pairs]
         self.outlines = [outline for _, outline in pairs]
-        self.boxes = np.array([outline.box for outline in self.outlines]).reshape(-1, 2, 3)
+        self.boxes = np.empty((len(pairs), 2, 3))
+        alike: dict[tuple[int, ...], list[int]] = {}
+        for index, outline in enumerate(self.outlines):
+            alike.setdefault(outline.corners.shape, []).append(index)
+        for places in alike.values():
+            several = [self.outlines[place] for place in places]
+            self.boxes[places] = Outline(
+                *(np.array([getattr(one, part.name) for one in several]) for part in fields(Outline))
+            ).box
 
     def add(self, name: str, outline: Outline) -> None:
         """Add an outline."""

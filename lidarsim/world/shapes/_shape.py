@@ -138,7 +138,7 @@ class Shape(Value):
             affine = affine @ self.transform
         linear, shift = affine[:, :3], affine[:, 3]
         back, ahead = self._reach(np.concatenate([-linear, linear])).reshape(2, 3)
-        return np.stack([shift - back, shift + ahead])
+        return np.array([shift - back, shift + ahead])
 
     def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
         """Return triangles that represent the surface in views, before any transform.

@@ -74,8 +74,9 @@ class Capsule(Shape):
         return self._arguments["radius"][0]
 
     def _reach(self, directions: Floats, /) -> Floats:
-        ends = np.maximum(directions @ self.start, directions @ self.end)
-        reach: Floats = ends + self.radius * np.linalg.norm(directions, axis=1)
+        arguments = self._arguments
+        ends = np.maximum(directions @ arguments["start"], directions @ arguments["end"])
+        reach: Floats = ends + arguments["radius"] * np.linalg.norm(directions, axis=1)
         return reach
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
