@@ -764,3 +764,16 @@ def test_a_strip_is_as_long_as_the_area_in_its_swath() -> None:
 def test_strips_that_cannot_be_flown(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises((ValueError, TypeError), match=message):
         ls.Trajectory.strips(**{"area": (0, 0, 1500, 2000), **SURVEY, **arguments})
+
+
+def test_trajectories_through_many_poses_are_those_of_each() -> None:
+    times = np.array([0.0, 0.1, 0.35, 2.0])
+    rng = np.random.default_rng(0)
+    poses = np.tile(np.eye(4), (5, 4, 1, 1))
+    poses[..., :3, :3] = Rotation.random(20, rng).as_matrix().reshape(5, 4, 3, 3)
+    poses[..., :3, 3] = rng.normal(size=(5, 4, 3))
+    when = np.linspace(0.0, 2.0, 50)
+    together = ls.Trajectory._through(times, poses)
+    assert len(together) == 5
+    for one, own in zip(together, poses, strict=True):
+        assert (one.at(when).as_matrix() == ls.Trajectory(times, own).at(when).as_matrix()).all()

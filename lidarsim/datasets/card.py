@@ -49,10 +49,10 @@ SPECIAL = re.compile(r"[\\`*\[\]<>&!|~$^{}]|(?<![^\W_])_|_(?![^\W_])|(?<=www)\.|
 """Characters with a meaning in Markdown, HTML and tables; underscores only at the edge of a word."""
 
 
-def write(plan: Plan, files: Files, summary: Summary, ranges: Sequence[int], pictures: int) -> None:
+def write(plan: Plan, run: Run, files: Files, summary: Summary, ranges: Sequence[int], *, pictures: int) -> None:
     """Write the card, with `pictures` of evenly spaced frames; without PyVista there are none.
 
-    `ranges` has the number of points in each bin of `RANGES`.
+    `run` is that of the first frame, and `ranges` has the number of points in each bin of `RANGES`.
     """
     recipe, labels = plan.recipe, summary.labels
     points = sum(ranges)
@@ -60,7 +60,6 @@ def write(plan: Plan, files: Files, summary: Summary, ranges: Sequence[int], pic
     classes = [(f"{label} | {escaped(names.get(label, ''))}", count) for label, count in sorted(labels.items())]
     spans = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
     used = [index for index, count in enumerate(ranges) if count] or [0]
-    run = recipe.source.run(0, 0)
     rig = run.sensor if isinstance(run.sensor, Rig) else None
     parts = rig.items() if rig else ()
     sensors = [f"{escaped(name)}: {_sensor(part.lidar)}" for name, part in parts] or [_sensor(run.lidar)]

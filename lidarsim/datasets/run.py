@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from lidarsim._base.files import PathLike
     from lidarsim.datasets.recipe import Recipe
+    from lidarsim.run import Run
 
 __all__ = ["run"]
 
@@ -52,7 +53,7 @@ def run(
         raise FileFormatError(f"{damaged}; choose another place, or remove the damaged data set") from None
     shards = range(recipe.shards)
     if complete:
-        return _repair(plan, shards[mine::count], client, again, verify=verify)
+        return _repair(plan, first, shards[mine::count], client, again, verify=verify)
     todo = manifest.missing_shards(plan, shards[mine::count], contents=verify)
     with Progress(recipe.sequences * recipe.frames, _count_present(plan, todo)) as progress:
         made = _make_until_complete(plan, todo, client, progress)
@@ -68,7 +69,7 @@ def run(
         if not manifest.is_complete(plan.store):
             left = len(set(shards) - manifest.finished_shards(plan.store)) or len(failed)
             if not left:
-                _finish(plan, pictures)
+                _finish(plan, first, pictures)
     except (LidarsimError, OSError):
         if not manifest.is_complete(plan.store):
             raise
@@ -87,7 +88,7 @@ def _report(progress: Progress, left: int, again: Sequence[str], made: Sequence[
 
 
 def _repair(
-    plan: Plan, mine: Sequence[int], client: Client | None, again: list[str], *, verify: bool
+    plan: Plan, first: Run, mine: Sequence[int], client: Client | None, again: list[str], *, verify: bool
 ) -> tuple[Generated, list[Made]]:
     """Make the lost and damaged files of a complete data set again: `mine` of the shards, and then the tables."""
     store = plan.store
@@ -111,7 +112,7 @@ def _repair(
     if tables and not left:
         left = len(manifest.missing_shards(plan, range(plan.recipe.shards)))
         if not left:
-            _finish(plan, manifest.pictures(store) or 0)
+            _finish(plan, first, manifest.pictures(store) or 0)
             again += tables
     store.tidy()
     return _report(progress, left, again, made), failed
@@ -140,8 +141,8 @@ def _list_left_out(made: Iterable[Made]) -> tuple[str, ...]:
     return tuple(sum((shard.scattered for shard in made if not shard.problem), Scattered()).lines())
 
 
-def _finish(plan: Plan, pictures: int) -> None:
-    """Write tables, card and manifest when all shards are done."""
+def _finish(plan: Plan, first: Run, pictures: int) -> None:
+    """Write tables, card and manifest when all shards are done; `first` is the run of the first frame."""
     recipe = plan.recipe
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
@@ -164,5 +165,5 @@ def _finish(plan: Plan, pictures: int) -> None:
         scattered,
     )
     recipe.layout.finish(tables, summary)
-    card.write(plan, tables, summary, ranges.tolist(), pictures)
+    card.write(plan, first, tables, summary, ranges.tolist(), pictures=pictures)
     manifest.finish(plan, tables.entries)

@@ -656,7 +656,7 @@ class Trajectory(Immutable):
 
     @classmethod
     def _through(cls, times: Floats, poses: Floats) -> list[Self]:
-        """Return linear trajectories through poses of shape (m, n, 4, 4), known to be rigid, at the same rising times."""
+        """Return linear trajectories through rigid poses, of shape (m, n, 4, 4), at the same rising times."""
         knots = zip(poses.reshape(len(poses), -1, 16), _linear_steps(times, poses), strict=True)
         return [cls._made(times, ("knots", (times, own, steps.reshape(-1, 18)), ())) for own, steps in knots]
 

@@ -248,14 +248,14 @@ def bridged(rings: Floats) -> Faces:
 
 @lru_cache
 def _bridges(k: int, n: int) -> Faces:
-    """Return the faces between k rings of n vertices, as in `bridged`, and those of caps on both ends, as in `lofted`."""
+    """Return the faces between k rings of n vertices and, after them, of caps on both ends; see `lofted`."""
     i, j = np.meshgrid(np.arange(k - 1), np.arange(n), indexing="ij")
     a, b = i * n + j, i * n + (j + 1) % n
     c, d = b + n, a + n
     sides = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
-    j = np.arange(n)
-    first = np.stack([(j + 1) % n, j, np.full(n, k * n)], axis=1)
-    last = np.stack([j, (j + 1) % n, np.full(n, n + 1)], axis=1) + (k - 1) * n
+    edge = np.arange(n)
+    first = np.stack([(edge + 1) % n, edge, np.full(n, k * n)], axis=1)
+    last = np.stack([edge, (edge + 1) % n, np.full(n, n + 1)], axis=1) + (k - 1) * n
     faces = np.concatenate([sides, first, last]).astype(np.uint32)
     faces.setflags(write=False)
     return faces

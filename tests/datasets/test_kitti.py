@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim.datasets.layouts._camera import view_of_box
-from lidarsim.datasets.layouts.kitti import Camera
+from lidarsim.datasets.layouts.kitti import Camera, Kitti
+from lidarsim.datasets.samples import Annotation
 
 NAMES = {1: "Pedestrian", 2: "Car", 3: "Van", 40: "road"}
 
@@ -234,3 +235,14 @@ def test_what_the_camera_sees_of_a_box(center: Any, size: Any, turn: Any) -> Non
     assert outside == pytest.approx(1 - expected[0], abs=1e-6)
     low, high = expected[1].min(axis=0), expected[1].max(axis=0)
     np.testing.assert_allclose(rectangle, [*low, *high], atol=0.1)
+
+
+def test_the_boxes_in_the_statistics_are_those_with_labels() -> None:
+    layout, rng, counts = Kitti(type="kitti"), np.random.default_rng(0), [0, 0]
+    for turn in Rotation.random(500, rng).as_matrix():
+        center = rng.uniform((-5, -20, -8), (30, 20, 8))
+        box = Annotation(1, 2, 9, tuple(center), (4.0, 2.0, 1.5), tuple(turn.ravel()), (0.0, 0.0, 0.0), 1.0, 0.0, 0.0)
+        line = layout._label(box, NAMES)
+        assert layout._sees(box) == bool(line), center
+        counts[bool(line)] += 1
+    assert min(counts) > 100

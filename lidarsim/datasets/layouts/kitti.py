@@ -93,7 +93,7 @@ are black, and only tell their size.
 
     def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
         """Yield the boxes that the camera sees."""
-        return (pair for pair in super().annotations(frame) if self._view(pair[1]) is not None)
+        return (pair for pair in super().annotations(frame) if self._sees(pair[1]))
 
     def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:
         """Return points, labels, calibration and image."""
@@ -120,6 +120,14 @@ are black, and only tell their size.
         occlusion = 3 if box.visibility is None else sum(box.visibility < least for least in OCCLUSION)
         name = class_name(box.label, names)
         return f"{name} {truncation!r} {occlusion} {' '.join(map(repr, numbers))}\n"
+
+    def _sees(self, box: Annotation) -> bool:
+        """Return whether the camera sees a box: it does if it sees the centre."""
+        camera, (ahead, *aside) = self.camera, box.center
+        halves = zip(aside, (camera.width, camera.height), strict=True)
+        if all(2 * camera.focal * abs(off) < (pixels - 2) * ahead for off, pixels in halves):
+            return True
+        return self._view(box) is not None
 
     def _view(self, box: Annotation) -> tuple[Upright, tuple[float, ...], float] | None:
         """Return the upright box, the rectangle around what the camera sees of it, and the share that it does not.

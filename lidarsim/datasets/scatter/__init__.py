@@ -305,6 +305,7 @@ def scatter(
     outlines = [(item, _obstacle(item, times)) for item in run.scene.objects if item.shape.bounded]
     placed: list[Placed] = []
     tallies: dict[str, Tally] = {}
+    standing: dict[frozenset[str], Obstacles] = {}
     # Instances in areas, instances on paths, and the latter with their gaps ahead and behind.
     others, lanes, spaced = Obstacles(), Obstacles(), Obstacles()
     for name, given in groups.items():
@@ -314,11 +315,15 @@ def scatter(
         if group is None:
             tallies[name] = Tally(count, 0, {"no such ways in the street": count})
             continue
-        ground, obstacles = _ground_and_obstacles(run, group.on, outlines, there)
+        ground, passed = _ground(run, group.on, there), _ground_of(run).union(group.on)
+        if passed not in standing:
+            standing[passed] = Obstacles(
+                (_name(item), outline) for item, outline in outlines if item.name not in passed
+            )
         along = bool(group.paths)
         rules = [
             _Rule("clear of the sensor", _sensor(run, times, group.clear_m)),
-            _Rule("meets {} of the scene", obstacles),
+            _Rule("meets {} of the scene", standing[passed]),
             _Rule("gap to {}", others, group.gap_m),
             *(
                 [_Rule("gap to {}", lanes, along=True), _Rule("gap to {}", spaced)]
@@ -565,15 +570,13 @@ def _tilt(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
     poses[:, :3, 3] -= low * poses[:, :3, 2]
 
 
-def _ground_of(run: Run) -> set[str]:
-    """Return the names of the objects that are the ground of a street."""
-    return set() if run.ways is None else set(GROUND)
+def _ground_of(run: Run) -> frozenset[str]:
+    """Return the names of the objects that are the ground of a street, and so no obstacles."""
+    return frozenset(() if run.ways is None else GROUND)
 
 
-def _ground_and_obstacles(
-    run: Run, on: Sequence[str], outlines: Iterable[tuple[SceneObject, Outline]], place: Place
-) -> tuple[Scene, Obstacles]:
-    """Return the ground for objects as a scene, and the obstacles among outlines; the ground of a street is none."""
+def _ground(run: Run, on: Sequence[str], place: Place) -> Scene:
+    """Return the ground for objects as a scene."""
     objects = run.scene.objects
     missing = set(on) - {item.name for item in objects} - _ground_of(run)
     if missing:
@@ -582,8 +585,7 @@ def _ground_and_obstacles(
     for item in objects:
         if item.name in on:
             ground.add(item.shape, transform=item.transform)
-    passed = _ground_of(run).union(on)
-    return ground, Obstacles((_name(item), outline) for item, outline in outlines if item.name not in passed)
+    return ground
 
 
 def _name(item: SceneObject) -> str:

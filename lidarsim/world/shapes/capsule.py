@@ -76,7 +76,7 @@ class Capsule(Shape):
     def _reach(self, directions: Floats, /) -> Floats:
         arguments = self._arguments
         ends = np.maximum(directions @ arguments["start"], directions @ arguments["end"])
-        reach: Floats = ends + arguments["radius"] * np.linalg.norm(directions, axis=1)
+        reach: Floats = ends + arguments["radius"] * np.sqrt((directions * directions).sum(axis=1))
         return reach
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
