@@ -197,7 +197,7 @@ class World(Pickled):
         positions, turns = self._body_poses(xpos, xquat, ())
         body = self.model.geom_bodyid[self._moving]
         local = self.model.geom_pos[self._moving], self.model.geom_quat[self._moving]
-        self._move(_placed(positions[body], turns[body], *local))
+        self._move(_place(positions[body], turns[body], *local))
 
     def poses(
         self,
@@ -249,14 +249,14 @@ class World(Pickled):
         >>> world.poses(xpos, xquat, site="lidar")[7, :3, 3]
         array([7. , 0. , 0.2])
         """
-        kind, number = self._mounted_on(site, body)
+        kind, number = self._mount_on(site, body)
         mount = None if offset is None else pose("offset", offset)
         positions, turns = self._body_poses(xpos, xquat, (...,))
         owner, place, turn = number, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         if kind == "site":
             owner = int(self.model.site_bodyid[number])
             place, turn = self.model.site_pos[number], self.model.site_quat[number]
-        found = _placed(positions[..., owner, :], turns[..., owner, :], place, turn)
+        found = _place(positions[..., owner, :], turns[..., owner, :], place, turn)
         return found if mount is None else found @ mount
 
     def _move(self, poses: Floats) -> None:
@@ -331,7 +331,7 @@ class World(Pickled):
         >>> world.pose(data, body="base", offset=mount)[:3, 3]
         array([3. , 0. , 0.3])
         """
-        kind, number = self._mounted_on(site, body)
+        kind, number = self._mount_on(site, body)
         mount = None if offset is None else pose("offset", offset)
         name = "site_" if kind == "site" else ""
         self._check(data, f"{name}xpos")
@@ -340,7 +340,7 @@ class World(Pickled):
         found[:3, 3] = getattr(data, f"{name}xpos")[number]
         return found if mount is None else found @ mount
 
-    def _mounted_on(self, site: object, body: str | int | None) -> tuple[Literal["site", "body"], int]:
+    def _mount_on(self, site: object, body: str | int | None) -> tuple[Literal["site", "body"], int]:
         """Return whether a sensor is on a site or a body, and the number of that."""
         if (site is None) == (body is None):
             raise ArgumentTypeError("site, body", "one of them", "none" if site is None else "both")
@@ -415,7 +415,7 @@ def _is_mjx(data: object) -> bool:
     return type(data).__module__.startswith("mujoco.mjx") and hasattr(data, "geom_xmat")
 
 
-def _placed(positions: Floats, turns: Floats, position: Floats, turn: Floats) -> Floats:
+def _place(positions: Floats, turns: Floats, position: Floats, turn: Floats) -> Floats:
     """Return poses (..., 4, 4) of what has a position and a quaternion in bodies of these poses."""
     from scipy.spatial.transform import Rotation
 

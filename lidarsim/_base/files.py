@@ -322,7 +322,7 @@ def unquoted(error: BaseException) -> str:
 
     A file whose name comes from a third party may be private: its lines must not be shown.
     """
-    return told(error) if _worded_here(error) else _QUOTED.sub("…", told(error))
+    return told(error) if _is_worded_here(error) else _QUOTED.sub("…", told(error))
 
 
 _QUOTED = re.compile(r"""(?<!\w)b?(['"`])(?:\\.|(?!\1).)*(\1|$)""")
@@ -330,7 +330,7 @@ _CONVERSION = re.compile("could not convert|invalid literal")
 """Messages of `float` and `int`, which quote the text and are raised in the frame of the caller."""
 
 
-def _worded_here(error: BaseException) -> bool:
+def _is_worded_here(error: BaseException) -> bool:
     """Return whether lidarsim worded an error, or its message quotes nothing from a file."""
     place = error.__traceback__
     while place is not None and place.tb_next is not None:

@@ -261,12 +261,12 @@ def named(called: Called) -> Called:
     A correct call costs one more call in Python.
     """
     if isinstance(called, type):
-        called.__init__ = _named(called.__init__, called.__name__)  # type: ignore[misc]
+        called.__init__ = _explain_mistakes(called.__init__, called.__name__)  # type: ignore[misc]
         return called
-    return cast("Called", _named(called, called.__qualname__.removesuffix(".__init__")))
+    return cast("Called", _explain_mistakes(called, called.__qualname__.removesuffix(".__init__")))
 
 
-def _named(called: Callable[..., Any], whose: str) -> Callable[..., Any]:
+def _explain_mistakes(called: Callable[..., Any], whose: str) -> Callable[..., Any]:
     @functools.wraps(called)
     def checked(*args: Any, **keywords: Any) -> Any:
         try:

@@ -179,7 +179,7 @@ def compare(before: Path, now: Path, these: Sequence[Cast], levels: Sequence[str
 
 
 @contextmanager
-def _unpacked(path: Path) -> Iterator[Path]:
+def _unpack(path: Path) -> Iterator[Path]:
     """Yield a folder with the package from a wheel, or from a checkout with its built module."""
     with ExitStack() as stack:
         if path.is_file():
@@ -206,7 +206,7 @@ def main(arguments: Sequence[str]) -> int:
     now = Path(lidarsim.__file__).parents[1]
     rows: list[Comparison] = []
     try:
-        with _unpacked(options.against) as before:
+        with _unpack(options.against) as before:
             these = list(casts(quick=options.quick))
             sys.stdout.write(f"{machine['cpu']}, {machine['cores']} cores; ns per ray\n\n")
             sys.stdout.write(f"{'':28}{'':8}{'before':>10}{'now':>10}{'ratio':>8}  bits\n")

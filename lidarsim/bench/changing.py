@@ -145,7 +145,7 @@ def calls(casters: Collection[str], threads: int, side: int = SIDE) -> dict[str,
     faces = ls.TriangleMesh.from_heightfield(np.zeros((side, side)), 1.0).faces
     at, on = (_down(x, y) for x, y in (poses[0, :2, 3], (0.3, 0.2)))
     body, sheet = ls.Scene(), ls.TriangleMesh(bent(side, 0.0), faces)
-    whole, lifts = body.add(sheet), _lifted(poses)
+    whole, lifts = body.add(sheet), _lift(poses)
     times, phases, others = _steps(), _steps(), _steps()
 
     def moved() -> float:
@@ -172,11 +172,11 @@ def calls(casters: Collection[str], threads: int, side: int = SIDE) -> dict[str,
     }
     if "embreex" in casters:
         embree = Embree(threads)
-        own[f"{move}, Embree"] = move, _placed(embree, crowd[ids[0]].shape, poses, at)
-        own[f"{bend}, Embree"] = bend, _committed(embree, side, faces, on, REFIT)
-        own[f"{anew}, Embree"] = bend, _committed(embree, side, faces, on, MEDIUM)
+        own[f"{move}, Embree"] = move, _place(embree, crowd[ids[0]].shape, poses, at)
+        own[f"{bend}, Embree"] = bend, _commit(embree, side, faces, on, REFIT)
+        own[f"{anew}, Embree"] = bend, _commit(embree, side, faces, on, MEDIUM)
     if "Open3D" in casters:
-        own[f"{anew}, Open3D"] = bend, _added(side, faces, on, threads)
+        own[f"{anew}, Open3D"] = bend, _add(side, faces, on, threads)
     for _, call in own.values():
         call()
     return own
@@ -187,7 +187,7 @@ def _steps() -> Iterator[float]:
     return itertools.cycle([STEP * k for k in range(8)])
 
 
-def _lifted(poses: Floats) -> Iterator[Floats]:
+def _lift(poses: Floats) -> Iterator[Floats]:
     """Return the poses of the instances in successive frames."""
     for step in _steps():
         here = poses.copy()
@@ -195,10 +195,10 @@ def _lifted(poses: Floats) -> Iterator[Floats]:
         yield here
 
 
-def _placed(embree: Embree, shape: Any, poses: Floats, ray: tuple[Floats, Floats]) -> Callable[[], float]:
+def _place(embree: Embree, shape: Any, poses: Floats, ray: tuple[Floats, Floats]) -> Callable[[], float]:
     """Return a call that moves instances of a shape."""
     one = embree.scene(embree.mesh(shape.vertices, shape.faces, MEDIUM)[0])
-    instances, lifts = [embree.instance(one) for _ in poses], _lifted(poses)
+    instances, lifts = [embree.instance(one) for _ in poses], _lift(poses)
     many = embree.scene(*instances)
 
     def call() -> float:
@@ -210,7 +210,7 @@ def _placed(embree: Embree, shape: Any, poses: Floats, ray: tuple[Floats, Floats
     return call
 
 
-def _committed(
+def _commit(
     embree: Embree, side: int, faces: npt.NDArray[np.integer], ray: tuple[Floats, Floats], quality: int
 ) -> Callable[[], float]:
     """Return a call that bends the body, and refits its hierarchy or makes another."""
@@ -228,7 +228,7 @@ def _committed(
     return call
 
 
-def _added(side: int, faces: npt.NDArray[np.integer], ray: tuple[Floats, Floats], threads: int) -> Callable[[], float]:
+def _add(side: int, faces: npt.NDArray[np.integer], ray: tuple[Floats, Floats], threads: int) -> Callable[[], float]:
     """Return a call that bends the body in Open3D, whose scenes have no changes."""
     open3d, phases = CASTERS["Open3D"].module, _steps()
     tensor, triangles = open3d.core.Tensor, faces.astype(np.uint32)

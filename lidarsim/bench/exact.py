@@ -131,7 +131,7 @@ def _intervals(spec: Spec, origin: Vector, d: Vector) -> list[Interval]:
         case "Ellipsoid", (center, radii, rotation):
             columns = [_times(_vector(axis), Fraction(r)) for axis, r in zip(rotation.T, radii.tolist(), strict=True)]
             f = _minus(origin, _vector(center))
-            return [_ball(_solved(columns, f), _solved(columns, d), Fraction(1))]
+            return [_ball(_solve(columns, f), _solve(columns, d), Fraction(1))]
         case "Box", (size, center):
             f, sides = _minus(origin, _vector(center)), _vector(size)
             return [_slab(x + side / 2, rate, side) for x, rate, side in zip(f, d, sides, strict=True)]
@@ -208,7 +208,7 @@ def _times(a: Vector, factor: Fraction) -> Vector:
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
-def _solved(columns: list[Vector], v: Vector) -> Vector:
+def _solve(columns: list[Vector], v: Vector) -> Vector:
     """Return the coefficients of v in the basis of three vectors, by Cramer's rule."""
     a, b, c = columns
     determinant = _dot(a, _cross(b, c))

@@ -565,7 +565,7 @@ def _count(value: float | None) -> str:
     return f"{value:,.0f}" if value else "—"
 
 
-def _rounded(value: float) -> str:
+def _round(value: float) -> str:
     """Return the number rounded to two significant digits."""
     return f"{float(f'{value:.2g}'):,.0f}"
 
@@ -585,7 +585,7 @@ def plot_speed(results: Results, path: Path) -> None:
             axes.plot([median, largest], [speed, speed], color=color, alpha=0.35, linewidth=1.5)
             axes.plot(median, speed, marker="D" if own else "o", markersize=10 if own else 7, color=color, mec="white")
             if row not in meshed[1:-1]:
-                name = f"Open3D, {_rounded(row['triangles'])} triangles" if row in meshed else row["method"]
+                name = f"Open3D, {_round(row['triangles'])} triangles" if row in meshed else row["method"]
                 labels.append((name, median, speed, color, "bold" if own else "normal"))
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")

@@ -270,20 +270,20 @@ class _Run:
         """Measure the three meshes, near the origin of coordinates and far from it."""
         for make in MESHES.values():
             world = self._world(make)
-            methods = self._built(world, self.plan.builds)
+            methods = self._build(world, self.plan.builds)
             for rays in self._rays(world):
                 self.speed += self._compare(world, rays, methods, self.plan.threads)
             self._scale(world, self._rays(world)[0], methods["lidarsim"])
             self._sensors(world, methods)
             world = self._world(make, scenes.UTM)
-            methods = self._built(world, 0)
+            methods = self._build(world, 0)
             self.speed += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
 
     def analytic(self) -> None:
         """Measure the analytic shapes and their tessellations."""
         for offset in ((0.0, 0.0, 0.0), scenes.UTM):
             world = scenes.analytic(self.plan.shapes, offset)
-            methods = self._built(world, int(not world.far))
+            methods = self._build(world, int(not world.far))
             for level in self.plan.levels if "Open3D" in self.casters else ():
                 if not world.far or _level(level) == self.stand_in:
                     methods[_level(level)] = _Tessellation(world.tessellated(level), self.plan.threads[-1])
@@ -322,7 +322,7 @@ class _Run:
         """Measure terrains with increasing numbers of triangles."""
         for triangles in self.plan.sizes:
             world = scenes.terrain(triangles)
-            methods = self._built(world, 0)
+            methods = self._build(world, 0)
             self.growth += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
 
     def distances(self) -> None:
@@ -330,7 +330,7 @@ class _Run:
         for distance in self.plan.distances:
             world = scenes.terrain(10_000, (distance, 0.0, 0.0))
             rows = self._compare(
-                world, scenes.lidar(world, 16, 250, math.pi / 6), self._built(world, 0), self.plan.threads[-1:]
+                world, scenes.lidar(world, 16, 250, math.pi / 6), self._build(world, 0), self.plan.threads[-1:]
             )
             self.distance += [{"distance": distance, "method": row.method, "error": asdict(row.error)} for row in rows]
 
@@ -567,7 +567,7 @@ class _Run:
             scenes.random_rays(world, self.plan.random),
         ]
 
-    def _built(self, world: World, rounds: int) -> dict[str, Caster]:
+    def _build(self, world: World, rounds: int) -> dict[str, Caster]:
         """Build every caster that can represent the world; record time and memory if `rounds` is above 0."""
         self.progress(f"{world.name}, {world.triangles or len(world.shapes):,}: building")
         threads, one = self.plan.threads[-1], scenes.lidar(world, 1, 1, 0.0)

@@ -410,13 +410,13 @@ def view(
         }
         used |= {"--limits": limits, "--color-map": color_map, "--title": title, "--accumulate": accumulate}
         _check_live(path, [name for name, value in used.items() if value], rrd)
-        run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
+        run, names = _describe(path, overrides, seed=seed, first_frame=frame, frames=frames)
         _stream(run, rrd or RERUN, names, expose=expose, color_by=color_by, surfaces=surfaces)
         return
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     viewer = viewer or Viewer.PYVISTA
-    saves = _checked_saves({"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}, viewer)
+    saves = _check_saves({"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}, viewer)
     looks: dict[str, Any] = {
         "color_by": color_by, "camera": camera.value, "size": parse_size(size), "viewer": viewer.value,
         "limits": parse_limits(limits), "color_map": color_map and color_map.value, "background": background.value,
@@ -425,9 +425,9 @@ def view(
     wanted = 1 if saves == [screenshot] and not accumulate else None
     clouds: tuple[ls.PointCloud | Mapping[str, ls.PointCloud], ...]
     if path.suffix.lower() in (".yaml", ".yml"):
-        run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
+        run, names = _describe(path, overrides, seed=seed, first_frame=frame, frames=frames)
         run.check_unread(*saves)
-        clouds, places, count = _scanned(path, run, wanted)
+        clouds, places, count = _scan(path, run, wanted)
         looks |= {"scene": run.scene if surfaces else None, "class_names": names}
     else:
         is_scene = not is_point_cloud(path) and is_scene_file(path)
@@ -457,7 +457,7 @@ def view(
             paragraph(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
 
 
-def _checked_saves(saves: Mapping[str, Path | None], viewer: Viewer) -> list[Path]:
+def _check_saves(saves: Mapping[str, Path | None], viewer: Viewer) -> list[Path]:
     """Return the pictures to write, by option, after checking that they can be, or that a window can be opened."""
     wanted = {option: save for option, save in saves.items() if save}
     for option, save in wanted.items():
@@ -544,7 +544,7 @@ def compare(
     ):
         task = progress.add_task("comparing", total=total)
         one, other = (
-            dataclasses.replace(side, frames=_counted(side.frames, lambda: progress.advance(task))) for side in sides
+            dataclasses.replace(side, frames=_count(side.frames, lambda: progress.advance(task))) for side in sides
         )
         comparison = compare_sources(one, other, sensor)
     measured = [measure for measure in comparison if measure.verdict != "not measured"]
@@ -564,7 +564,7 @@ def compare(
         print_line(path)
 
 
-def _counted(items: Iterable[Item], tell: Callable[[], None]) -> Iterator[Item]:
+def _count(items: Iterable[Item], tell: Callable[[], None]) -> Iterator[Item]:
     """Yield the items, and call a function after each."""
     for item in items:
         yield item
@@ -609,7 +609,7 @@ def fit(
         progress_bar() as progress,
     ):
         task = progress.add_task("fitting", total=frames.count)
-        counting = dataclasses.replace(frames, frames=_counted(frames.frames, lambda: progress.advance(task)))
+        counting = dataclasses.replace(frames, frames=_count(frames.frames, lambda: progress.advance(task)))
         lidar, comparison = fit_source(counting, start, material)
     paragraph(f"real {comparison.real}")
     paragraph(f"sensor {preset}" + (f", noise {noise}" if noise else ""))
@@ -828,7 +828,7 @@ def _is_recipe(path: Path) -> bool:
     return "run" in entries(read(path))
 
 
-def _described(path: Path, overrides: list[str] | None, **settings: int | None) -> tuple[Run, Mapping[int, str] | None]:
+def _describe(path: Path, overrides: list[str] | None, **settings: int | None) -> tuple[Run, Mapping[int, str] | None]:
     """Return the run of a configuration, or the first run of a recipe with its class names."""
     if not _is_recipe(path):
         return _load(path, overrides, **settings), None
@@ -846,7 +846,7 @@ def _check_screenshot(path: Path | None) -> None:
         import_extra("pyvista", "pyvista", "--screenshot")
 
 
-def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float, int]]:
+def _look_at(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float, int]]:
     """Yield the points of each frame in world coordinates, the sensor's pose, the start time and the frame number."""
     for frame in run.measured():
         if frame.scans:  # a frame of a rig may have no scans
@@ -855,10 +855,10 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float, int]]:
             yield cloud, next(iter(frame.poses.values())), start, frame.number
 
 
-def _scanned(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
+def _scan(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud, ...], dict[str, Any], int]:
     """Return the clouds of a run, what else `show` takes for them, and the number of frames."""
     count = len(run.numbers)
-    found = list(track(islice(_seen(run), wanted), min(count, wanted or count)))
+    found = list(track(islice(_look_at(run), wanted), min(count, wanted or count)))
     if not found:
         raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
     clouds, poses, times, numbers = zip(*found, strict=True)

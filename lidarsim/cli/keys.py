@@ -331,7 +331,7 @@ def _kind(kind: Any) -> str:
     if kind in NAMES or models in UNIONS:
         words = NAMES[kind] if kind in NAMES else UNIONS[models]
     elif origin is Annotated:
-        words = _bounded(inner[0], inner[1:])
+        words = _describe_bounds(inner[0], inner[1:])
     elif origin is Literal:
         words = " or ".join(f"`{value}`" for value in inner)
     elif origin in {list, dict}:
@@ -346,7 +346,7 @@ def _kind(kind: Any) -> str:
     return words
 
 
-def _bounded(kind: Any, limits: Iterable[Any]) -> str:
+def _describe_bounds(kind: Any, limits: Iterable[Any]) -> str:
     """Return a type with limits in words."""
     known = {
         name: value

@@ -41,7 +41,7 @@ def fit_source(real: Source, sensor: Lidar, ground: Material | None) -> tuple[Li
         except UntoldError as error:
             measures.append(Measure(name=name, unit=unit, verdict="not measured", why=str(error), meaning=meaning))
         else:
-            found = _rounded(found)
+            found = _round(found)
             fit.lidar = _with(fit.lidar, name, found)
             measures.append(_measure(name, unit, meaning, found, old))
     rings = len(fit.rings)
@@ -117,7 +117,7 @@ def _attribute(lidar: Lidar, name: str) -> Any:
     return found
 
 
-def _rounded(found: Found) -> Found:
+def _round(found: Found) -> Found:
     """Return a value with the digits that files have."""
     if isinstance(found.value, tuple):
         return replace(found, value=tuple((float(f"{at:.3g}"), float(f"{one:.6g}")) for at, one in found.value))

@@ -96,14 +96,14 @@ class Pair:
     @cached_property
     def own(self) -> Indices:
         """The chosen points of the frame."""
-        return self._chosen(self.frame, 0)
+        return self._choose(self.frame, 0)
 
     @cached_property
     def other(self) -> Indices:
         """The chosen points of the reference."""
-        return self._chosen(self.reference, 1)
+        return self._choose(self.reference, 1)
 
-    def _chosen(self, frame: Frame, seed: int) -> Indices:
+    def _choose(self, frame: Frame, seed: int) -> Indices:
         share = PAIRED / max(len(self.reference), 1)
         return np.flatnonzero(np.random.default_rng(seed).random(len(frame)) < share)
 
@@ -246,7 +246,7 @@ def points_by_ring(frame: Frame) -> Samples:
     return Samples(frame.ring, frame.block, frame.reach)
 
 
-def _returned(frame: Frame) -> tuple[Floats, Floats, Floats, Indices]:
+def _find_returned(frame: Frame) -> tuple[Floats, Floats, Floats, Indices]:
     """Return range, cosine, whether it returned, and block of the pulses that met a surface."""
     if frame.truth is not None:
         truth = frame.truth
@@ -264,14 +264,14 @@ def return_rate_by_range(frame: Frame) -> Samples:
     A pulse counts if its ring has points of the plane before and behind it. If both sides are scans, all pulses that
     met a surface count.
     """
-    reach, _, returned, block = _returned(frame)
+    reach, _, returned, block = _find_returned(frame)
     return Samples(bin_of(reach, RANGES), block, returned)
 
 
 @measure("return rate by incidence", "share", Rate(), BY_COSINE, "column", least=0.02)
 def return_rate_by_incidence(frame: Frame) -> Samples:
     """Share of the pulses at a plane that return, by the cosine of the angle of incidence."""
-    _, cosine, returned, block = _returned(frame)
+    _, cosine, returned, block = _find_returned(frame)
     return Samples(bin_of(cosine, COSINES), block, returned)
 
 

@@ -54,7 +54,7 @@ def source(argument: str, given: Given) -> Source:
         If it is none of these, or there is nothing to read.
     """
     if isinstance(given, PointCloud | Scan):
-        return Source(_named(given), iter([given]), 1)
+        return Source(_find_name(given), iter([given]), 1)
     if isinstance(given, str | os.PathLike):
         place = Place(given)
         files = _files(place)
@@ -82,7 +82,7 @@ def intensity_unit(first: PointCloud | Scan) -> float:
     return VENDOR_UNIT if whole else 1.0
 
 
-def _named(given: PointCloud | Scan) -> str:
+def _find_name(given: PointCloud | Scan) -> str:
     return given.lidar.name or "scan" if isinstance(given, Scan) else "cloud"
 
 

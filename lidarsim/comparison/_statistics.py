@@ -79,7 +79,7 @@ class Summary(ABC):
         return np.zeros(len(sums))
 
 
-def _summed(samples: Samples, cells: int, columns: list[Floats]) -> Floats:
+def _sum(samples: Samples, cells: int, columns: list[Floats]) -> Floats:
     """Return sums of weighted columns, shape (BLOCKS, cells, columns)."""
     chosen = samples.cell >= 0
     place = samples.block[chosen] * cells + samples.cell[chosen]
@@ -101,7 +101,7 @@ class Mean(Summary):
         """Return number, weights, and weighted samples."""
         one = np.ones(len(samples.cell))
         weight = one if samples.weight is None else samples.weight
-        return _summed(samples, cells, [one, weight, weight * samples.value])
+        return _sum(samples, cells, [one, weight, weight * samples.value])
 
     def value(self, sums: Floats) -> Floats:
         """Return the mean."""
@@ -122,7 +122,7 @@ class Share(Summary):
 
     def sums(self, samples: Samples, cells: int) -> Floats:
         """Return the number of samples."""
-        return _summed(samples, cells, [np.ones(len(samples.cell))])
+        return _sum(samples, cells, [np.ones(len(samples.cell))])
 
     def value(self, sums: Floats) -> Floats:
         """Return the part that each cell has of all."""
@@ -147,7 +147,7 @@ class Slope(Summary):
     def sums(self, samples: Samples, cells: int) -> Floats:
         """Return the moments up to the second that a regression needs."""
         x, y = np.zeros(0) if samples.other is None else samples.other, samples.value
-        return _summed(samples, cells, [np.ones(len(y)), x, y, x * x, x * y])
+        return _sum(samples, cells, [np.ones(len(y)), x, y, x * x, x * y])
 
     def value(self, sums: Floats) -> Floats:
         """Return the angle; nan where all abscissas are equal to within the rounding of the sums."""
@@ -268,7 +268,7 @@ class Step(Summary):
         """Return number, and cosine and sine for each step."""
         turns = 2.0 * math.pi * np.mod(samples.value[:, None] / self.steps, 1.0)
         columns = [np.ones(len(turns)), *np.cos(turns).T, *np.sin(turns).T]
-        return _summed(samples, cells, columns)
+        return _sum(samples, cells, columns)
 
     def value(self, sums: Floats) -> Floats:
         """Return the greatest step whose mean is longer than half."""
@@ -311,7 +311,7 @@ class Units:
 
     def sums(self, cells: int) -> Floats:
         """Return the sums of all units, shape (units, cells, k)."""
-        return np.stack([_padded(unit, cells) for unit in self._units])
+        return np.stack([_pad(unit, cells) for unit in self._units])
 
     @property
     def cells(self) -> int:
@@ -329,10 +329,10 @@ def _parts(units: list[Floats], length: int) -> Iterator[list[Floats]]:
 
 def _total(units: list[Floats]) -> Floats:
     cells = max(map(len, units))
-    return np.sum([_padded(unit, cells) for unit in units], axis=0)  # type: ignore[no-any-return]
+    return np.sum([_pad(unit, cells) for unit in units], axis=0)  # type: ignore[no-any-return]
 
 
-def _padded(unit: Floats, cells: int) -> Floats:
+def _pad(unit: Floats, cells: int) -> Floats:
     return np.pad(unit, ((0, cells - len(unit)), (0, 0)))
 
 

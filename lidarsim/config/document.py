@@ -144,13 +144,13 @@ def parse(text: str, name: str) -> Node:
         loader.name = name
         node = loader.get_single_node()
     except yaml.MarkedYAMLError as error:
-        where = _written(error.problem_mark) if error.problem_mark else name
+        where = _describe_mark(error.problem_mark) if error.problem_mark else name
         raise ConfigError(f"{where}: not valid YAML: {short(_one_line(error.problem or error.context))}") from None
     except yaml.reader.ReaderError as error:
         where = _place(name, text.count("\n", 0, error.position))
         raise ConfigError(f"{where}: not valid YAML: character U+{ord(text[error.position]):04X}") from None
     except (OverflowError, ValueError):  # PyYAML's from chr and int
-        where = _written(loader.get_mark()) if loader else name
+        where = _describe_mark(loader.get_mark()) if loader else name
         raise ConfigError(f"{where}: not valid YAML: an escape or a version is out of range") from None
     if node is None:
         raise ConfigError(f"{name}: expected YAML, got nothing")
@@ -289,12 +289,14 @@ def replace(node: Node | None, path: list[str], value: Node) -> Node:
         index = int(head) if re.fullmatch(r"[0-9]{1,9}", head) else len(node.value)
         if index >= len(node.value):
             got = shown(head)
-            raise ConfigError(f"{_written(value.start_mark)}: expected an index below {len(node.value)}, got {got}")
+            raise ConfigError(
+                f"{_describe_mark(value.start_mark)}: expected an index below {len(node.value)}, got {got}"
+            )
         changed = list(node.value)
         changed[index] = replace(changed[index], rest, value)
         return yaml.SequenceNode(node.tag, changed, node.start_mark, node.end_mark)
     if isinstance(node, yaml.ScalarNode) and node.tag != f"{_TAG}null":
-        raise ConfigError(f"{_written(value.start_mark)}: {shown(node.value)} has no key {shown(head)} to set")
+        raise ConfigError(f"{_describe_mark(value.start_mark)}: {shown(node.value)} has no key {shown(head)} to set")
     found = entries(node)
     key, old = found.get(head, (None, None))
     if key is None or not rest:  # keys on the way keep their positions
@@ -331,7 +333,7 @@ class Place:
             if isinstance(node, yaml.SequenceNode) and isinstance(key, int):
                 node = node.value[key]
                 mark = node.start_mark
-            elif isinstance(node, yaml.MappingNode) and key in (found := self._found(node)):
+            elif isinstance(node, yaml.MappingNode) and key in (found := self._find(node)):
                 key_node, node = found[str(key)]
                 mark = key_node.start_mark
             else:
@@ -339,7 +341,7 @@ class Place:
             keys.append(str(key))
         return mark, keys
 
-    def _found(self, node: Node) -> dict[str, tuple[Node, Node]]:
+    def _find(self, node: Node) -> dict[str, tuple[Node, Node]]:
         """Return the entries of a mapping, cached for documents with many errors."""
         if node not in self._entries:
             self._entries[node] = entries(node)
@@ -356,7 +358,7 @@ class Place:
         mark, keys = self._walk()
         key = ".".join(keys)
         told = not key or mark.name.startswith(f"{_OVERRIDE}{key}=")
-        return ConfigError(": ".join([_written(mark), *([] if told else [_short(key)]), _one_line(problem)]))
+        return ConfigError(": ".join([_describe_mark(mark), *([] if told else [_short(key)]), _one_line(problem)]))
 
     @contextmanager
     def refusals(self, keys: Mapping[str, tuple[str, str]] | None = None) -> Iterator[None]:
@@ -426,7 +428,7 @@ def folder_of(mark: yaml.Mark) -> Path:
     return Path() if mark.name.startswith(_OVERRIDE) else Path(mark.name).parent
 
 
-def _written(mark: yaml.Mark) -> str:
+def _describe_mark(mark: yaml.Mark) -> str:
     return _short(mark.name) if mark.name.startswith(_OVERRIDE) else _place(mark.name, mark.line)
 
 
@@ -470,7 +472,7 @@ def _check(node: Node, keys: tuple[str, ...], known: dict[Node, _Extent | None])
             sum(part.characters for part in extents),
             1 + max((part.depth for part in extents), default=0),
         )
-        where = _written(node.start_mark)
+        where = _describe_mark(node.start_mark)
         if extent.values > MOST_VALUES:
             raise ConfigError(
                 f"{where}: expected at most {MOST_VALUES:,} values, counting aliases, got {extent.values:,}"
@@ -484,13 +486,13 @@ def _check(node: Node, keys: tuple[str, ...], known: dict[Node, _Extent | None])
         known[node] = extent
     found = known[node]
     if found is None:
-        raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: this value contains itself")
+        raise ConfigError(f"{_describe_mark(node.start_mark)}: not valid YAML: this value contains itself")
     return found
 
 
 def _check_scalar(node: Node, keys: tuple[str, ...]) -> None:
     """Check that a scalar has a type in `_SCALARS` and is within its range."""
-    where = _written(node.start_mark)
+    where = _describe_mark(node.start_mark)
     try:
         _SCALARS[node.tag](node.value)
     except OverflowError:
@@ -505,7 +507,9 @@ def _check_scalar(node: Node, keys: tuple[str, ...]) -> None:
 
 def _check_text(node: Node) -> None:
     if re.search("[\ud800-\udfff]", node.value):
-        raise ConfigError(f"{_written(node.start_mark)}: expected text, got half a character in {shown(node.value)}")
+        raise ConfigError(
+            f"{_describe_mark(node.start_mark)}: expected text, got half a character in {shown(node.value)}"
+        )
 
 
 def _children(node: Node) -> list[tuple[str, Node]]:
@@ -513,17 +517,19 @@ def _children(node: Node) -> list[tuple[str, Node]]:
     kind = "map" if isinstance(node, yaml.MappingNode) else "seq"
     if node.tag != f"{_TAG}{kind}":
         tag = _short(node.tag.removeprefix(_TAG))
-        raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: {tag} is unknown or does not fit the value")
+        raise ConfigError(
+            f"{_describe_mark(node.start_mark)}: not valid YAML: {tag} is unknown or does not fit the value"
+        )
     if kind == "seq":
         return [(str(index), value) for index, value in enumerate(node.value)]
     lines: dict[str, int] = {}
     for key, _ in node.value:
         if not isinstance(key, yaml.ScalarNode):
-            raise ConfigError(f"{_written(key.start_mark)}: expected a word as a key")
+            raise ConfigError(f"{_describe_mark(key.start_mark)}: expected a word as a key")
         _check_text(key)
         if key.value in lines:
             raise ConfigError(
-                f"{_written(key.start_mark)}: {_short(key.value)}: this key is already on line {lines[key.value]}"
+                f"{_describe_mark(key.start_mark)}: {_short(key.value)}: this key is already on line {lines[key.value]}"
             )
         lines[key.value] = key.start_mark.line + 1
     return [(key.value, value) for key, value in node.value]

@@ -60,7 +60,7 @@ def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], 
     arguments: dict[str, object] = {}
     key_of: dict[str, tuple[str, str]] = {}
     for key in sorted(model.model_fields_set.intersection(keys)):
-        value: Any = _built(getattr(model, key), place / key)
+        value: Any = _build(getattr(model, key), place / key)
         name, unit = argument_of(key), unit_of(key)
         if unit and value is not None:
             value = in_si(value, unit)
@@ -72,11 +72,11 @@ def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], 
         return constructor(**{**arguments, **more})
 
 
-def _built(value: object, place: Place) -> object:
+def _build(value: object, place: Place) -> object:
     if isinstance(value, Part):
         return value.build(place)
     if isinstance(value, list):
-        return [_built(entry, place / index) for index, entry in enumerate(value)]
+        return [_build(entry, place / index) for index, entry in enumerate(value)]
     return value
 
 

@@ -91,7 +91,7 @@ class Object(Part, Placement):
 
     def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
         material = more.pop("material", None) or self._material(place)
-        transform, motion = self._placed(place)
+        transform, motion = self._place(place)
         if inner is not None:
             transform = inner if transform is None else transform @ inner
         more = {"transform": transform, "motion": motion, "shape": shape, "material": material, **more}
@@ -106,7 +106,7 @@ class Object(Part, Placement):
         differ = partial(Material, **{argument_of(key): getattr(base, argument_of(key)) for key in _LOOKS})
         return construct(differ, self, _LOOKS, place, per=self.reflectivity_per)
 
-    def _placed(self, place: Place) -> tuple[Floats | None, Trajectory | None]:
+    def _place(self, place: Place) -> tuple[Floats | None, Trajectory | None]:
         """Return the transform and the motion that follows it."""
         placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
         transform = self.to_matrix(place, self.scale) if placed else None
@@ -363,7 +363,7 @@ class Generated(Object):
         return {"name": f"{self.name}/{part.name}".lstrip("/"), "label": label, "material": part.material}
 
 
-def _generated(name: str, generator: Callable[..., worlds.Asset]) -> type[Generated]:
+def _declare_generated(name: str, generator: Callable[..., worlds.Asset]) -> type[Generated]:
     """Return the model of a generator, whose keys are its arguments; those that are lengths end in _m."""
     fields: dict[str, Any] = {"shape": (Literal[name], ...)}
     types = get_type_hints(generator)
@@ -384,7 +384,7 @@ SHAPES: dict[str, type[Object]] = {
     "raster": Raster,
     "surfels": Surfels,
     "scene_file": SceneFile,
-    **{name: _generated(name, getattr(worlds, name)) for name in worlds.GENERATORS},
+    **{name: _declare_generated(name, getattr(worlds, name)) for name in worlds.GENERATORS},
     **models_of(public(shapes), "shape", Object),
 }
 

@@ -81,7 +81,7 @@ Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, r
 {_table("range", list(zip(spans, ranges, strict=True))[used[0] : used[-1] + 1], points)}"""
     if (box_filter := recipe.layout.box_filter) is not None:
         text += "\n" + _boxes(recipe, run, summary, box_filter)
-    text += _scattered(summary.scattered)
+    text += _describe_scattered(summary.scattered)
     if drawn := _pictures(plan, files, pictures):
         text += "\n## Frames\n" + "".join(f"\n![{about}]({name})\n\n{about}\n" for name, about in drawn)
     files.write(manifest.CARD, text.encode())
@@ -184,7 +184,7 @@ def _describe(box_filter: BoxFilter) -> str:
     return ", ".join(parts)
 
 
-def _scattered(scattered: Scattered) -> str:
+def _describe_scattered(scattered: Scattered) -> str:
     """Return the section on scattered objects; empty without groups."""
     if not scattered.groups:
         return ""

@@ -87,7 +87,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                         points = 0
                         for sample in samples(recipe, run, sequence, frame, next(scans)):
                             records.append(dataclasses.replace(sample.record, extra=write(sample)))
-                            labels.update(_counted(sample.cloud.label))
+                            labels.update(_count(sample.cloud.label))
                             ranges += _histogram(sample.cloud.range)
                             points += sample.record.points
                         tell(1, points)
@@ -105,11 +105,11 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
         }
         manifest.write_part(plan.store, manifest.Part.model_validate(part))
     except Exception as error:  # noqa: BLE001 - any error is reported with its frame
-        return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
+        return Made(shard, len(made), sum(made), _describe(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made), scattered=scattered)
 
 
-def _counted(labels: npt.NDArray[np.uint32]) -> dict[int, int]:
+def _count(labels: npt.NDArray[np.uint32]) -> dict[int, int]:
     """Return the number of points by label."""
     if labels.max(initial=0) < len(labels):  # without sorting them
         counts = np.bincount(labels)
@@ -124,7 +124,7 @@ def _histogram(ranges: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
     return np.diff([*below, np.count_nonzero(ranges <= RANGES[-1])])
 
 
-def _told(error: BaseException) -> str:
+def _describe(error: BaseException) -> str:
     if isinstance(error, OSError):
         return told(error)
     return str(error) if isinstance(error, LidarsimError) else f"{type(error).__name__}: {error}"
@@ -181,12 +181,12 @@ def _there(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[in
     distributed = import_extra("distributed", "cluster", "a cluster")
     lost = CancelledError, distributed.client.ClosedClientError, distributed.comm.CommClosedError
     try:
-        yield from _submitted(plan, shards, client, tell)
+        yield from _submit(plan, shards, client, tell)
     except lost:
         raise LidarsimError("lost the connection to the scheduler: run the same command again to resume") from None
 
 
-def _submitted(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[int, int], object]) -> Iterator[Made]:
+def _submit(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[int, int], object]) -> Iterator[Made]:
     distributed = import_extra("distributed", "cluster", "a cluster")
     pickled = import_extra("cloudpickle", "cluster", "a cluster").dumps(plan)
     tries, choice = Counter[int](), Choice(plan.recipe, shards)
@@ -219,7 +219,7 @@ def _submitted(plan: Plan, shards: Iterable[int], client: Client, tell: Callable
         if future.status == "error":
             error = future.exception()
             sequence, frames = next(plan.recipe.shard(shard))
-            made = Made(shard, 0, 0, _told(error), sequence, frames[0], plan.recipe.seed)
+            made = Made(shard, 0, 0, _describe(error), sequence, frames[0], plan.recipe.seed)
         else:
             made = future.result()
         if made.full:

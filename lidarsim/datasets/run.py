@@ -78,7 +78,7 @@ def run(
             raise LidarsimError(f"{plan.store}: another data set was made here at the same time: choose another place")
         failed, left = [], 0
         plan.store.tidy()
-    again += _lost_names(todo, failed)
+    again += _list_lost_names(todo, failed)
     return _report(progress, left, again, made), failed
 
 
@@ -103,7 +103,7 @@ def _repair(
     with Progress(plan.recipe.sequences * plan.recipe.frames, _count_present(plan, todo)) as progress:
         made = list(make(plan, sorted(todo), client, progress.add))
     failed = [shard for shard in made if shard.problem]
-    again = [*again, *_lost_names(todo, failed)]
+    again = [*again, *_list_lost_names(todo, failed)]
     if wrong := manifest.differences(store, again):
         raise LidarsimError(
             f"{store}: {counted(len(wrong), 'file')} made again, but not as in the manifest: {wrong[0]}"
@@ -130,7 +130,7 @@ def _make_until_complete(plan: Plan, shards: Iterable[int], client: Client | Non
     return list(make(plan, pending, client, progress.add))
 
 
-def _lost_names(todo: Mapping[int, list[str]], failed: Iterable[Made]) -> list[str]:
+def _list_lost_names(todo: Mapping[int, list[str]], failed: Iterable[Made]) -> list[str]:
     """Return the names of the lost files of the shards that did not fail."""
     without = {made.shard for made in failed}
     return [name for shard, names in sorted(todo.items()) if shard not in without for name in names]

@@ -256,7 +256,7 @@ def load(file: BinaryIO) -> Fields:
 
 
 @contextmanager
-def _lost_writes() -> Iterator[None]:
+def _explain_lost_writes() -> Iterator[None]:
     """Turn lazrs's own error into the `OSError` that it hides: only the file can fail during compression."""
     try:
         yield
@@ -312,7 +312,7 @@ class _Points:
     def __enter__(self) -> Self:
         return self
 
-    @_lost_writes()
+    @_explain_lost_writes()
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             if self._writer is None:
@@ -321,7 +321,7 @@ class _Points:
             self._file.seek(90)
             self._file.write(bytes(4))  # no creation date: the same cloud gives the same bytes on any day
 
-    @_lost_writes()
+    @_explain_lost_writes()
     def write(self, fields: Fields, start: float | datetime) -> None:
         if self._writer is None and not len(fields["xyz"]):
             self._empty = fields, start

@@ -136,7 +136,7 @@ class Trajectory(Immutable):
         rising.setflags(write=False)
         self._times = rising
         self._recipe: _Recipe = "knots", (rising, matrices.reshape(-1, 16), steps.reshape(-1, 18)), ()
-        self._native = _built(self._recipe)
+        self._native = _build(self._recipe)
 
     @classmethod
     def from_twist(
@@ -186,7 +186,7 @@ class Trajectory(Immutable):
             _in_range(name, values)
         ask_above("angular", velocities[1], FASTEST_TURN, "rad/s", "degrees per second?")
         arguments = start.tolist(), *(velocity.tolist() for velocity in velocities)
-        return cls._made(np.zeros(1), ("twist", arguments, ()))
+        return cls._make(np.zeros(1), ("twist", arguments, ()))
 
     @classmethod
     def load(
@@ -493,7 +493,7 @@ class Trajectory(Immutable):
         """
         when = self._within(times)
         kind, arguments, mounts = self._recipe
-        body = _built((kind, arguments, ()))
+        body = _build((kind, arguments, ()))
         flat = np.atleast_1d(when)
         rotations, rates = body.at(flat)[:, :3, :3], body.velocity(flat)[:, 1]
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -533,7 +533,7 @@ class Trajectory(Immutable):
             raise ArgumentTypeError("mount", "a pose", "a Trajectory")
         matrix = _in_range("mount", validation.pose("mount", mount)).tolist()
         kind, arguments, mounts = self._recipe
-        return self._made(self._times, (kind, arguments, (*mounts, matrix)), self._native.mounted(matrix))
+        return self._make(self._times, (kind, arguments, (*mounts, matrix)), self._native.mounted(matrix))
 
     def __rmatmul__(self, world: Transform) -> Trajectory:
         """Return the same motion in another world; `world` maps the present world to the new one."""
@@ -550,7 +550,7 @@ class Trajectory(Immutable):
             turned[:, 0] = product(matrix[:3, :3], turned[:, 0, :, :, None])[..., 0]
             moved = product(matrix, poses.reshape(-1, 4, 4))
             arguments = times, _in_range("world", moved).reshape(-1, 16), _in_range("world", turned).reshape(-1, 18)
-        return self._made(self._times, (kind, arguments, mounts))
+        return self._make(self._times, (kind, arguments, mounts))
 
     def perturbed(
         self,
@@ -638,7 +638,7 @@ class Trajectory(Immutable):
         times = _finely(self._times, 0.1 * scale)
         errors = sigmas * gauss_markov(times, scale, seed)
         # Between its poses, it is the body that moves as interpolated. It turns about the sensor that it carries.
-        poses, carried = _built((kind, arguments, ())).at(times), _built(("still", (np.eye(4).tolist(),), mounts))
+        poses, carried = _build((kind, arguments, ())).at(times), _build(("still", (np.eye(4).tolist(),), mounts))
         sensor: Floats = carried.at(np.zeros(1))[0]
         turns = product(sensor[:3, :3], product(Rotation.from_rotvec(errors[:, 3:]).as_matrix(), sensor[:3, :3].T))
         shifts = sensor[:3, 3:] - product(turns, sensor[:3, 3:])
@@ -647,25 +647,25 @@ class Trajectory(Immutable):
         return Trajectory(times, poses, interpolation="spline" if is_spline else "linear") @ sensor @ mount
 
     @classmethod
-    def _made(cls, times: Floats, recipe: _Recipe, native: _native.Path | None = None) -> Self:
+    def _make(cls, times: Floats, recipe: _Recipe, native: _native.Path | None = None) -> Self:
         trajectory = cls.__new__(cls)
         times.setflags(write=False)
         trajectory._times, trajectory._recipe = times, recipe
-        trajectory._native = _built(recipe) if native is None else native
+        trajectory._native = _build(recipe) if native is None else native
         return trajectory
 
     @classmethod
     def _through(cls, times: Floats, poses: Floats) -> list[Self]:
         """Return linear trajectories through rigid poses, of shape (m, n, 4, 4), at the same rising times."""
         knots = zip(poses.reshape(len(poses), -1, 16), _linear_steps(times, poses), strict=True)
-        return [cls._made(times, ("knots", (times, own, steps.reshape(-1, 18)), ())) for own, steps in knots]
+        return [cls._make(times, ("knots", (times, own, steps.reshape(-1, 18)), ())) for own, steps in knots]
 
     def _contents(self) -> dict[str, Any]:
         return {"times": self._times, "recipe": self._recipe}
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
-        return cls._made(**contents)
+        return cls._make(**contents)
 
     def __repr__(self) -> str:
         """Return the class and the span."""
@@ -676,7 +676,7 @@ _Recipe = tuple[str, tuple[Any, ...], tuple[Any, ...]]
 """Constructor of a path in the core, its arguments, and the mounts on it."""
 
 
-def _built(recipe: _Recipe) -> _native.Path:
+def _build(recipe: _Recipe) -> _native.Path:
     kind, arguments, mounts = recipe
     path: _native.Path = getattr(_native.Path, kind)(*arguments)
     for mount in mounts:

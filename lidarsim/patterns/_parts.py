@@ -57,7 +57,7 @@ def ask_order(name: str, values: Floats, offsets: Floats | None = None, times: F
         (rows,) = np.nonzero(offsets == offset)
         steps = np.diff(values[rows])
         rising, falling = int((steps > 0).sum()), int((steps < 0).sum())
-        if rising and falling and not (len(rows) >= INTERLEAVED and _interleaved(values[rows])):
+        if rising and falling and not (len(rows) >= INTERLEAVED and _is_interleaved(values[rows])):
             i, what = np.flatnonzero(steps > 0 if rising <= falling else steps < 0)[0], "out of order"
         elif len(steps) > 1 and steps[-1] > max(LAST_STEP, 5.0 * np.abs(steps[:-1]).max()):
             i, what = len(steps) - 1, "far from the others"  # "3,33" at the end of a rising list
@@ -67,7 +67,7 @@ def ask_order(name: str, values: Floats, offsets: Floats | None = None, times: F
         ask(name, f"{what} at {name}[{rows[i]}] ({told} degrees)", "a decimal comma?")
 
 
-def _interleaved(values: Floats) -> bool:
+def _is_interleaved(values: Floats) -> bool:
     """Return whether every other value is of one of two series that both rise or both fall."""
     directions = {tuple(np.unique(np.sign(np.diff(values[start::2])))) for start in (0, 1)}
     return directions in ({(1.0,)}, {(-1.0,)})

@@ -74,8 +74,8 @@ class Pulses(_OfOneOrigin):
             "directions": directions,
             "origins": origins.copy() if same else origins,  # `_origin` must stay true if the caller changes them
             "time": array("time", self.time, (count,)),
-            "ring": _numbered("ring", self.ring, count, np.uint16),
-            "column": _numbered("column", self.column, count, np.uint32),
+            "ring": _check_numbers("ring", self.ring, count, np.uint16),
+            "column": _check_numbers("column", self.column, count, np.uint32),
         }
         object.__setattr__(self, "_origin", tuple(origins[0].tolist()) if same else None)
         for name, values in converted.items():
@@ -133,7 +133,7 @@ def made_pulses(
     return made
 
 
-def _numbered(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
+def _check_numbers(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
     """Return `value` as a C-contiguous array of `count` integers that fit `dtype`."""
     if isinstance(value, np.ndarray) and value.dtype == dtype and value.shape == (count,):
         return in_order(value, dtype)

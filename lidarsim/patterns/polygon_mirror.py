@@ -136,7 +136,7 @@ class PolygonMirror(Value):
         lines = Fraction(self.line_rate) / Fraction(self.rate)
         if lines.denominator > 1:
             return len(self.elevations), cycles("pulse_rate", self.pulse_rate, self.rate)
-        return len(self.elevations), int(lines) * self._used(0.0)
+        return len(self.elevations), int(lines) * self._count_used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
         """Return the pulses of a frame.
@@ -165,7 +165,7 @@ class PolygonMirror(Value):
             late = (first * lines - line * cycles) / lines
             start = first - now.first
             here = max(0, start)
-            columns = min(now.count, start + self._used(late)) - here
+            columns = min(now.count, start + self._count_used(late)) - here
             if columns > 0:
                 runs.append((columns, here, here - start, late))
         return self._cycles.fired(runs, rate=self.pulse_rate, wait=now.wait, azimuth=0.5 * self.field_of_view)
@@ -181,6 +181,6 @@ class PolygonMirror(Value):
             columns=self.shape[1],
         )
 
-    def _used(self, wait: float) -> int:
+    def _count_used(self, wait: float) -> int:
         """Return how many cycles of a line lie in the field of view; the first starts `wait` of a cycle late."""
         return used_cycles(self.pulse_rate / self.line_rate, self.field_of_view / self.sweep, wait)

@@ -42,7 +42,7 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     column = frame.column[order].astype(np.int64)
     azimuth, elevation = _angles(frame.directions[order])
     within = np.diff(frame.ring[order]) == 0
-    turns = np.where(within, _wrapped(np.diff(azimuth)), 0.0)
+    turns = np.where(within, _wrap(np.diff(azimuth)), 0.0)
     around = np.abs(np.add.reduceat(np.append(turns, 0.0), starts))
     rising = bool((turns[within] > 0.0).all())
     highest, lowest = np.maximum.reduceat(elevation, starts), np.minimum.reduceat(elevation, starts)
@@ -70,7 +70,7 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     several = spread > 0.0
     step = float(np.median(np.abs(covered[several] / spread[several]))) if several.any() else TURN
     place = last - column[starts] if rising else column[starts] - first
-    aside = _wrapped(azimuth[starts[0]] - azimuth[starts] - step * (place - place[0])) / step
+    aside = _wrap(azimuth[starts[0]] - azimuth[starts] - step * (place - place[0])) / step
     all_around = last - first + 2 > TURN / step
     if all_around:
         aside += (0.5 * TURN - azimuth[starts[0]]) / step - place[0]
@@ -128,7 +128,7 @@ def _angles(directions: Floats) -> tuple[Floats, Floats]:
     return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
 
 
-def _wrapped(angle: Floats) -> Floats:
+def _wrap(angle: Floats) -> Floats:
     """Return angles between -pi and pi, whole turns taken off."""
     wrapped: Floats = (angle + 0.5 * TURN) % TURN - 0.5 * TURN
     return wrapped

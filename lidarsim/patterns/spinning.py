@@ -192,7 +192,7 @@ class Spinning(Value):
     @property
     def shape(self) -> tuple[int, int]:
         """Rings and most columns of a frame."""
-        return len(self.elevations), self._used(0.0)
+        return len(self.elevations), self._count_used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
         """Return the pulses of a frame, which is a turn.
@@ -219,7 +219,7 @@ class Spinning(Value):
     def _even_turn(self) -> Pulses:
         return self._turn(0.0)
 
-    def _used(self, late: float) -> int:
+    def _count_used(self, late: float) -> int:
         """Return how many cycles of a turn lie in the field of view; the first starts `late`, in cycles."""
         return used_cycles(self.columns_per_turn, self.field_of_view / TURN, late)
 
@@ -235,5 +235,5 @@ class Spinning(Value):
         )
 
     def _turn(self, late: float) -> Pulses:
-        rate, turn = self.columns_per_turn * self.rate, (self._used(late), 0, 0, late)
+        rate, turn = self.columns_per_turn * self.rate, (self._count_used(late), 0, 0, late)
         return self._cycles.fired([turn], rate=rate, wait=late, azimuth=self.start_azimuth)

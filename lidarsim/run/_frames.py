@@ -423,9 +423,9 @@ class Frames:
             At once, if the trajectory does not cover the frames.
         """
         scans = self.scans()
-        return (self._measured(number, scans) for number in self.numbers)
+        return (self._measure(number, scans) for number in self.numbers)
 
-    def _measured(self, number: int, scans: Iterator[dict[str, Scan]]) -> RunFrame:
+    def _measure(self, number: int, scans: Iterator[dict[str, Scan]]) -> RunFrame:
         begin = time.perf_counter()
         found = next(scans)
         clouds = {name: scan.point_cloud(**self.cloud) for name, scan in found.items()}

@@ -218,7 +218,7 @@ def scan_many(
             path_of(pose, shots[shot][1], at, 1.0 / shots[shot][0].pattern.rate)
             for pose, shot, at in zip(where, shot_of.tolist(), start.tolist(), strict=True)
         ]
-    batch = _arrays(fields, rows, pulses, most) if out is None else _reused(out, fields, rows, pulses, most)
+    batch = _arrays(fields, rows, pulses, most) if out is None else _reuse(out, fields, rows, pulses, most)
     contents = {name: array for name, array in batch.__dict__.items() if name in _COLUMNS}
     _native.scan_many(
         [world.native for world in scenes],
@@ -365,7 +365,7 @@ def _arrays(fields: Collection[str] | None, rows: int, pulses: int, most: int) -
     )
 
 
-def _reused(out: ScanBatch, fields: Collection[str] | None, rows: int, pulses: int, most: int) -> ScanBatch:
+def _reuse(out: ScanBatch, fields: Collection[str] | None, rows: int, pulses: int, most: int) -> ScanBatch:
     """Return `out` after checking that its arrays are those of this batch."""
     if not isinstance(out, ScanBatch):
         raise ArgumentTypeError("out", "a ScanBatch", shown(out))

@@ -231,12 +231,12 @@ def boxes_of(
     sensor = path.at(time)
     distance = np.fmax.reduce(scan.true_range, axis=None, initial=0.0)
     farthest = distance + np.abs(sensor[:, :3, 3]).max(initial=0.0)
-    size = _rounded_up(size, center, farthest)
+    size = _round_up(size, center, farthest)
     back = sensor[:, :3, :3].transpose(0, 2, 1)
-    seen_center, seen_rotation = _turned(back, center - sensor[:, :3, 3]), back @ rotation
+    seen_center, seen_rotation = _turn(back, center - sensor[:, :3, 3]), back @ rotation
     truncation = _truncation(_corners(seen_center, size, seen_rotation), scan.pulses, scan.lidar.max_range)
     if not in_world:
-        center, rotation, velocity = seen_center, seen_rotation, _turned(back, velocity)
+        center, rotation, velocity = seen_center, seen_rotation, _turn(back, velocity)
     return Boxes(
         center=center,
         size=size,
@@ -259,13 +259,13 @@ def _corners(center: Floats, size: Floats, rotation: Floats) -> Floats:
     return corners
 
 
-def _turned(rotation: Floats, vectors: Floats) -> Floats:
+def _turn(rotation: Floats, vectors: Floats) -> Floats:
     """Return the products of n matrices and n vectors."""
     turned: Floats = (rotation @ vectors[:, :, None])[:, :, 0]
     return turned
 
 
-def _rounded_up(size: Floats, center: Floats, farthest: float) -> Floats:
+def _round_up(size: Floats, center: Floats, farthest: float) -> Floats:
     """Return sizes that hold all points on the shapes, whose coordinates were rounded on their way.
 
     Every number on the way is at most the sum of the farthest coordinate and the distance of the box, and each of at
@@ -349,9 +349,9 @@ class _Instances:
             if np.isnan(extent[k]).any():
                 extent[k] = _extent(parts, axes[k].T @ np.linalg.inv(body[k])[:3], moment)
         turn = body[:, :3, :3]
-        middle = _turned(axes, extent.mean(axis=1))
-        center = _turned(turn, middle) + body[:, :3, 3]
-        velocity = linear + _turned(turn, np.cross(angular, middle))
+        middle = _turn(axes, extent.mean(axis=1))
+        center = _turn(turn, middle) + body[:, :3, 3]
+        velocity = linear + _turn(turn, np.cross(angular, middle))
         return center, extent[:, 1] - extent[:, 0], turn @ axes, velocity
 
 
@@ -503,7 +503,7 @@ def _truncation(corners: Floats, pulses: Pulses, max_range: float) -> Floats:
     last = first + span  # less than two turns after the start of the view, which ends at its width and begins anew
     outside = np.clip(np.minimum(last, math.tau) - np.maximum(first, width), 0.0, None)
     outside += np.clip(last - (math.tau + width), 0.0, None)
-    truncation: Floats = 1.0 - inside * (1.0 - _divided(outside, span))
+    truncation: Floats = 1.0 - inside * (1.0 - _divide(outside, span))
     return truncation
 
 
@@ -511,10 +511,10 @@ def _share(values: Floats, low: float, high: float) -> Floats:
     """Return the share of the range of each row of values, (m, 8), between two limits."""
     least, most = values.min(axis=1), values.max(axis=1)
     span = most - least
-    return 1.0 - _divided(np.clip(low - least, 0.0, span) + np.clip(most - high, 0.0, span), span)
+    return 1.0 - _divide(np.clip(low - least, 0.0, span) + np.clip(most - high, 0.0, span), span)
 
 
-def _divided(outside: Floats, span: Floats) -> Floats:
+def _divide(outside: Floats, span: Floats) -> Floats:
     """Return the share that is outside; none of a range without extent, which some pulse meets."""
     share: Floats = np.divide(outside, span, out=np.zeros_like(span), where=span > 0.0)
     return share

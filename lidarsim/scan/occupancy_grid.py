@@ -218,7 +218,7 @@ def occupancy(
     _mark_lines(occupied, curved, grid, height, when)
     cells = np.where(occupied, np.int8(OCCUPIED), np.int8(FREE))
     if free_from is not None:
-        cells[~occupied & ~_reached(occupied, grid, free_from)] = UNKNOWN
+        cells[~occupied & ~_find_reached(occupied, grid, free_from)] = UNKNOWN
     return OccupancyGrid(cells, side, (float(grid.low[0]), float(grid.low[1])), height)
 
 
@@ -260,7 +260,7 @@ def _place(item: SceneObject, time: float) -> Floats | None:
 
 def _cut(item: SceneObject, z: float, time: float) -> Floats:
     """Return the segments in which an object of triangles crosses a height, shape (n, 2, 2)."""
-    vertices, faces = item.shape._tessellated(None, np.zeros((8, 3)))
+    vertices, faces = item.shape._tessellate(None, np.zeros((8, 3)))
     matrix = np.eye(4)
     for map_ in (item.shape.transform, _place(item, time)):
         matrix = matrix if map_ is None else map_ @ matrix
@@ -357,7 +357,7 @@ def _all_hits(scene: Scene, origins: Floats, axis: int, length: float, time: flo
         most *= 2
 
 
-def _reached(occupied: npt.NDArray[np.bool_], grid: _Grid, free_from: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def _find_reached(occupied: npt.NDArray[np.bool_], grid: _Grid, free_from: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """Return the cells that are connected to points from side to side."""
     from scipy import ndimage
 

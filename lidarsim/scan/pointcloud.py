@@ -294,14 +294,14 @@ class PointCloud(PointColumns, Pickled, Plotted):
         linear, shift = matrix[:3, :3], matrix[:3, 3]
         arrays = self._arrays()
         # Column by column: NumPy's matrix product need not give the same bits on every processor.
-        arrays["xyz"] = _mapped(linear, self.xyz) + shift
+        arrays["xyz"] = _map(linear, self.xyz) + shift
         determinant = float(np.linalg.det(linear))
         if determinant == 0.0 or not math.isfinite(determinant):
             raise ArgumentValueError("transform", "an invertible matrix", f"determinant {determinant:g}")
         if "normal" in arrays:
             # The cofactors are the inverse transpose times the determinant, which is negative for a reflection.
             cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
-            turned = _mapped(cofactors, self.normal.astype(np.float64)) * np.sign(determinant)
+            turned = _map(cofactors, self.normal.astype(np.float64)) * np.sign(determinant)
             length = np.sqrt((turned * turned).sum(axis=-1, keepdims=True))
             arrays["normal"] = np.divide(turned, length, out=np.zeros_like(turned), where=length != 0)
         return PointCloud(arrays, class_names=self._class_names)
@@ -718,7 +718,7 @@ def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
     raise ArgumentValueError("PointCloud", expected, f"shape {given.shape}", hint)
 
 
-def _mapped(linear: npt.NDArray[np.float64], points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _map(linear: npt.NDArray[np.float64], points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return points, shape (n, 3), transformed by a linear map."""
     x, y, z = points.T
     return np.stack([row[0] * x + row[1] * y + row[2] * z for row in linear], axis=-1)

@@ -297,14 +297,14 @@ class Scan(ScanColumns[None], Pickled, Plotted):
             moment_of(deskew, 1.0)  # only checks it
             moment = None
         else:
-            moment = self._deskewed_to(deskew)
+            moment = self._find_deskew_moment(deskew)
         if deskew_movers and moment is None:
             raise ArgumentValueError("deskew_movers", "a deskewed cloud", "deskew=False")
         names = None if fields is None else choose(fields, self._cloud_fields())
         movers = None
         if deskew_movers and moment is not None:
-            world = self._scanned()
-            world.check_motions(moment, moment, _rounded_on, argument="deskew")
+            world = self._require_world()
+            world.check_motions(moment, moment, _round_on, argument="deskew")
             movers = world.native, self._places(world), moment
         if isinstance(self.pose, Trajectory):
             path, moment = self.pose._native, None if frame == "world" else moment
@@ -327,7 +327,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         changed: dict[str, Any] = {"normal": np.einsum("nij,nrj->nri", turned, self.normal).astype(np.float32)}
         return replace(believed, **changed)
 
-    def _deskewed_to(self, deskew: object) -> float | None:
+    def _find_deskew_moment(self, deskew: object) -> float | None:
         """Return the moment of `deskew`, s, after checking that the trajectory covers it; None for raw points."""
         offset = moment_of(deskew, self.lidar.pattern.rate)
         if offset is None:
@@ -335,7 +335,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         moment = self.time + offset
         if isinstance(self.pose, Trajectory):
             first, last = self.pose._native.span()
-            if not first <= moment <= _rounded_on(last):
+            if not first <= moment <= _round_on(last):
                 expected = f"a moment within the trajectory, {first} to {last} s"
                 raise ArgumentValueError("deskew", expected, f"{deskew!r}, at {moment} s")
         return moment
@@ -354,7 +354,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
     def _path(self) -> _native.Path:
         return path_of(self.pose, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
 
-    def _scanned(self) -> Snapshot:
+    def _require_world(self) -> Snapshot:
         if self._world is None:
             raise ArgumentValueError("scan", "one with its scene", "one from a pickle", "call this before pickling")
         return self._world
@@ -418,10 +418,10 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         array([1. , 0.5])
         """
         one_of("frame", frame, ("sensor", "world"))
-        moment, least = self._deskewed_to(deskew), integer("min_points", min_points, at_least=0)
-        world = self._scanned()
+        moment, least = self._find_deskew_moment(deskew), integer("min_points", min_points, at_least=0)
+        world = self._require_world()
         if moment is not None:
-            world.check_motions(moment, moment, _rounded_on, argument="deskew")
+            world.check_motions(moment, moment, _round_on, argument="deskew")
         world = world.without(self.ignore)
         return boxes_of(
             self,
@@ -473,13 +473,13 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         >>> waveforms = scan.waveforms(pulses=scan.return_count > 0)
         """
         period = real("sample_period", sample_period, above=0.0, at_most=1e-6)
-        world, shot = self._scanned(), self._shot
+        world, shot = self._require_world(), self._shot
         if shot is None:
             raise ArgumentValueError("scan", "one that a lidar made", "another")
         whole, numbers = self.pulses, shot.indices
         chosen = np.arange(len(self), dtype=np.uint64)
         if pulses is not None:
-            chosen = _chosen(pulses, len(self))
+            chosen = _choose(pulses, len(self))
             whole = _some(whole, chosen)
             numbers = chosen if numbers is None else numbers[chosen]
         first, offsets, samples = _native.waveforms(
@@ -836,14 +836,14 @@ def check_coverage(
 def _check_span(path: Trajectory, pulses: Pulses, start: float, period: float) -> None:
     """Check that a trajectory covers all pulses of a frame, of which there is at least one."""
     fired = start + pulses.time
-    (first, last), until = path.span, _carried_on(path.span[1], pulses, start, period)
+    (first, last), until = path.span, _carry_on(path.span[1], pulses, start, period)
     for i in (int(fired.argmin()), int(fired.argmax())):
         if not first <= fired[i] <= max(last, until):
             got = f"one from {first} to {last} s and pulse {i} at {fired[i]} s"
             raise ArgumentValueError("pose", "a trajectory over all pulses", got)
 
 
-def _rounded_on(end: float) -> float:
+def _round_on(end: float) -> float:
     """Return the latest time that counts as the end of a trajectory, s.
 
     The start of a frame, its period, their sum and the end are each rounded by at most half an ulp of the largest.
@@ -929,16 +929,16 @@ def path_of(pose: Floats | Trajectory, pulses: Pulses, start: float, period: flo
     if not isinstance(pose, Trajectory):
         return _native.Path.still(pose)
     end = pose.span[1]
-    until = _carried_on(end, pulses, start, period)
+    until = _carry_on(end, pulses, start, period)
     return pose._native.held(until) if until > end else pose._native
 
 
 def until_of(pulses: Pulses, start: float, period: float) -> Callable[[float], float]:
     """Return the function from the end of a motion to the time up to which it may be extrapolated for a frame."""
-    return partial(_carried_on, pulses=pulses, start=start, period=period)
+    return partial(_carry_on, pulses=pulses, start=start, period=period)
 
 
-def _carried_on(last: float, pulses: Pulses, start: float, period: float) -> float:
+def _carry_on(last: float, pulses: Pulses, start: float, period: float) -> float:
     """Return the time up to which a trajectory that ends at `last` may be extrapolated for a frame.
 
     The trajectory need only cover the frame's period. For the rest of a firing cycle that begins within the period, it
@@ -975,7 +975,7 @@ def _indices(name: str, value: npt.ArrayLike, pulses: int) -> npt.NDArray[np.uin
     return given.astype(np.uint64)
 
 
-def _chosen(pulses: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
+def _choose(pulses: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
     """Return the indices of some of `count` pulses, given as indices or as a mask."""
     given = as_array("pulses", pulses, "integers of shape (m,)")
     if given.dtype.kind != "b":

@@ -227,7 +227,7 @@ class Imu(Value):
         forces = product(to_sensor, accelerations[..., None])[..., 0]
         kinds = enumerate(((rates, self.gyroscope), (forces, self.accelerometer)))
         rates, forces = (
-            _measured(values, errors, self.rate, *(noise_bits(seed, self.name, kind + of) for of in (0, FLICKER)))
+            _measure(values, errors, self.rate, *(noise_bits(seed, self.name, kind + of) for of in (0, FLICKER)))
             for kind, (values, errors) in kinds
         )
         return ImuSamples(times, rates, forces, self)
@@ -291,7 +291,7 @@ def sensor_name(name: object) -> str:
     return name
 
 
-def _measured(
+def _measure(
     values: Floats, errors: ImuErrors, rate: float, bits: np.random.Philox, of_flicker: np.random.Philox
 ) -> Floats:
     """Return the exact values of three axes, shape (n, 3), with errors as documented in `ImuErrors`."""

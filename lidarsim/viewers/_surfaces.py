@@ -127,7 +127,7 @@ def surfaces(
         error = None if chord_error is None else chord_error / float(np.linalg.norm(matrix[:3, :3], ord=2))
         inverse: Floats = np.asarray(np.linalg.inv(matrix), np.float64)
         key = id(item.shape), error
-        triangles = shared.get(key) or item.shape._tessellated(error, transform(inverse, box))
+        triangles = shared.get(key) or item.shape._tessellate(error, transform(inverse, box))
         if item.shape.bounded:
             shared[key] = triangles
         found[object_id] = surface = Surface(object_id, item, *triangles, matrix)

@@ -93,7 +93,7 @@ class SceneObject(core.SceneObject, Immutable):
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> SceneObject:
-        return _checked(**contents)
+        return _check(**contents)
 
     def __repr__(self) -> str:
         """Return the id, name, shape, label and instance."""
@@ -103,7 +103,7 @@ class SceneObject(core.SceneObject, Immutable):
         return f"SceneObject {self.id}{name}: {self.shape}, {label}, instance {self.instance}{moves}"
 
 
-def _checked(  # noqa: PLR0917 - the fields, in their order
+def _check(  # noqa: PLR0917 - the fields, in their order
     id: int,  # noqa: A002 - the name of the field
     shape: Shape,
     name: str,
@@ -281,7 +281,7 @@ class Scene(Pickled, Plotted):
         self._next = 0
         self._kept: Snapshot | None = None
         self._animations: Animations | None = None
-        self._changed()
+        self._change()
 
     @named
     def add(
@@ -341,9 +341,9 @@ class Scene(Pickled, Plotted):
             instance = number + 1
         if material is None:
             material = DIFFUSE
-        self._items[number] = _checked(number, shape, name, label, instance, material, transform, motion)
+        self._items[number] = _check(number, shape, name, label, instance, material, transform, motion)
         self._next = number + 1
-        self._changed()
+        self._change()
         return number
 
     def update(self, object_id: int, **changes: Unpack[_Changes]) -> None:
@@ -390,8 +390,8 @@ class Scene(Pickled, Plotted):
             given["instance"] = item.id + 1
         looks = {"label", "instance", "material"}
         like = None if given.keys() & looks else item  # a mesh may have one label per face, which is then shared
-        self._items[item.id] = _checked(**(item._contents() | given), like=like)
-        self._changed()
+        self._items[item.id] = _check(**(item._contents() | given), like=like)
+        self._change()
 
     def update_transforms(self, ids: npt.ArrayLike, transforms: npt.ArrayLike) -> None:
         """Change the transforms of many objects at once, as after a step of a physics engine.
@@ -438,7 +438,7 @@ class Scene(Pickled, Plotted):
             twice = next(number for number in numbers if numbers.count(number) > 1)
             raise ArgumentValueError("ids", "each id once", f"{twice} twice")
         self._items.update(changed)  # at once, for the threads that cast
-        self._changed()
+        self._change()
 
     def remove(self, object_id: int) -> None:
         """Remove an object; the others keep their ids.
@@ -454,7 +454,7 @@ class Scene(Pickled, Plotted):
             If there is no such object.
         """
         del self._items[self._item(object_id).id]
-        self._changed()
+        self._change()
 
     def find(self, name: str) -> list[int]:
         """Return the ids of the objects with a name.
@@ -608,9 +608,9 @@ class Scene(Pickled, Plotted):
             item = self._items.get(number)
             if item is not None:
                 fields = item._contents() | {"shape": shape, "transform": transform}
-                changed[number] = _checked(**fields, like=item)
+                changed[number] = _check(**fields, like=item)
         self._items.update(changed)  # at once, for the threads that cast
-        self._changed()
+        self._change()
 
     @property
     def class_names(self) -> Mapping[int, str]:
@@ -636,7 +636,7 @@ class Scene(Pickled, Plotted):
         if value is not None and not isinstance(value, Atmosphere):
             raise ArgumentTypeError("atmosphere", "an Atmosphere or None", shown(value))
         self._atmosphere = value
-        self._changed()
+        self._change()
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
@@ -667,7 +667,7 @@ class Scene(Pickled, Plotted):
                 raise KeyError(f"object_id: expected the id of an object, got {number}, which was removed") from None
             raise KeyError(f"object_id: expected an id below {self._next}, got {number}") from None
 
-    def _changed(self) -> None:
+    def _change(self) -> None:
         """Bump the version, which makes the snapshot outdated."""
         self._version = object()
 

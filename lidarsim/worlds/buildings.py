@@ -95,7 +95,7 @@ def building(
 
 
 def _pieces(kind: BuildingKind, rng: np.random.Generator, wide: float, deep: float, storeys: int) -> Iterator[Piece]:
-    wall, roof = _tinted(rng, WALLS), _tinted(rng, ROOFS)
+    wall, roof = _tint(rng, WALLS), _tint(rng, ROOFS)
     storey = drawn(rng, STOREY)
     height = storeys * storey + (0.3 if kind != "garage" else 0.0)
     half = wide / 2
@@ -130,7 +130,7 @@ def _pieces(kind: BuildingKind, rng: np.random.Generator, wide: float, deep: flo
     yield box((0.5, 0.6, 1.4), (middle - 0.8, rng.uniform(-0.3, 0.3) * wide, height + rise + 0.2), BUILDING, wall)
 
 
-def _tinted(rng: np.random.Generator, choices: tuple[Material, ...]) -> Material:
+def _tint(rng: np.random.Generator, choices: tuple[Material, ...]) -> Material:
     """Return one of some materials, somewhat brighter or darker."""
     base = choices[rng.integers(len(choices))]
     value = float(np.asarray(base.reflectivity)) * rng.uniform(0.5, 1.1)

@@ -104,7 +104,7 @@ def pedestrian(
     if load == "child":
         small = float(rng.uniform(0.95, 1.3))
         walkers.append(Walker(len(parts), small, left=0.45))
-        parts += [_shifted(part, (0.0, 0.45, 0.0)) for part in _figure(rng, small, posture)]
+        parts += [_shift(part, (0.0, 0.45, 0.0)) for part in _figure(rng, small, posture)]
     parts += [replace(part, label=PERSON) for part in merged(load, _load(load, height, seated=seated))]
     return Asset(tuple(parts), () if seated else tuple(walkers))
 
@@ -124,7 +124,7 @@ def _figure(
         if arms:
             still = _walker.figure(height, hip=(0, 0), knee=(0, 0), **arms)
             poses = [poses[0] @ still[k] if k in ARMS else pose for k, pose in enumerate(poses)]
-        return _dressed(rng, height, poses)
+        return _dress(rng, height, poses)
     bent: dict[str, Any]
     if posture == "sitting":
         hips = 0.285 * height
@@ -135,7 +135,7 @@ def _figure(
         bent = {"hip": (3, -3), "knee": (2, 4), "ankle": (-3, 3), **arms}
     parts = person(rng, height, (0.0, 0.0, hips), **bent)
     low = float(Asset(tuple(parts)).bounds[0, 2])
-    return [_shifted(part, (0.0, 0.0, -low)) for part in parts]
+    return [_shift(part, (0.0, 0.0, -low)) for part in parts]
 
 
 def person(
@@ -150,10 +150,10 @@ def person(
     """Return the limbs of a person with the hips at a place, bent by `_walker.figure`."""
     shift = translation(*hips)
     poses = [shift @ pose for pose in _walker.figure(height, **flexion)]
-    return _dressed(rng, height, poses, label, helmet=helmet)
+    return _dress(rng, height, poses, label, helmet=helmet)
 
 
-def _dressed(
+def _dress(
     rng: np.random.Generator, height: float, poses: list[Floats], label: int = PERSON, *, helmet: bool = False
 ) -> list[Part]:
     """Return the limbs at their poses, in clothes, and thicker or thinner than most."""
@@ -198,7 +198,7 @@ def _torso(height: float, girth: float) -> TriangleMesh:
     return TriangleMesh(piece.vertices, piece.faces)
 
 
-def _shifted(part: Part, shift: tuple[float, float, float]) -> Part:
+def _shift(part: Part, shift: tuple[float, float, float]) -> Part:
     place = np.eye(4) if part.transform is None else part.transform.copy()
     place[:3, 3] += shift
     return Part(part.name, part.shape, part.label, part.material, place)
@@ -215,7 +215,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
             )
         ]
     if load == "rucksack":
-        return [_rounded((0.2, 0.3, 0.48), (-0.2, 0, hips + 0.17 * height), materials.CLOTH)]
+        return [_make_rounded((0.2, 0.3, 0.48), (-0.2, 0, hips + 0.17 * height), materials.CLOTH)]
     if load == "umbrella":
         top = 1.12 * height
         outside = [(0.54, -0.22), (0.45, -0.11), (0.25, -0.02), (0.02, 0.02)]
@@ -226,8 +226,8 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
         return [replace(canopy, vertices=moved(canopy.vertices, hand)), stick]
     if load == "pram":
         x = 0.3 * height + 0.45
-        body = _rounded((0.75, 0.4, 0.3), (x, 0, 0.62), materials.CLOTH)
-        hood = _rounded((0.35, 0.42, 0.3), (x + 0.2, 0, 0.85), materials.CLOTH_DARK)
+        body = _make_rounded((0.75, 0.4, 0.3), (x, 0, 0.62), materials.CLOTH)
+        hood = _make_rounded((0.35, 0.42, 0.3), (x + 0.2, 0, 0.85), materials.CLOTH_DARK)
         bars = [
             tube([(x - 0.2, side * 0.2, 0.5), (x - 0.55, side * 0.2, 1.0)], 0.015, 6, material=materials.PAINTED_METAL)
             for side in (1, -1)
@@ -249,7 +249,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
     return []
 
 
-def _rounded(size: npt.ArrayLike, middle: npt.ArrayLike, material: Material) -> Piece:
+def _make_rounded(size: npt.ArrayLike, middle: npt.ArrayLike, material: Material) -> Piece:
     """Return an ellipsoid with a size."""
     angle = np.linspace(0.1, np.pi - 0.1, 7)
     ball = lathed([(np.sin(a), -np.cos(a)) for a in angle], 12, material=material)

@@ -136,7 +136,7 @@ def tree(
     if kind in {"hedge", "bed"}:
         long = drawn(rng, (2.0, 6.0)) if length is None else real("length", length, at_least=0.5, at_most=50.0)
         wide = BED if kind == "bed" else 2 * HEDGE_DEPTH * min(tall, 1.5)
-        return Asset((_clipped(rng, habit, np.array([long, wide, tall])),))
+        return Asset((_make_clipped(rng, habit, np.array([long, wide, tall])),))
     if length is not None:
         raise ArgumentValueError("length", "None, but for a hedge or bed", shown(length))
     if kind == "grass":
@@ -210,7 +210,7 @@ def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, ta
     return pieces
 
 
-def _clipped(rng: np.random.Generator, habit: Habit, size: Floats) -> Part:
+def _make_clipped(rng: np.random.Generator, habit: Habit, size: Floats) -> Part:
     """Return the leaves of clipped shrubs, most of which are just below its sides and top and face outwards."""
     outward = np.array([(0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
     area = np.array([size[2], size[2], size[1]])

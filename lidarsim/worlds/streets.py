@@ -423,7 +423,7 @@ class Plan:
                 if comes[0][0] == comes[1][0] and goes[0][0] == goes[1][0]:  # from side road to side road
                     lanes.append((comes[0], goes[1]))
                 else:
-                    turns.append(_turned(comes, goes))
+                    turns.append(_turn(comes, goes))
             crossings += self._crossings(junction)
         for side in (1, -1):
             walk = side * self.sides[side].way
@@ -431,7 +431,7 @@ class Plan:
             blocks = [(start, stop) for start, stop in _between(-end, end, stops) if stop - start > 12.0]
             pavements += [((start, walk), (stop, walk)) for start, stop in blocks]
         kinds = (lanes, turns, pavements, crossings)
-        placed = iter(_placed(self, [line for lines in kinds for line in lines]))
+        placed = iter(_place(self, [line for lines in kinds for line in lines]))
         return Ways(*(tuple(islice(placed, len(lines))) for lines in kinds))
 
     def _movements(self, junction: Junction, lane: float) -> Iterator[tuple[Line, Line]]:
@@ -469,7 +469,7 @@ CROSSING = (4.0, 3.0)
 """Distance of a crossing from the side road, and its width, m."""
 
 
-def _turned(comes: Line, goes: Line) -> Line:
+def _turn(comes: Line, goes: Line) -> Line:
     """Return the line from a lane into another at right angles, by a parabola around their intersection."""
     along_s = comes[0][1] == comes[1][1]
     corner = np.array([goes[0][0], comes[0][1]] if along_s else [comes[0][0], goes[0][1]])
@@ -481,7 +481,7 @@ def _turned(comes: Line, goes: Line) -> Line:
     return (comes[0], *map(tuple, bend.tolist()), goes[1])
 
 
-def _placed(plan: Plan, lines: Sequence[Line]) -> list[Floats]:
+def _place(plan: Plan, lines: Sequence[Line]) -> list[Floats]:
     """Return lines of points s and d as points on the ground, one every metre and one at each of its own."""
     dense = []
     for line in lines:
@@ -533,7 +533,9 @@ def _ground(rng: np.random.Generator, plan: Plan) -> Iterator[tuple[str, Triangl
         left, across = rng.uniform(-8, 8), rng.uniform(0.5, 3)
         patch = (np.abs(mid_s - at) < wide) & (np.abs(mid_d - left) < across)
         bright[patch & (surface != labels.TERRAIN)] *= rng.uniform(0.6, 1.3)
-    bright[_painted(plan, mid_s, mid_d) & (surface == labels.ROAD)] = np.asarray(materials.ROAD_PAINT_WORN.reflectivity)
+    bright[_find_painted(plan, mid_s, mid_d) & (surface == labels.ROAD)] = np.asarray(
+        materials.ROAD_PAINT_WORN.reflectivity
+    )
     for name in GROUND:
         there = surface == _CLASSES[name]
         if there.any():
@@ -571,7 +573,7 @@ def _distinct(lines: Floats) -> Floats:
     return apart
 
 
-def _painted(plan: Plan, s: Floats, d: Floats) -> Bools:
+def _find_painted(plan: Plan, s: Floats, d: Floats) -> Bools:
     """Return where the road is painted: middle line, edges of rural roads, stop lines and zebra crossings."""
     across, kerb = np.abs(d), np.where(d >= 0, plan.sides[1].kerb, plan.sides[-1].kerb)
     free = np.ones(s.shape, bool)
@@ -605,7 +607,7 @@ class _Builder:
     def build(self) -> None:
         """Fill the street."""
         for side in (1, -1):
-            self._parked(side)
+            self._park(side)
             self._houses(side)
             self._trees(side)
             self._furniture(side)
@@ -662,7 +664,7 @@ class _Builder:
                 yield s
             s += drawn(self.rng, spacing)
 
-    def _parked(self, side: int) -> None:
+    def _park(self, side: int) -> None:
         widths, layout = self.plan.sides[side], self.plan.layout
         if not widths.parking:
             return

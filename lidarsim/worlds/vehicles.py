@@ -245,7 +245,7 @@ def _body(kind: VehicleKind, size: Drawn, axles: tuple[float, ...], paint: Mater
     """Yield the shell with its wells for the wheels, its panes, seats, plates and lamps."""
     profile, length, width, height = PROFILES[kind], size.length, size.width, size.height
     shell, shares = _shell(profile, size, axles)
-    yield from _glazed(shell, shares, profile, paint)
+    yield from _glaze(shell, shares, profile, paint)
     nose, tail = length / 2 - 0.01, -length / 2 + 0.01
     bumper = size.clearance + 0.25
     for x, lamp in ((nose, LAMP), (tail, REFLECTOR)):
@@ -304,7 +304,7 @@ def _shell(profile: Profile, size: Drawn, axles: tuple[float, ...]) -> tuple[Pie
     return lofted(np.concatenate([right, left], axis=1)), share
 
 
-def _glazed(shell: Piece, shares: Floats, profile: Profile, paint: Material) -> Iterator[Piece]:
+def _glaze(shell: Piece, shares: Floats, profile: Profile, paint: Material) -> Iterator[Piece]:
     """Yield the panes of a shell, and the rest of it."""
     sides = 2 * (HALF - 1)
     middle = (shares[:-1] + shares[1:]) / 2
@@ -329,7 +329,7 @@ def _lorry(size: Drawn, axles: tuple[float, ...], paint: Material) -> Iterator[P
     small = replace(size, length=cab, width=0.96 * width, height=min(0.88 * height, 2.9))
     ahead = (length - cab) / 2
     shell, shares = _shell(profile, small, (axles[0] - ahead,))
-    yield from _glazed(replace(shell, vertices=moved(shell.vertices, (ahead, 0.0, 0.0))), shares, profile, paint)
+    yield from _glaze(replace(shell, vertices=moved(shell.vertices, (ahead, 0.0, 0.0))), shares, profile, paint)
     deck = 2 * wheel + 0.12
     back = length - cab - 0.12
     yield box(

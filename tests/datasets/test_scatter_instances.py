@@ -83,7 +83,7 @@ def surface(item: ls.scene.SceneObject, time: float) -> Floats:
 
 @functools.cache
 def vertices(shape: ls.Shape) -> Floats:
-    found: Floats = shape._tessellated(None, np.zeros((8, 3)))[0]
+    found: Floats = shape._tessellate(None, np.zeros((8, 3)))[0]
     return found[ConvexHull(found).vertices]
 
 

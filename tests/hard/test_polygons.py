@@ -145,7 +145,7 @@ def test_rays_see_what_a_polygon_is(monkeypatch):
         n = len(points)
         return np.stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)], axis=1)
 
-    monkeypatch.setattr(_polygons, "_clipped", fan)
+    monkeypatch.setattr(_polygons, "_clip", fan)
     assert (ls.TriangleMesh(outline, cut(outline)).cast(origins, directions).hit != expected).any()
 
 

@@ -188,7 +188,7 @@ def test_instances_of_a_mesh_stand_where_each_is(tmp_path: Path) -> None:
 
 
 def surfaces_of_a_ball(least: int) -> ls.TriangleMesh:
-    vertices, faces = ls.Sphere((1, 2, 3), 1.0)._tessellated(None, np.zeros((8, 3)))
+    vertices, faces = ls.Sphere((1, 2, 3), 1.0)._tessellate(None, np.zeros((8, 3)))
     assert len(faces) > least
     return ls.TriangleMesh(vertices - [1, 2, 3], faces)
 
@@ -279,7 +279,7 @@ def test_rendering_says_nothing(tmp_path: Path) -> None:
 
 def cube_with_a_label_a_side() -> ls.Scene:
     """A cube from 8 to 12 m ahead whose sides have the labels 0 to 5."""
-    vertices, faces = ls.Box((4, 4, 4), (10, 0, 0))._tessellated(None, np.zeros((8, 3)))
+    vertices, faces = ls.Box((4, 4, 4), (10, 0, 0))._tessellate(None, np.zeros((8, 3)))
     normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     _, side = np.unique(np.round(normals, 9), axis=0, return_inverse=True)
     scene = ls.Scene()

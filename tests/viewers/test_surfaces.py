@@ -110,7 +110,7 @@ def test_triangles_face_outward_as_the_shape_does(sample: Sample, transform: Any
 def test_closed_shapes_stay_closed(sample: Sample) -> None:
     if sample.inside is None:
         pytest.skip("the shape has no inside")
-    vertices, faces = sample.build()._tessellated(0.05, BOX)
+    vertices, faces = sample.build()._tessellate(0.05, BOX)
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     _, uses = np.unique(edges, axis=0, return_counts=True)
     assert (uses == 2).all()
@@ -121,7 +121,7 @@ def test_closed_shapes_stay_closed(sample: Sample) -> None:
 
 def test_a_smaller_error_takes_more_triangles_and_none_is_wasted() -> None:
     sphere = ls.Sphere((0, 0, 0), 2.0)
-    counts = {error: len(sphere._tessellated(error, BOX)[1]) for error in (None, 0.1, 0.01, 0.001)}
+    counts = {error: len(sphere._tessellate(error, BOX)[1]) for error in (None, 0.1, 0.01, 0.001)}
     assert counts[None] == counts[0.01]  # a 200th of the radius
     assert counts[0.1] < counts[0.01] < counts[0.001] < 20 * counts[0.01]
 
@@ -209,7 +209,7 @@ def test_far_from_the_origin_no_digit_is_lost() -> None:
 
 
 def test_parts_are_the_faces_of_each_category() -> None:
-    vertices, faces = ls.Sphere((1, 2, 3), 1.0)._tessellated(0.1, BOX)
+    vertices, faces = ls.Sphere((1, 2, 3), 1.0)._tessellate(0.1, BOX)
     scene = ls.Scene()
     scene.add(ls.TriangleMesh(vertices, faces), label=np.arange(len(faces)) % 3, transform=SHEAR)
     (surface,) = surfaces(scene)

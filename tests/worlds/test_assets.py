@@ -48,7 +48,7 @@ def contents(asset: ls.worlds.Asset) -> list[Any]:
     found: list[Any] = []
     for part in asset.parts:
         place = None if part.transform is None else part.transform.tobytes()
-        points = part.shape._tessellated(None, np.zeros((8, 3)))[0].tobytes()
+        points = part.shape._tessellate(None, np.zeros((8, 3)))[0].tobytes()
         looks = [np.asarray(value).tobytes() for value in part.material._contents().values() if value is not None]
         found.append((part.name, type(part.shape), points, place, np.asarray(part.label).tobytes(), *looks))
     return found

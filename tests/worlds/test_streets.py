@@ -53,7 +53,7 @@ def under(scene: ls.Scene, points: Floats) -> tuple[Floats, list[str]]:
 def contents(world: ls.worlds.Street) -> list[Any]:
     found: list[Any] = [line.tobytes() for lines in vars(world.ways).values() for line in lines]
     for item in world.scene:
-        points = item.shape._tessellated(None, np.zeros((8, 3)))[0].tobytes()
+        points = item.shape._tessellate(None, np.zeros((8, 3)))[0].tobytes()
         place = None if item.transform is None else item.transform.tobytes()
         bright = np.asarray(item.material.reflectivity).tobytes()
         found.append((item.name, item.instance, np.asarray(item.label).tobytes(), points, place, bright))

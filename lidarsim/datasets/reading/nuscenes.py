@@ -139,7 +139,7 @@ class _Tables:
         instances = self._table("instance", Instance)
         self.instances = {row.token: number for number, row in enumerate(instances, 1)}
         self.labels = {row.token: self._of(labels, row.category_token, "instance") for row in instances}
-        samples = self._keyed("sample", Sample)
+        samples = self._key("sample", Sample)
         self.samples: list[Sample] = []
         seen = set[str]()
         for scene in self._table("scene", Scene):
@@ -155,7 +155,7 @@ class _Tables:
         lidars = {row.token for row in self._table("sensor", Sensor) if row.modality == "lidar"}
         mounts = self._table("calibrated_sensor", Mounted)
         self.mounts = {row.token: _matrix(row) for row in mounts if row.sensor_token in lidars}
-        self.bodies = self._keyed("ego_pose", Placed)
+        self.bodies = self._key("ego_pose", Placed)
         self.data: dict[str, list[Data]] = defaultdict(list)
         for row in self._table("sample_data", Data):
             if row.is_key_frame and row.calibrated_sensor_token in self.mounts:
@@ -213,7 +213,7 @@ class _Tables:
         found: list[Any] = validated(list[kind], rows, path)  # type: ignore[valid-type]
         return found
 
-    def _keyed(self, table: str, kind: type[Token]) -> dict[str, Any]:
+    def _key(self, table: str, kind: type[Token]) -> dict[str, Any]:
         return {row.token: row for row in self._table(table, kind)}
 
     def _of(self, rows: dict[str, Any], token: str, table: str) -> Any:

@@ -140,7 +140,7 @@ def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:
         rows = lines[start : start + element.count]
         start += len(rows)
         if len(rows) < element.count:
-            raise _truncated(len(rows), element)
+            raise _explain_truncation(len(rows), element)
         properties = element.properties
         if not any(prop.count for prop in properties):
             values.append(_Values(dict(enumerate(floats(rows, len(properties)).T)), {}))
@@ -187,7 +187,7 @@ def _text_lists(rows: Lines, element: _Element) -> _Values:
     return found
 
 
-def _truncated(rows: int, element: _Element) -> FileFormatError:
+def _explain_truncation(rows: int, element: _Element) -> FileFormatError:
     return FileFormatError(f"it is truncated: {rows:,} of {element.count:,} of the element {element.name}")
 
 
@@ -223,7 +223,7 @@ def _binary_rows(data: memoryview, element: _Element) -> tuple[_Values, int] | N
     if place * element.count > len(data):
         if any(prop.count for prop in element.properties):
             return None
-        raise _truncated(len(data) // place, element)
+        raise _explain_truncation(len(data) // place, element)
     rows = np.frombuffer(data, np.dtype(parts), element.count) if place else np.empty(0, np.dtype(parts))
     scalars, lists = {}, {}
     for k, prop in enumerate(element.properties):
@@ -249,7 +249,7 @@ def _binary_lists(data: memoryview, element: _Element) -> tuple[_Values, int]:
                 place += prop.count.itemsize
             end = place + size * prop.dtype.itemsize
             if size < 0 or end > len(data):
-                raise _truncated(row, element)
+                raise _explain_truncation(row, element)
             parts[k].append(np.frombuffer(data, prop.dtype, size, place))
             place = end
     scalars, lists = {}, {}

@@ -40,7 +40,7 @@ class Cycles:
         (packets, size, ...), and when they start, shape (packets, size).
         """
         if len(self._starts):
-            cycles, starts = _joined([(self._cycles, self._starts), (cycles, starts)])
+            cycles, starts = _join([(self._cycles, self._starts), (cycles, starts)])
         gaps = np.flatnonzero(np.abs(np.diff(starts) - self._period) > self._period / 2) + 1
         *before, (cycles, starts) = zip(np.split(cycles, gaps), np.split(starts, gaps), strict=True)
         whole = len(cycles) // self._size * self._size
@@ -59,14 +59,14 @@ class Cycles:
         """Return consecutive cycles, followed by as many empty ones as fill the last packet."""
         missing = -len(cycles) % self._size
         later = starts[-1] + np.rint(self._period * np.arange(1, missing + 1)).astype(np.int64)
-        return _joined([(cycles, starts), (self._empty(cycles[-1], missing), later)])
+        return _join([(cycles, starts), (self._empty(cycles[-1], missing), later)])
 
     def _group(self, parts: list[Part]) -> Part:
-        cycles, starts = _joined(parts)
+        cycles, starts = _join(parts)
         return cycles.reshape(-1, self._size, *cycles.shape[1:]), starts.reshape(-1, self._size)
 
 
-def _joined(parts: list[Part]) -> Part:
+def _join(parts: list[Part]) -> Part:
     """Return the cycles of all parts and when they start."""
     if len(parts) == 1:
         return parts[0]

@@ -136,7 +136,7 @@ def import_file(path: Path, read: Reader, options: Options) -> Imported:
     """Return what a file holds: at least one object, unless rules leave all out."""
     check_regular(path)
     with reading_as(path, "a scene"):
-        result = _built(path, read(path), options)
+        result = _build(path, read(path), options)
     report(path, result.left_out)
     return result
 
@@ -211,7 +211,7 @@ def _move(points: Floats, transform: Floats) -> Floats:
         return points @ transform[:3, :3].T + transform[:3, 3]
 
 
-def _built(path: Path, file: SceneFile, options: Options) -> Imported:
+def _build(path: Path, file: SceneFile, options: Options) -> Imported:
     """Return the objects of a file."""
     upright = _upright(file, options)
     meshes = _Meshes()

@@ -399,7 +399,7 @@ class _Model:
                 files.pixels = max(files.pixels, math.prod(_counts(attributes["resolution"])))
             if tag == "mesh":
                 given = len(attributes.get("vertex", "")) // 6  # three digits and as many blanks
-                files.vertices = max(files.vertices, given, _built_in(attributes))
+                files.vertices = max(files.vertices, given, _find_built_in(attributes))
 
     def _numbers(self, element: Element) -> int:
         """Return how many numbers an element asks for by counts."""
@@ -415,7 +415,7 @@ class _Model:
             case "hfield":
                 numbers = PER_HEIGHT * product("nrow", "ncol")
             case "mesh":
-                numbers = PER_VERTEX * _built_in(attributes)
+                numbers = PER_VERTEX * _find_built_in(attributes)
             case "numeric":
                 numbers = product("size")
             case "flexcomp" | "flex":
@@ -435,7 +435,7 @@ class _Model:
         return numbers
 
 
-def _built_in(attributes: dict[str, str]) -> int:
+def _find_built_in(attributes: dict[str, str]) -> int:
     """Return the most vertices that a mesh of MuJoCo's own may have, 0 for others."""
     return max(_counts(attributes.get("params", "")), default=1) ** 2 if "builtin" in attributes else 0
 

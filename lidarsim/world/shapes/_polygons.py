@@ -54,7 +54,7 @@ def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[In
         cut = np.stack([np.broadcast_to(outlines[:, :1], outlines[:, 2:].shape), outlines[:, 1:-1], outlines[:, 2:]], 2)
         if size > 3:
             for i in np.flatnonzero(~_convex(vertices, outlines)):
-                cut[i] = outlines[i][_clipped(vertices[outlines[i]])]
+                cut[i] = outlines[i][_clip(vertices[outlines[i]])]
         faces[places[which, None] + step] = cut
     return faces, of
 
@@ -109,7 +109,7 @@ def _convex(vertices: Floats, outlines: Indices) -> npt.NDArray[np.bool_]:
     return convex
 
 
-def _clipped(points: Floats) -> Indices:
+def _clip(points: Floats) -> Indices:
     """Cut one outline, shape (n, 3), into n − 2 triangles by ear clipping."""
     import mapbox_earcut
 

@@ -140,7 +140,7 @@ class Shape(Value):
         back, ahead = self._reach(np.concatenate([-linear, linear])).reshape(2, 3)
         return np.array([shift - back, shift + ahead])
 
-    def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
+    def _tessellate(self, chord_error: float | None, box: Floats, /) -> Triangles:
         """Return triangles that represent the surface in views, before any transform.
 
         Parameters

@@ -78,5 +78,5 @@ class Box(Shape):
         reach: Floats = directions @ self.center + np.abs(directions) @ self.size / 2
         return reach
 
-    def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.center + self.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES

@@ -79,7 +79,7 @@ class Capsule(Shape):
         reach: Floats = ends + arguments["radius"] * np.sqrt((directions * directions).sum(axis=1))
         return reach
 
-    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, radius, axis = self.start, self.radius, self.end - self.start
         vertices, faces, is_end = unit_capsule(None if chord_error is None else chord_error / radius)
         return start + radius * vertices @ frame(axis) + is_end[:, None] * axis, faces

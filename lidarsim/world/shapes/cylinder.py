@@ -94,7 +94,7 @@ class Cylinder(Shape):
         reach: Floats = np.maximum(directions @ self.start, directions @ self.end) + self.radius * across
         return reach
 
-    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, end = self.start, self.end
         rim = circle(self.radius, chord_error) @ frame(end - start)
         count = len(rim)

@@ -80,7 +80,7 @@ class Disk(Shape):
         reach: Floats = directions @ self.center + self.radius * np.linalg.norm(np.cross(directions, axis), axis=1)
         return reach
 
-    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         rim = self.center + circle(self.radius, chord_error) @ frame(self.normal)
         index = np.arange(len(rim))
         faces = np.stack([np.full_like(index, len(rim)), index, np.roll(index, -1)], axis=-1)

@@ -205,7 +205,7 @@ class Disks(Shape):
         reach: Floats = (directions @ rows[:, :3].T + rows[:, 3] * across).max(axis=1, initial=-np.inf)
         return reach
 
-    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         all_rows = self._rows
         if not len(all_rows):
             return np.empty((0, 3)), np.empty((0, 3), np.uint32)

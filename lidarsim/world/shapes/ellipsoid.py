@@ -87,7 +87,7 @@ class Ellipsoid(Shape):
         reach: Floats = directions @ self.center + np.linalg.norm(directions @ axes, axis=1)
         return reach
 
-    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         axes = self.rotation * self.radii
         # The map lengthens no distance by more than this factor.
         longest = float(np.linalg.norm(axes, ord=2))

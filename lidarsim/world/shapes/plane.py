@@ -155,7 +155,7 @@ class Plane(Shape):
     def _reach(self, directions: Floats, /) -> Floats:
         return np.full(len(directions), np.inf)
 
-    def _tessellated(self, _chord_error: float | None, box: Floats, /) -> Triangles:
+    def _tessellate(self, _chord_error: float | None, box: Floats, /) -> Triangles:
         normal, point = self.normal / np.linalg.norm(self.normal), self.point
         # The box is widened by a tenth, and so far that it holds the point of the plane that is nearest to its middle.
         middle, edges = box.mean(axis=0), 1.1 * (box[[4, 2, 1]] - box[0])

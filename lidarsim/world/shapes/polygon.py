@@ -70,7 +70,7 @@ class Polygon(Shape):
         reach: Floats = (directions @ self.vertices.T).max(axis=1)
         return reach
 
-    def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.vertices, self._native.faces()
 
 

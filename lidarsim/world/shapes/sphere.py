@@ -68,6 +68,6 @@ class Sphere(Shape):
         reach: Floats = directions @ self.center + self.radius * np.linalg.norm(directions, axis=1)
         return reach
 
-    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         vertices, faces = unit_sphere(None if chord_error is None else chord_error / self.radius)
         return self.center + self.radius * vertices, faces

@@ -74,7 +74,7 @@ class Spheres(Shape):
         reach: Floats = (directions @ rows[:, :3].T + lengths[:, None] * rows[:, 3]).max(axis=1, initial=-np.inf)
         return reach
 
-    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         all_rows = self._rows
         if not len(all_rows):
             return np.empty((0, 3)), np.empty((0, 3), np.uint32)

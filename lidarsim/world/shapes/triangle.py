@@ -70,5 +70,5 @@ class Triangle(Shape):
         reach: Floats = (directions @ np.stack([self.a, self.b, self.c]).T).max(axis=1)
         return reach
 
-    def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return np.stack([self.a, self.b, self.c]), np.array([[0, 1, 2]], np.uint32)

@@ -489,7 +489,7 @@ class TriangleMesh(Shape):
         reach: Floats = (directions @ hull.T).max(axis=1)
         return reach
 
-    def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
+    def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.vertices, self.faces
 
     def _contents(self) -> dict[str, Any]:
