@@ -532,7 +532,9 @@ def test_statistics_of_histograms() -> None:
     edges = np.linspace(0.0, 20.0, 2001)
     counts = np.histogram(values, edges)[0].astype(float)
     centres, width = 0.5 * (edges[1:] + edges[:-1]), edges[1]
-    assert statistics.trimmed(0.1, 0.9)(centres, counts) == pytest.approx(stats.trim_mean(values, 0.1), abs=width / 2)
+    assert statistics.trimmed_mean(0.1, 0.9)(centres, counts) == pytest.approx(
+        stats.trim_mean(values, 0.1), abs=width / 2
+    )
     for share in (0.01, 0.5, 0.99):
         assert statistics.quantile(share)(centres, counts) == pytest.approx(np.quantile(values, share), abs=2 * width)
     sigma = np.abs(np.random.default_rng(5).normal(size=200_000))

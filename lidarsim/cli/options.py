@@ -14,7 +14,7 @@ import typer
 from lidarsim._base.validation import shown
 from lidarsim.errors import LidarsimError
 from lidarsim.run import _output as outputs
-from lidarsim.viewers._show import checked_size
+from lidarsim.viewers._show import check_size
 
 
 class Viewer(StrEnum):
@@ -165,4 +165,4 @@ def parse_size(text: str) -> tuple[int, int]:
     found = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", text)
     if found is None:
         raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {shown(text)}")
-    return checked_size((int(found[1]), int(found[2])))
+    return check_size((int(found[1]), int(found[2])))

@@ -31,7 +31,7 @@ from lidarsim.comparison._statistics import (
     Summary,
     quantile,
     robust_sigma,
-    trimmed,
+    trimmed_mean,
 )
 
 Need = Literal["ring", "column", "intensity", "elevation", "counted", "scene", "frames"]
@@ -424,7 +424,7 @@ def isolated_points(frame: Frame) -> Samples:
     return Samples(bin_of(reach[seen], RANGES), _image(frame).block[seen], alone[seen].astype(np.float64))
 
 
-BRIGHTNESS = Histogram(_logarithmic(1e-4, 10.0), trimmed(0.1, 0.9))
+BRIGHTNESS = Histogram(_logarithmic(1e-4, 10.0), trimmed_mean(0.1, 0.9))
 
 
 @measure("intensity by range", "1", BRIGHTNESS, BY_RANGE, "intensity", least=5e-3, relative=0.1)
@@ -509,7 +509,7 @@ def range_step(frame: Frame) -> Samples:
     return Samples(np.zeros(len(frame), np.intp), frame.block, frame.range)
 
 
-OFFSET = Histogram(np.linspace(-0.5, 0.5, 1001), trimmed(0.2, 0.8))
+OFFSET = Histogram(np.linspace(-0.5, 0.5, 1001), trimmed_mean(0.2, 0.8))
 
 
 @measure("range offset in one scene", "m", OFFSET, BY_RANGE, "scene", "column", least=5e-3)

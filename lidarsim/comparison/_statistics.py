@@ -203,7 +203,7 @@ class Divergence(Histogram):
         super().__init__(edges, quantile(0.5))
 
 
-def trimmed(low: float, high: float) -> Callable[[Floats, Floats], Floats]:
+def trimmed_mean(low: float, high: float) -> Callable[[Floats, Floats], Floats]:
     """Return the mean of the samples between two quantiles, as a statistic of a histogram."""
 
     def statistic(centres: Floats, counts: Floats) -> Floats:
@@ -225,7 +225,7 @@ def robust_sigma(keep: float = 0.8) -> Callable[[Floats, Floats], Floats]:
     normal = NormalDist()
     z = normal.inv_cdf(0.5 * (1.0 + keep))
     inside = (keep - 2.0 * z * normal.pdf(z)) / keep
-    mean = trimmed(0.0, keep)
+    mean = trimmed_mean(0.0, keep)
 
     def statistic(centres: Floats, counts: Floats) -> Floats:
         return np.sqrt(mean(centres * centres, counts) / inside)

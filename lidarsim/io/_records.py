@@ -345,7 +345,7 @@ def class_comments(names: Mapping[int, str]) -> list[str]:
     return [f"class {label} {json.dumps(name)}" for label, name in names.items()]
 
 
-def commented_classes(comments: Iterable[str]) -> dict[int, str]:
+def read_commented_classes(comments: Iterable[str]) -> dict[int, str]:
     """Return the class names in the comments of a file by label; other comments are skipped."""
     names = {}
     for comment in comments:

@@ -79,10 +79,10 @@ def _parse_mixed(lines: list[str], widths: list[int], layouts: Mapping[int, tupl
         parts.append(_block([lines[i] for i in chosen], layouts[width], first))
         places += chosen
     order = np.argsort(places)
-    return {name: column[order] for name, column in joined_lists(parts).items()}
+    return {name: column[order] for name, column in join_lists(parts).items()}
 
 
-def joined_lists(parts: Iterable[Fields]) -> Fields:
+def join_lists(parts: Iterable[Fields]) -> Fields:
     """Join the blocks of several lists of points; there are none if all are empty.
 
     Where a list lacks a column, its points have NaN there, or 0 if the column is of integers.

@@ -30,7 +30,7 @@ from lidarsim._base.validation import Floats
 from lidarsim._base.vectors import product
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import Expansion, to_fields
-from lidarsim.io._scanners import COLOURS, check_finite, coloured, joined_lists
+from lidarsim.io._scanners import COLOURS, check_finite, coloured, join_lists
 from lidarsim.scan.fields import Fields, fit
 from lidarsim.scan.formats import register_format
 
@@ -122,7 +122,7 @@ def load(file: BinaryIO) -> Fields:
     with plain as place, library.E57(str(place)) as read:
         count = read.scan_count
         expansion = Expansion(os.fstat(file.fileno()).st_size)
-        columns = joined_lists(_scan(library, read, i, expansion) for i in range(count))
+        columns = join_lists(_scan(library, read, i, expansion) for i in range(count))
     if count < 2:
         columns.pop("scan", None)
     return to_fields(columns, ())

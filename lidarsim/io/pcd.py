@@ -125,7 +125,7 @@ def load(file: BinaryIO) -> dict[str, Any]:
         raise FileFormatError(f"its DATA is {encoding!r}, expected ascii, binary or binary_compressed")
     columns = {name: column for name, column in _records.joined(parts).items() if not name.startswith("_ ")}
     fields = _records.to_fields(_records.as_declared(columns, dtype), NORMAL)
-    return fields | {"class_names": _records.commented_classes(header.get("#", ()))}
+    return fields | {"class_names": _records.read_commented_classes(header.get("#", ()))}
 
 
 def _header(file: BinaryIO) -> dict[str, list[str]]:

@@ -119,7 +119,7 @@ def load(file: BinaryIO) -> dict[str, Any]:
                 narrow = fields[name].astype(was)
                 if np.array_equal(narrow, fields[name]):
                     fields[name] = narrow
-    return fields | {"class_names": _records.commented_classes(header.comments)}
+    return fields | {"class_names": _records.read_commented_classes(header.comments)}
 
 
 def _dtype(element: _Element, order: str) -> np.dtype[np.void]:

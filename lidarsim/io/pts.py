@@ -19,7 +19,7 @@ from lidarsim.io._scanners import (
     COLOURS,
     check_finite,
     coloured,
-    joined_lists,
+    join_lists,
     lines_of,
     points_of,
     whole_number,
@@ -46,7 +46,7 @@ def load(file: BinaryIO) -> Fields:
     """Read all lists of points."""
     with lines_of(file, "number of points") as lines:
         counts = (whole_number(head, "number of points") for head in lines)
-        return to_fields(joined_lists(part for count in counts for part in points_of(lines, count, LAYOUTS)), ())
+        return to_fields(join_lists(part for count in counts for part in points_of(lines, count, LAYOUTS)), ())
 
 
 register_format(".pts", save=save, load=load)

@@ -29,7 +29,7 @@ from lidarsim.io._scanners import (
     COLOURS,
     check_finite,
     coloured,
-    joined_lists,
+    join_lists,
     lines_of,
     points_of,
     whole_number,
@@ -88,7 +88,7 @@ def load(file: BinaryIO) -> Fields:
     """Read all scans."""
     with lines_of(file, "number of columns") as lines:
         scans = (_scan(head, lines, scan) for scan, head in enumerate(lines))
-        columns = joined_lists(part for scan in scans for part in scan)
+        columns = join_lists(part for scan in scans for part in scan)
     unneeded = [] if "scan" in columns and columns["scan"].any() else ["scan"]
     if "column" in columns and not (columns["column"].any() and columns["ring"].any()):
         unneeded += ["column", "ring"]

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base.validation import Floats, array, ask, frozen, integer
 from lidarsim.errors import ArgumentValueError
-from lidarsim.patterns._pulses import Pulses, made_pulses
+from lidarsim.patterns._pulses import Pulses, make_pulses
 
 TURN = 2.0 * math.pi
 
@@ -200,7 +200,7 @@ class Frames:
         self._cut = self._origins, self._ring, self._column
         self._last: tuple[tuple[float, int], Floats] | None = None
 
-    def fired_together(self, ticks: Ticks, fire: Callable[[Floats], object]) -> Pulses:
+    def fire_together(self, ticks: Ticks, fire: Callable[[Floats], object]) -> Pulses:
         """Return the pulses of beams that fire together at each tick; `fire` writes their directions."""
         directions = np.empty((ticks.count * self._beams, 3))
         fire(directions)
@@ -216,7 +216,7 @@ class Frames:
             cut = self._cut = self._origins[:count], self._ring[:count], self._column[:count]
         common, ring, column = cut
         origin = self._origin if count else None
-        return made_pulses(directions, common if origins is None else origins, time, ring, column, origin=origin)
+        return make_pulses(directions, common if origins is None else origins, time, ring, column, origin=origin)
 
 
 class Cycles:
@@ -280,7 +280,7 @@ def firing_times_within(cycle: float, firing_times: npt.ArrayLike, channels: int
     return times
 
 
-def used_cycles(cycles: float, part: float, wait: float) -> int:
+def count_used_cycles(cycles: float, part: float, wait: float) -> int:
     """Return how many of the `cycles` of a turn lie in its used `part`; the first starts `wait` of a cycle late.
 
     The bound is lowered by 4 ulp: a part given as an angle in degrees gains at most that (two roundings in the

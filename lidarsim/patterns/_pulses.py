@@ -109,7 +109,7 @@ class Pulses(_OfOneOrigin):
         return f"Pulses({len(self):,} of {rings:,} rings and {columns:,} columns, time {extent(self.time)} s)"
 
 
-def made_pulses(
+def make_pulses(
     directions: npt.NDArray[np.float64],
     origins: npt.NDArray[np.float64],
     time: npt.NDArray[np.float64],

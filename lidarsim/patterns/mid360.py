@@ -91,7 +91,7 @@ class Mid360(Value):
         """
         ticks = Ticks.of(frame, TICK_RATE, self.rate)
         fire = partial(_native.fire_mid360, ticks.turns(FAST), ticks.first % SLOW_TURN)
-        return self._frames.fired_together(ticks, fire)
+        return self._frames.fire_together(ticks, fire)
 
     @cached_property
     def _frames(self) -> Frames:

@@ -104,7 +104,7 @@ class OscillatingMirror(Value):
         """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         turns = ticks.turns(self.scan_rate)
-        return self._frames.fired_together(
+        return self._frames.fire_together(
             ticks, partial(_native.fire_oscillating_mirror, self.field_of_view, self.turn, turns)
         )
 

@@ -97,7 +97,7 @@ class Palmer(Value):
         """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         turns = ticks.turns(self.scan_rate)
-        return self._frames.fired_together(ticks, partial(_native.fire_palmer, self.half_angle, turns))
+        return self._frames.fire_together(ticks, partial(_native.fire_palmer, self.half_angle, turns))
 
     @cached_property
     def _frames(self) -> Frames:

@@ -19,12 +19,12 @@ from lidarsim.patterns._parts import (
     Cycles,
     Ticks,
     ask_order,
+    count_used_cycles,
     cycles,
     firing_times_within,
     per_channel,
     ratio,
     rings,
-    used_cycles,
 )
 from lidarsim.patterns._pulses import Pulses
 
@@ -183,4 +183,4 @@ class PolygonMirror(Value):
 
     def _count_used(self, wait: float) -> int:
         """Return how many cycles of a line lie in the field of view; the first starts `wait` of a cycle late."""
-        return used_cycles(self.pulse_rate / self.line_rate, self.field_of_view / self.sweep, wait)
+        return count_used_cycles(self.pulse_rate / self.line_rate, self.field_of_view / self.sweep, wait)

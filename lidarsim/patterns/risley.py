@@ -191,7 +191,7 @@ class Risley(Value):
             If `frame` is not an integer >= 0.
         """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
-        return self._frames.fired_together(ticks, partial(self._fire, ticks))
+        return self._frames.fire_together(ticks, partial(self._fire, ticks))
 
     def _fire(self, ticks: Ticks, directions: Floats) -> None:
         """Write the directions of all beams at each tick."""

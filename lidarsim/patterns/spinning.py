@@ -30,10 +30,10 @@ from lidarsim.patterns._parts import (
     TURN,
     Cycles,
     ask_order,
+    count_used_cycles,
     firing_times_within,
     per_channel,
     rings,
-    used_cycles,
     wait,
 )
 from lidarsim.patterns._pulses import Pulses
@@ -221,7 +221,7 @@ class Spinning(Value):
 
     def _count_used(self, late: float) -> int:
         """Return how many cycles of a turn lie in the field of view; the first starts `late`, in cycles."""
-        return used_cycles(self.columns_per_turn, self.field_of_view / TURN, late)
+        return count_used_cycles(self.columns_per_turn, self.field_of_view / TURN, late)
 
     @cached_property
     def _cycles(self) -> Cycles:

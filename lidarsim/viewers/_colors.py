@@ -309,7 +309,7 @@ def coloring(
     return Coloring(color_by, limits, extent, table, {}, len(finite) > 0, len(finite) < len(values))
 
 
-def checked_limits(limits: Sequence[float] | None) -> tuple[float, float] | None:
+def check_limits(limits: Sequence[float] | None) -> tuple[float, float] | None:
     """Return limits after checking that they are two numbers, the second greater.
 
     Raises

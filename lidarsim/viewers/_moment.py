@@ -21,7 +21,7 @@ from lidarsim.viewers._colors import (
     coloring,
     instance_coloring,
 )
-from lidarsim.viewers._show import known_of, names_by_instance
+from lidarsim.viewers._show import find_known, names_by_instance
 from lidarsim.viewers._surfaces import Surface, surfaces, transform
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class Painter:
     ) -> None:
         self._boxes = boxes
         own = {} if scene is None else scene.class_names
-        self._known = known_of(scene, own if class_names is None else class_names)
+        self._known = find_known(scene, own if class_names is None else class_names)
         self._labels = set(self._known.others["label"])
         self._color_by = "label" if color_by is None and self._labels - {0} else color_by
         alike = {}

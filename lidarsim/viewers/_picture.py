@@ -287,7 +287,7 @@ def _from_top(seen: Floats, vertical: Floats, ahead: Floats, angle: float, aspec
     return View(target + (half + float(np.ptp(seen @ vertical))) * 2.0 * vertical, target, ahead, angle, half)
 
 
-def checked_camera(camera: object) -> Camera | Floats:
+def check_camera(camera: object) -> Camera | Floats:
     """Return a camera after checking that it is one of `CAMERAS` or three points.
 
     Raises

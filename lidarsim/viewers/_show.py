@@ -40,13 +40,13 @@ from lidarsim.viewers._colors import (
     THEMES,
     Known,
     Style,
-    checked_limits,
+    check_limits,
     class_coloring,
     coloring,
     instance_coloring,
 )
 from lidarsim.viewers._display import in_notebook
-from lidarsim.viewers._picture import Frame, Picture, checked_camera
+from lidarsim.viewers._picture import Frame, Picture, check_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
 from lidarsim.world.scene import Scene
 
@@ -163,9 +163,9 @@ def show(
     if save is not None:
         check_save(save)
         place = Place(save)
-    width, height = checked_size(size)
+    width, height = check_size(size)
     style = _style(limits, color_map, background)
-    view = checked_camera(camera)
+    view = check_camera(camera)
     if not isinstance(scene, Scene | None):
         raise ArgumentTypeError("scene", "a Scene", shown(scene))
     if point_size is not None:
@@ -223,7 +223,7 @@ def _style(limits: tuple[float, float] | None, color_map: str | None, background
     one_of("background", background, tuple(THEMES))
     if color_map is not None:
         one_of("color_map", color_map, tuple(MAPS))
-    return Style(THEMES[background], color_map, checked_limits(limits))
+    return Style(THEMES[background], color_map, check_limits(limits))
 
 
 def frame_title(number: int | None, place: int, count: int | None, time: float | None) -> str:
@@ -286,7 +286,7 @@ def check_save(path: PathLike) -> None:
     check_folder(path)
 
 
-def checked_size(size: tuple[int, int]) -> tuple[int, int]:
+def check_size(size: tuple[int, int]) -> tuple[int, int]:
     """Return a width and a height in pixels after checking that they are integers from 16 to 16384.
 
     Raises
@@ -441,7 +441,7 @@ def _picture(
         labels |= scene.class_names
     class_names = labels if class_names is None else named_labels("class_names", class_names)
     instances = {} if scene is None else names_by_instance(scene, class_names)
-    known = known_of(scene, class_names, used)
+    known = find_known(scene, class_names, used)
     known = replace(
         known,
         names={**known.names, "sensor": {number: name for name, number in sensors.items()}, "instance": instances},
@@ -473,7 +473,7 @@ def _picture(
     )
 
 
-def known_of(scene: Scene | None, class_names: Mapping[int, str], labels: Iterable[int] = ()) -> Known:
+def find_known(scene: Scene | None, class_names: Mapping[int, str], labels: Iterable[int] = ()) -> Known:
     """Return what a scene tells of categories, beside class names and other labels."""
     items = () if scene is None else tuple(scene)
     names = {"label": class_names, "object_id": {item.id: item.name for item in items}}

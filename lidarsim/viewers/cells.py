@@ -16,9 +16,9 @@ from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.scan.cells import Cells
 from lidarsim.viewers import _plots as plots
-from lidarsim.viewers._colors import MAPS, checked_limits
+from lidarsim.viewers._colors import MAPS, check_limits
 from lidarsim.viewers._picture import TO_SUN
-from lidarsim.viewers._show import checked_size
+from lidarsim.viewers._show import check_size
 
 MOST = 4096
 """Greatest number of rows and columns in a picture; of more cells, every other one is left out, or more of them."""
@@ -44,13 +44,13 @@ def plot(
         raise ArgumentTypeError("title", "text", type(title).__name__)
     one_of("color_map", color_map, tuple(MAPS))
     validation.flag("hillshade", hillshade)
-    width, height = checked_size(size)
+    width, height = check_size(size)
     figures = import_extra("matplotlib.figure", "pyvista", "this picture")
     colors = import_extra("matplotlib.colors", "pyvista", "this picture")
     step = max(1, math.ceil(max(cells.values.shape) / MOST))
     values = cells.values[::step, ::step]
     finite = values[np.isfinite(values)]
-    low, high = checked_limits(limits) or ((finite.min(), finite.max()) if len(finite) else (0.0, 1.0))
+    low, high = check_limits(limits) or ((finite.min(), finite.max()) if len(finite) else (0.0, 1.0))
     scale = colors.Normalize(low, high)
     table = colors.LinearSegmentedColormap.from_list(color_map, MAPS[color_map])
     rgba = table(scale(np.ma.masked_invalid(values)))

@@ -84,7 +84,7 @@ class Rerun:
     """
 
     def __init__(self, to: PathLike, *, expose: bool = False) -> None:
-        self._to, self._place = checked_target(to)
+        self._to, self._place = check_target(to)
         self._expose = expose
         if expose and self._to != NAME:
             raise ArgumentValueError("expose", f"False unless `to` is {NAME!r}", True)
@@ -270,7 +270,7 @@ class _Pipe:
                         self.failure = error
 
 
-def checked_target(to: PathLike) -> tuple[str, Place | None]:
+def check_target(to: PathLike) -> tuple[str, Place | None]:
     """Return what `Rerun` shows frames in, as it was given, and the place of a file whose folder exists."""
     if not isinstance(to, str | os.PathLike):
         raise ArgumentTypeError("to", f"{NAME} or a path", type(to).__name__)

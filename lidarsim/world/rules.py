@@ -75,7 +75,7 @@ class Rule:
                 raise ArgumentTypeError(argument, "a pattern such as 'cars/*'", shown(pattern))
         if self.label is not None:
             object.__setattr__(self, "label", integer("label", self.label, at_least=0, at_most=UINT32))
-        object.__setattr__(self, "reflectivity", checked_appearance(self.reflectivity))
+        object.__setattr__(self, "reflectivity", check_appearance(self.reflectivity))
         if isinstance(self.instance, str):
             if self.instance not in get_args(Grouping):
                 expected = f"one of {', '.join(map(repr, get_args(Grouping)))}, or an integer"
@@ -113,7 +113,7 @@ class Rule:
         return fnmatchcase(node, self.node) and fnmatchcase(material, self.material)
 
 
-def checked_appearance(value: object) -> Appearance:
+def check_appearance(value: object) -> Appearance:
     """Return the checked argument `reflectivity` of a rule or of `Scene.from_file`."""
     if value is None or isinstance(value, Material):
         return value
@@ -144,4 +144,4 @@ class Options:
             if not isinstance(rule, Rule):
                 raise ArgumentTypeError("rules", "a sequence of Rule", f"rules[{i}] = {shown(rule)}")
         scale = None if unit is None else real("unit", unit, above=0.0)
-        return cls(up, scale, tuple(rules), checked_appearance(reflectivity))  # type: ignore[arg-type]
+        return cls(up, scale, tuple(rules), check_appearance(reflectivity))  # type: ignore[arg-type]

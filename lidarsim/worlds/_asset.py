@@ -24,12 +24,12 @@ __all__ = [
     "Walker",
     "along",
     "box",
-    "bridged",
+    "bridge",
     "check_generator",
     "drawn",
-    "extruded",
-    "lathed",
-    "lofted",
+    "extrude",
+    "lathe",
+    "loft",
     "merged",
     "moved",
     "translation",
@@ -237,7 +237,7 @@ def translation(x: float, y: float, z: float) -> Floats:
     return place
 
 
-def bridged(rings: Floats) -> Faces:
+def bridge(rings: Floats) -> Faces:
     """Return the faces between rings of n vertices each, shape (k, n, 3), of which each is joined to the next.
 
     They face outward where the rings run counter-clockwise, seen from the last ring towards the first. The faces from
@@ -248,7 +248,7 @@ def bridged(rings: Floats) -> Faces:
 
 @lru_cache
 def _bridges(k: int, n: int) -> Faces:
-    """Return the faces between k rings of n vertices and, after them, of caps on both ends; see `lofted`."""
+    """Return the faces between k rings of n vertices and, after them, of caps on both ends; see `loft`."""
     i, j = np.meshgrid(np.arange(k - 1), np.arange(n), indexing="ij")
     a, b = i * n + j, i * n + (j + 1) % n
     c, d = b + n, a + n
@@ -261,10 +261,10 @@ def _bridges(k: int, n: int) -> Faces:
     return faces
 
 
-def lofted(rings: Floats, label: int = 0, material: Material | None = None) -> Piece:
-    """Return a closed surface through rings of n vertices, shape (k, n, 3), as in `bridged`, with caps on both ends.
+def loft(rings: Floats, label: int = 0, material: Material | None = None) -> Piece:
+    """Return a closed surface through rings of n vertices, shape (k, n, 3), as in `bridge`, with caps on both ends.
 
-    The faces of the caps follow those of `bridged`; they meet in the middle of the ring.
+    The faces of the caps follow those of `bridge`; they meet in the middle of the ring.
     """
     vertices = np.concatenate([rings.reshape(-1, 3), rings[[0, -1]].mean(axis=1)])
     return Piece(vertices, _bridges(*rings.shape[:2]), label, material or Material())
@@ -273,14 +273,14 @@ def lofted(rings: Floats, label: int = 0, material: Material | None = None) -> P
 def box(size: npt.ArrayLike, middle: npt.ArrayLike, label: int = 0, material: Material | None = None) -> Piece:
     """Return a box."""
     half, centre = np.asarray(size, float) / 2, np.asarray(middle, float)
-    return lofted(CUBE * half + centre, label, material)
+    return loft(CUBE * half + centre, label, material)
 
 
 CUBE = np.array([[(-1.0, -1.0, z), (1.0, -1.0, z), (1.0, 1.0, z), (-1.0, 1.0, z)] for z in (-1.0, 1.0)])
 """Rings of a cube from -1 to 1."""
 
 
-def extruded(outline: Floats, low: float, high: float, label: int = 0, material: Material | None = None) -> Piece:
+def extrude(outline: Floats, low: float, high: float, label: int = 0, material: Material | None = None) -> Piece:
     """Return a prism over an outline, shape (n, 2), counter-clockwise, convex or not."""
     import mapbox_earcut
 
@@ -290,7 +290,7 @@ def extruded(outline: Floats, low: float, high: float, label: int = 0, material:
     left = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) > (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     lid = np.where(left[:, None], lid, lid[:, ::-1])
     rings = np.array([np.column_stack([outline, np.full(n, z)]) for z in (low, high)])
-    faces = np.concatenate([bridged(rings), lid[:, ::-1], lid + n]).astype(np.uint32)
+    faces = np.concatenate([bridge(rings), lid[:, ::-1], lid + n]).astype(np.uint32)
     return Piece(rings.reshape(-1, 3), faces, label, material or Material())
 
 
@@ -310,7 +310,7 @@ def tube(
     cosine, sine = _circle(sides)
     radius = np.reshape(radii, (-1, 1, 1))
     rings = path[:, None] + radius * (cosine * u[:, None] + sine * v[:, None])
-    return lofted(rings, label, material)
+    return loft(rings, label, material)
 
 
 TURN, BACK = [1, 2, 0], [2, 0, 1]
@@ -324,14 +324,14 @@ def _circle(sides: int) -> tuple[Floats, Floats]:
     return np.cos(angle), np.sin(angle)
 
 
-def lathed(
+def lathe(
     profile: Sequence[tuple[float, float]], sides: int = 12, label: int = 0, material: Material | None = None
 ) -> Piece:
     """Return a solid of revolution about the z axis, of a profile of radii > 0 and heights, upwards."""
     angle = 2 * np.pi * np.arange(sides) / sides
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     rings = np.array([np.column_stack([radius * circle, np.full(sides, z)]) for radius, z in profile])
-    return lofted(rings, label, material)
+    return loft(rings, label, material)
 
 
 def along(axis: str, vertices: Floats) -> Floats:

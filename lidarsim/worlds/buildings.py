@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lidarsim import materials
 from lidarsim._base.validation import Floats, integer, one_of, real
 from lidarsim.materials import Material
-from lidarsim.worlds._asset import Asset, Piece, box, check_generator, drawn, extruded, merged
+from lidarsim.worlds._asset import Asset, Piece, box, check_generator, drawn, extrude, merged
 from lidarsim.worlds._labels import BUILDING
 
 __all__ = ["BUILDINGS", "BuildingKind", "building"]
@@ -113,7 +113,7 @@ def _pieces(kind: BuildingKind, rng: np.random.Generator, wide: float, deep: flo
         yield from _balconies(rng, half, storeys, storey, wall)
     flat = kind == "garage" or (kind == "block" and rng.random() < 0.6) or angled
     if flat:
-        yield extruded(outline, height, height + 0.25, BUILDING, roof)
+        yield extrude(outline, height, height + 0.25, BUILDING, roof)
         if kind == "block":
             yield box((3.0, 4.0, 2.2), (-deep / 2, 0.0, height + 1.3), BUILDING, wall)
         return
@@ -139,7 +139,7 @@ def _tint(rng: np.random.Generator, choices: tuple[Material, ...]) -> Material:
 
 def _across(profile: Floats, low: float, high: float, material: Material) -> Piece:
     """Return a prism along y of a profile in x and z, counter-clockwise with x to the right and z up."""
-    prism = extruded(profile, low, high, BUILDING, material)
+    prism = extrude(profile, low, high, BUILDING, material)
     x, z, y = prism.vertices.T
     return Piece(np.column_stack([x, y, z]), prism.faces[:, ::-1], BUILDING, material)
 

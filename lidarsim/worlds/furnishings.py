@@ -18,8 +18,8 @@ from lidarsim.worlds._asset import (
     box,
     check_generator,
     drawn,
-    extruded,
-    lathed,
+    extrude,
+    lathe,
     merged,
     moved,
     tube,
@@ -114,7 +114,7 @@ def _sign(rng: np.random.Generator) -> Iterator[Piece]:
         outline = np.array([(-wide / 2, 0), (wide / 2, 0), (wide / 2, tall), (-wide / 2, tall)])
     top = low + outline[:, 1].max()
     yield tube([(0, 0, 0), (0, 0, top)], 0.038, 8, POLE, METAL)
-    plate = extruded(outline, 0.045, 0.06, TRAFFIC_SIGN, METAL)
+    plate = extrude(outline, 0.045, 0.06, TRAFFIC_SIGN, METAL)
     plate = Piece(moved(along("x", plate.vertices), (0, 0, low)), plate.faces, TRAFFIC_SIGN)
     is_face = np.min(plate.vertices[plate.faces][:, :, 0], axis=1) > 0.055
     yield plate.of(is_face, materials.SIGN_SHEETING)
@@ -126,7 +126,7 @@ def _traffic_light(rng: np.random.Generator) -> Iterator[Piece]:
     yield tube([(0, 0, 0), (0, 0, height)], 0.07, 9, POLE, METAL)
     yield box((0.25, 0.3, 0.9), (0.2, 0, height - 0.5), OTHER_OBJECT, DARK)
     for z in (-0.3, 0.0, 0.3):
-        lens = lathed([(0.1, 0.0), (0.1, 0.03)], 10, OTHER_OBJECT, Material(reflectivity=3.0))
+        lens = lathe([(0.1, 0.0), (0.1, 0.03)], 10, OTHER_OBJECT, Material(reflectivity=3.0))
         yield Piece(
             moved(along("x", lens.vertices), (0.325, 0, height - 0.5 + z)), lens.faces, OTHER_OBJECT, lens.material
         )
@@ -135,7 +135,7 @@ def _traffic_light(rng: np.random.Generator) -> Iterator[Piece]:
 def _bin(rng: np.random.Generator) -> Iterator[Piece]:
     if rng.random() < 0.4:  # a litter bin on its post
         yield tube([(0, 0, 0), (0, 0, 1.1)], 0.03, 6, POLE, METAL)
-        barrel = lathed([(0.15, 0.5), (0.19, 0.6), (0.2, 1.05)], 12, OTHER_OBJECT, METAL)
+        barrel = lathe([(0.15, 0.5), (0.19, 0.6), (0.2, 1.05)], 12, OTHER_OBJECT, METAL)
         yield Piece(moved(barrel.vertices, (0.22, 0, 0)), barrel.faces, OTHER_OBJECT, METAL)
         return
     wide, deep, tall = (0.48, 0.55, 0.94) if rng.random() < 0.5 else (0.58, 0.73, 1.07)

@@ -21,8 +21,8 @@ from lidarsim.worlds._asset import (
     along,
     box,
     check_generator,
-    lathed,
-    lofted,
+    lathe,
+    loft,
     merged,
     moved,
     translation,
@@ -194,7 +194,7 @@ def _torso(height: float, girth: float) -> TriangleMesh:
         [np.column_stack([depth * np.cos(angle), width * np.sin(angle), np.full(14, z)]) for z, depth, width in TRUNK]
     )
     stout = 1 + (girth - 1) * np.interp(rings[..., 2:], [0.25, 0.31], [1, 0])
-    piece = lofted(rings * np.concatenate([stout, stout, np.ones_like(stout)], axis=-1) * height)
+    piece = loft(rings * np.concatenate([stout, stout, np.ones_like(stout)], axis=-1) * height)
     return TriangleMesh(piece.vertices, piece.faces)
 
 
@@ -220,7 +220,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
         top = 1.12 * height
         outside = [(0.54, -0.22), (0.45, -0.11), (0.25, -0.02), (0.02, 0.02)]
         profile = [(radius, z - 0.02) for radius, z in outside[::-1]][:-1] + outside
-        canopy = lathed([(radius, top + z) for radius, z in profile], 16, material=materials.CLOTH)
+        canopy = lathe([(radius, top + z) for radius, z in profile], 16, material=materials.CLOTH)
         hand = (0.26 * height, -0.15 * height, 0.0)
         stick = tube([(*hand[:2], 0.62 * height), (*hand[:2], top + 0.01)], 0.01, 6, material=materials.PAINTED_METAL)
         return [replace(canopy, vertices=moved(canopy.vertices, hand)), stick]
@@ -235,7 +235,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
         wheels = []
         for ahead in (0.28, -0.28):
             for side in (0.26, -0.26):
-                disc = lathed([(0.14, -0.02), (0.14, 0.02)], 12, material=materials.RUBBER)
+                disc = lathe([(0.14, -0.02), (0.14, 0.02)], 12, material=materials.RUBBER)
                 wheels.append(replace(disc, vertices=moved(along("y", disc.vertices), (x + ahead, side, 0.14))))
                 wheels.append(
                     tube(
@@ -252,7 +252,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
 def _make_rounded(size: npt.ArrayLike, middle: npt.ArrayLike, material: Material) -> Piece:
     """Return an ellipsoid with a size."""
     angle = np.linspace(0.1, np.pi - 0.1, 7)
-    ball = lathed([(np.sin(a), -np.cos(a)) for a in angle], 12, material=material)
+    ball = lathe([(np.sin(a), -np.cos(a)) for a in angle], 12, material=material)
     return Piece(
         ball.vertices * (np.asarray(size, float) / 2) + np.asarray(middle, float), ball.faces, material=material
     )

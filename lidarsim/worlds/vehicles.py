@@ -17,10 +17,10 @@ from lidarsim.worlds._asset import (
     Piece,
     along,
     box,
-    bridged,
+    bridge,
     check_generator,
-    lathed,
-    lofted,
+    lathe,
+    loft,
     merged,
     moved,
     translation,
@@ -301,7 +301,7 @@ def _shell(profile: Profile, size: Drawn, axles: tuple[float, ...]) -> tuple[Pie
     )  # fmt: skip
     right = np.array([np.column_stack([x, y, z]) for y, z in corners]).swapaxes(0, 1)
     left = right[:, HALF - 2 : 0 : -1] * (1, -1, 1)
-    return lofted(np.concatenate([right, left], axis=1)), share
+    return loft(np.concatenate([right, left], axis=1)), share
 
 
 def _glaze(shell: Piece, shares: Floats, profile: Profile, paint: Material) -> Iterator[Piece]:
@@ -347,7 +347,7 @@ def _lorry(size: Drawn, axles: tuple[float, ...], paint: Material) -> Iterator[P
 def _wheel(radius: float, thick: float) -> Iterator[Piece]:
     """Yield a tyre with its rim, about the y axis."""
     half = thick / 2
-    tyre = lathed(
+    tyre = lathe(
         [
             (0.62 * radius, -half),
             (0.93 * radius, -half),
@@ -359,7 +359,7 @@ def _wheel(radius: float, thick: float) -> Iterator[Piece]:
         20,
         material=materials.RUBBER,
     )
-    rim = lathed([(0.6 * radius, -1.02 * half), (0.6 * radius, 1.02 * half)], 10, material=materials.PAINTED_METAL)
+    rim = lathe([(0.6 * radius, -1.02 * half), (0.6 * radius, 1.02 * half)], 10, material=materials.PAINTED_METAL)
     for piece in (tyre, rim):
         yield Piece(along("y", piece.vertices), piece.faces, material=piece.material)
 
@@ -405,7 +405,7 @@ def _ring(radius: float, thick: float, material: Material) -> Piece:
         axis=-1,
     )
     closed = np.concatenate([rings, rings[:1]])
-    faces = bridged(closed) % np.uint32(24 * 6)
+    faces = bridge(closed) % np.uint32(24 * 6)
     return Piece(rings.reshape(-1, 3), faces, material=material)
 
 
