@@ -18,9 +18,8 @@ FORMAT = 4
 A pickle has the defaults of what its class gained since. One with contents that the class does not know is refused.
 """
 
-
 _COMPLETE: set[tuple[object, ...]] = set()
-"""Classes with the names of all of their contents, as found in pickles."""
+"""Classes, each with the names in a pickle that lacked none: such pickles need no further checks."""
 
 SHORT = 64  # maximum size of an array whose numbers are hashed
 
@@ -129,12 +128,14 @@ def _hashable(value: object) -> object:
 def _restore(number: int, cls: type[Pickled], contents: dict[str, Any]) -> Pickled:
     if number == FORMAT and (cls, *contents) in _COMPLETE:
         return cls._restored(contents)
+    if number > FORMAT:
+        raise _refusal(number, cls)
     try:
         made = cls._restored(cls._upgraded(contents))
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise _refusal(number, cls) from error
     known = made._contents().keys()
-    if number > FORMAT or not contents.keys() <= known:
+    if not contents.keys() <= known:
         raise _refusal(number, cls)
     if contents.keys() == known:
         _COMPLETE.add((cls, *contents))

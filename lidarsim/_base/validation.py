@@ -205,7 +205,7 @@ def angle(
     try:
         return real(name, value, at_least=at_least, above=above, at_most=at_most)
     except ArgumentValueError as error:
-        raise ArgumentValueError(name, error.expected, error.got, _guess_meant(value, at_most, "degrees?")) from None
+        raise ArgumentValueError(name, error.expected, error.got, _hint_unit(value, at_most, "degrees?")) from None
 
 
 def beam_angle(name: str, value: object) -> float:
@@ -213,7 +213,7 @@ def beam_angle(name: str, value: object) -> float:
     try:
         return real(name, value, at_least=0.0, at_most=WIDEST_BEAM)
     except ArgumentValueError as error:
-        raise ArgumentValueError(name, error.expected, error.got, _guess_meant(value, WIDEST_BEAM, "mrad?")) from None
+        raise ArgumentValueError(name, error.expected, error.got, _hint_unit(value, WIDEST_BEAM, "mrad?")) from None
 
 
 def share(name: str, value: object) -> float:
@@ -221,10 +221,10 @@ def share(name: str, value: object) -> float:
     try:
         return real(name, value, above=0.0, at_most=1.0)
     except ArgumentValueError as error:
-        raise ArgumentValueError(name, error.expected, error.got, _guess_meant(value, 1.0, "percent?")) from None
+        raise ArgumentValueError(name, error.expected, error.got, _hint_unit(value, 1.0, "percent?")) from None
 
 
-def _guess_meant(value: Any, at_most: float, unit: str) -> str:
+def _hint_unit(value: Any, at_most: float, unit: str) -> str:
     """Return the hint that a finite number beyond `at_most` may be in another unit."""
     try:
         return unit if at_most < abs(float(value)) < math.inf else ""

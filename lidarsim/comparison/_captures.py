@@ -298,9 +298,9 @@ class Captures:
         return clear
 
     def _are_even(self, image: Image, shining: Floats) -> Mask:
-        """Return the points on planes whose tiles are brighter than the rounding and darker than a limit may be.
+        """Return the points on planes in tiles whose mean intensity is clear of rounding and of a limit.
 
-        Whole tiles are chosen, as a choice by the brightness of rings would make them alike.
+        Whole tiles are selected: to select points by their own intensity would bias the factors of the rings.
         """
         with np.errstate(invalid="ignore"):
             on: Mask = image.planes.on & (image.planes.cosine > 0.5) & (shining > 0.0)
@@ -387,10 +387,10 @@ def _tiles(image: Image) -> Indices:
 
 
 def _normal_equations(image: Image, values: Floats, on: Mask, rings: int) -> Floats:
-    """Return the normal equations of a number for each ring, from values that are linear over each tile but for it.
+    """Return the normal equations for one number per ring: each value is that number plus a plane over its tile.
 
-    What is linear over a tile is eliminated. Of each block and ring they have the number of points, the right side, and
-    a row of the matrix: shape (BLOCKS, rings, 2 + rings).
+    The planes are eliminated. Shape (BLOCKS, rings, 2 + rings): number of points, right-hand side, and matrix row of
+    each block and ring.
     """
     rows, columns = tile_shape(image)
     row, column = np.nonzero(on)

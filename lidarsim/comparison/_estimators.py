@@ -180,9 +180,9 @@ def _channel_bias(fit: Fit) -> Found:
 def _ring_spread(fit: Fit, name: str, how: str, fewest: float) -> tuple[Found, Indices]:
     """Return the standard deviation between rings of numbers that lack what is linear within the rows of a tile.
 
-    They are a least-squares solution, of which only the eigenvectors count that enough points tell, in as many as
-    `fewest` equal blocks of columns. A block of all frames is one unit, since it may see the same walls. The second
-    array has the ring of each row.
+    The numbers solve the normal equations by least squares, restricted to the eigenvectors that enough points determine
+    in more than `fewest` equal blocks of columns. A block is one unit over all frames, which may see the same walls.
+    The second array has the ring of each row.
     """
     from scipy.special import chdtri
 

@@ -25,12 +25,12 @@ U32: TypeAlias = NDArray[np.uint32]
 Absent = TypeVar("Absent")
 """Type of a column that an object lacks: None, or Never if it then has no such attribute."""
 
-Class = TypeVar("Class", bound="type[Columned]")
+Class = TypeVar("Class", bound="type[HasColumns]")
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """What is known of a column besides its name; its documentation is `meaning`, with the unit, and `more`."""
+    """Properties of a column besides its name. `meaning`, the unit and `more` make up its documentation."""
 
     meaning: str
     unit: str = ""
@@ -41,8 +41,8 @@ class Column:
     condition: str = ""  # when a scan or a cloud has the column, if not always
     dtype: type[np.number[Any]] = np.float64  # as annotated
 
-    def documented(self, name: str, axes: str, lacking: str) -> str:
-        """Return its lines in the numpydoc docstring of a class; see `with_columns`."""
+    def document(self, name: str, axes: str, lacking: str) -> str:
+        """Return the lines of the column for the numpydoc docstring of a class; see `with_columns`."""
         shape = ", ".join([axes if self.of_returns else axes.removesuffix(", k"), *map(str, self.shape)])
         kind = f"ndarray of {self.dtype.__name__}, shape ({shape}{'' if ', ' in shape else ','})"
         sentences = [f"{self.meaning}{self.unit and f', {self.unit}'}.", self.more]
@@ -59,8 +59,8 @@ declare: Any = Column
 """A column in a class body, whose annotation is that of the attribute."""
 
 
-class Columned:
-    """Base of classes with columns, which moves those that a class body declares to its table."""
+class HasColumns:
+    """Base of classes with columns: collects what a class body declares into the table `_columns`."""
 
     __slots__ = ()
     _columns: ClassVar[dict[str, Column]] = {}
@@ -77,7 +77,7 @@ class Columned:
             delattr(cls, name)
 
 
-class Positions(Columned):
+class Positions(HasColumns):
     """The column that only batches and clouds have."""
 
     __slots__ = ()
@@ -85,7 +85,7 @@ class Positions(Columned):
     xyz: F64 = declare("Position", "m", "It is nan in a batch where there is no return; it may be in a cloud.", (3,))
 
 
-class ReturnColumns(Columned, Generic[Absent]):
+class ReturnColumns(HasColumns, Generic[Absent]):
     """The columns that scans, batches and clouds have."""
 
     __slots__ = ()
@@ -170,8 +170,8 @@ class PointColumns(ReturnColumns[Never], Positions):
 def with_columns(axes: str, *, lacking: str = "") -> Callable[[Class], Class]:
     """Return a decorator that annotates and documents a class with its columns.
 
-    `axes` are those of the arrays, such as "n, k", where k is the one of the returns. `lacking` says what an object has
-    instead of a column whose condition is not met: "None", which is then the default, "Absent", or "" for zeros.
+    `axes` names the axes of the arrays, such as "n, k" with k returns per pulse. `lacking` says what replaces a column
+    whose condition is not met: "None", which becomes the default; "Absent"; or "" if the class says so itself.
     """
 
     def decorate(cls: Class) -> Class:
@@ -183,7 +183,7 @@ def with_columns(axes: str, *, lacking: str = "") -> Callable[[Class], Class]:
         cls.__annotations__ = kinds | cls.__annotations__
         head, title, rest = (cls.__doc__ or "").partition("    Attributes\n    ----------\n")
         if title:
-            lines = (known.documented(name, axes, lacking) for name, known in cls._columns.items())
+            lines = (known.document(name, axes, lacking) for name, known in cls._columns.items())
             cls.__doc__ = "".join([head, title, *lines, rest])
         return cls
 

@@ -298,7 +298,7 @@ def tube(
     points: npt.ArrayLike, radii: npt.ArrayLike, sides: int = 8, label: int = 0, material: Material | None = None
 ) -> Piece:
     """Return a closed tube along points, shape (k, 3), with a radius at each."""
-    # By hand, as NumPy's gradient, norm and cross take several times as long for so few.
+    # For a few points, NumPy's gradient, norm and cross take several times as long.
     path = np.asarray(points, float)
     ahead = np.concatenate([path[1:2] - path[:1], (path[2:] - path[:-2]) / 2.0, path[-1:] - path[-2:-1]])
     ahead /= np.sqrt((ahead * ahead).sum(axis=1, keepdims=True))
@@ -314,7 +314,7 @@ def tube(
 
 
 TURN, BACK = [1, 2, 0], [2, 0, 1]
-"""The next axis of each, and the one after that."""
+"""Cyclic successor of each axis, and the one after it."""
 
 
 @lru_cache

@@ -122,7 +122,8 @@ are black, and only tell their size.
         return f"{name} {truncation!r} {occlusion} {' '.join(map(repr, numbers))}\n"
 
     def _sees(self, box: Annotation) -> bool:
-        """Return whether the camera sees a box: it does if it sees the centre."""
+        """Return whether any of a box is in view. If its centre is, the box need not be clipped."""
+        # Pixels run from 0 to width - 1, so the nearer side of the image is width / 2 - 1 from the principal point.
         camera, (ahead, *aside) = self.camera, box.center
         halves = zip(aside, (camera.width, camera.height), strict=True)
         if all(2 * camera.focal * abs(off) < (pixels - 2) * ahead for off, pixels in halves):
