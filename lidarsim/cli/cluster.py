@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["cluster"]
 
-IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-"""Preload code of workers: Ctrl-C reaches all processes of a terminal, but only the main one must end the others."""
+PRELOAD = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import lidarsim.datasets.recipe"
+"""Code that workers run first: Ctrl-C reaches all processes of a terminal, but only the main one must end the others;
+and what their first task imports."""
 
 LOCAL = {
     # With Dask's threshold, malloc returns each array to the system and gets zeroed pages again, which takes a sixth of
@@ -45,8 +46,8 @@ distributed has the future that it then cancels, which the loop of tornado repor
 def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
     """Yield a Dask client: of `workers` single-threaded processes on this machine, or of an existing scheduler.
 
-    Without both, yield None, which means this process. Local workers, their scheduler and its dashboard listen only on
-    the loopback interface.
+    Without both, yield None, which means this process. Local workers start meanwhile; they, their scheduler and its
+    dashboard listen only on the loopback interface.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
             logger = logging.getLogger(name)
             stack.callback(logger.setLevel, logger.level)
             logger.setLevel(logging.CRITICAL)
-        if scheduler is not None:
+        if workers is None:
             try:
                 client = distributed.Client(scheduler)
             except (OSError, TimeoutError, ValueError) as error:
@@ -78,16 +79,18 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
         config = import_extra("dask.config", "cluster", "a cluster")
         stack.enter_context(config.set(LOCAL))  # stays set for workers that replace killed ones
         local = distributed.LocalCluster(
-            n_workers=workers,
+            n_workers=0,
             threads_per_worker=1,
+            memory_limit=1.0 / workers,  # a share of the machine's
             env={"LIDARSIM_THREADS": os.environ.get("LIDARSIM_THREADS", "1")},
-            preload=IGNORE_INTERRUPTS,
+            preload=PRELOAD,
             silence_logs="CRITICAL",
             # Anyone who reaches a scheduler can run code, and its dashboard shows logs: both listen only locally.
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
         )
         client = stack.enter_context(distributed.Client(stack.enter_context(local)))
+        local.scale(workers)
         try:
             yield client
         finally:

@@ -213,6 +213,8 @@ def _submit(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[i
         if not submitted:  # no worker has come yet
             submit(None)
 
+    if isinstance(client.cluster, distributed.LocalCluster):  # its workers may still be starting
+        client.wait_for_workers(len(client.cluster.worker_spec))
     fill()
     for future in futures:
         _, shard = submitted.pop(future.key)

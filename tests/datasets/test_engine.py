@@ -229,11 +229,14 @@ def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, drive
 
 
 def test_a_cluster_of_this_machine_listens_to_it_alone() -> None:
-    pytest.importorskip("distributed")  # it sets levels when it is imported
+    distributed = pytest.importorskip("distributed")  # it sets levels when it is imported
     levels = {name: logging.getLogger(name).level for name in QUIET}
     with cluster(1, None) as client:
         assert {logging.getLogger(name).level for name in QUIET} == {logging.CRITICAL}
         assert client is not None
+        client.wait_for_workers(1)
+        (worker,) = client.scheduler_info()["workers"].values()
+        assert worker["memory_limit"] == distributed.system.MEMORY_LIMIT
         ours = psutil.Process()
         processes = [ours, *ours.children(recursive=True)]
         listening = [
