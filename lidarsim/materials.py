@@ -23,7 +23,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._base import names
 from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angle, array, as_array, frozen, in_order, one_of, real, shown
+from lidarsim._base.validation import Floats, angle, array, as_array, freeze, in_order, one_of, real, shown
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = [
@@ -470,7 +470,7 @@ def _reflectivity(value: object, per: Per) -> float | Floats | Texture:
     if (values < 0.0).any():
         index = int(np.argmax(values < 0.0))
         raise ArgumentValueError("reflectivity", "numbers >= 0", f"reflectivity[{index}] = {values[index]}")
-    return frozen(values)
+    return freeze(values)
 
 
 def _texture_coordinates(value: npt.ArrayLike | None) -> Floats:

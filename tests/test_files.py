@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim._base.files import atomic_writer, told, unquoted
+from lidarsim._base.files import atomic_writer, format_error, redact
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.pointcloud import PointCloud
 
@@ -217,14 +217,14 @@ def test_signals_are_left_to_the_program(target: Path) -> None:
     ],
 )
 def test_what_others_quote_is_left_out(error: Exception, text: str) -> None:
-    assert unquoted(error) == text
+    assert redact(error) == text
 
 
 def test_what_lidarsim_says_is_kept() -> None:
     with pytest.raises(ValueError, match="name of a sensor") as caught:
         ls.Lidar.preset("nobody's")
     assert '"nobody\'s"' in str(caught.value)
-    assert unquoted(caught.value) == str(caught.value)
+    assert redact(caught.value) == str(caught.value)
 
 
 READERS = {
@@ -264,5 +264,5 @@ def test_what_cannot_be_opened_is_named_without_the_number_of_the_error(name: st
 def test_an_error_of_the_system_reads_as_ours() -> None:
     with pytest.raises(FileNotFoundError) as caught:
         Path("nowhere").read_bytes()
-    assert told(caught.value) == "nowhere: No such file or directory"
-    assert told(OSError(errno.ENOSPC, "No space left on device")) == "No space left on device"
+    assert format_error(caught.value) == "nowhere: No such file or directory"
+    assert format_error(OSError(errno.ENOSPC, "No space left on device")) == "No space left on device"

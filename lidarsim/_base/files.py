@@ -222,7 +222,7 @@ def temporary_folder(parent: Path, naming: tuple[str, str] = TEMPORARY) -> Itera
 
 
 @contextmanager
-def linked(path: Path, name: str) -> Iterator[Path]:
+def link(path: Path, name: str) -> Iterator[Path]:
     """Yield a symbolic link to a file under a plain name, for libraries that cannot open every path.
 
     Raises
@@ -306,7 +306,7 @@ def _special(path: PathLike) -> bool:
     return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
 
 
-def told(error: BaseException) -> str:
+def format_error(error: BaseException) -> str:
     """Return the first line of an error's message, of bounded length, or its type if the message is empty.
 
     An error of the system, ``[Errno 2] No such file or directory: 'a.pcd'``, reads as ours: ``a.pcd: No such file …``.
@@ -317,12 +317,12 @@ def told(error: BaseException) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
 
 
-def unquoted(error: BaseException) -> str:
+def redact(error: BaseException) -> str:
     """Return an error's message without the text that Python or another library quotes, possibly from a file.
 
     A file whose name comes from a third party may be private: its lines must not be shown.
     """
-    return told(error) if _is_worded_here(error) else _QUOTED.sub("…", told(error))
+    return format_error(error) if _is_worded_here(error) else _QUOTED.sub("…", format_error(error))
 
 
 _QUOTED = re.compile(r"""(?<!\w)b?(['"`])(?:\\.|(?!\1).)*(\1|$)""")
@@ -348,7 +348,7 @@ def reading_as(path: PathLike, what: str) -> Iterator[None]:
     except MissingExtraError:
         raise
     except Exception as error:
-        raise FileFormatError(f"{path}: cannot be read as {what}: {unquoted(error)}") from error
+        raise FileFormatError(f"{path}: cannot be read as {what}: {redact(error)}") from error
 
 
 @contextmanager
@@ -366,7 +366,7 @@ def parsing(path: PathLike, kind: str) -> Iterator[None]:
         worded = isinstance(error, OSError) and error.errno is None and error.strerror is not None
         if isinstance(error, ImportError) or worded:
             raise
-        raise FileFormatError(f"{path}: not a readable {kind}: {unquoted(error)}") from error
+        raise FileFormatError(f"{path}: not a readable {kind}: {redact(error)}") from error
 
 
 def parse_each(path: PathLike, kind: str, items: Iterator[Item]) -> Iterator[Item]:

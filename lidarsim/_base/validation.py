@@ -318,7 +318,7 @@ def matrix(name: str, value: object) -> list[list[float]]:
     return plain
 
 
-def frozen(values: npt.ArrayLike) -> Floats:
+def freeze(values: npt.ArrayLike) -> Floats:
     """Return a read-only copy of `values`."""
     copy = np.array(values, order="C")
     copy.setflags(write=False)

@@ -74,7 +74,7 @@ def casts(*, quick: bool = False) -> Iterator[Cast]:
     rays = scenes.lidar(room, 128, columns, math.pi / 4)
     above, upward = rays.origins + np.array([0.0, 0.0, 9.0]), rays.directions + np.array([0.0, 0.0, 2.0])
     ground = Spec("Plane", ((0.0, 0.0, 1.0), -1.5))
-    walls = room.tessellated(0).shapes
+    walls = room.tessellate(0).shapes
     yield Cast("all miss", walls, Rays("upward", above, upward, one_origin=True))
     yield Cast("room of 12 triangles", walls, rays)
     yield Cast("plane", (ground,), rays)

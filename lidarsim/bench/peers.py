@@ -24,7 +24,7 @@ from lidarsim import _native
 from lidarsim.bench import scenes, textbook
 from lidarsim.bench.scenes import Rays, Spec, World
 
-__all__ = ["ABSENT", "CASTERS", "FAILING", "Caster", "Found", "installed", "threads_kept"]
+__all__ = ["ABSENT", "CASTERS", "FAILING", "Caster", "Found", "find_installed", "threads_kept"]
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -358,7 +358,7 @@ CASTERS: dict[str, type[Caster]] = {
 }
 
 
-def installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
+def find_installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
     """Return the casters that can run, and for each caster its version or the reason why it cannot."""
     casters, states = {}, {}
     for name, caster in CASTERS.items():

@@ -31,7 +31,7 @@ __all__ = [
     "downward",
     "instances",
     "lidar",
-    "merged",
+    "merge",
     "random_rays",
     "rotations",
     "scans",
@@ -123,7 +123,7 @@ class World:
         """Whether the world is far from the origin of coordinates."""
         return self.name.endswith(" at UTM")
 
-    def tessellated(self, level: int) -> World:
+    def tessellate(self, level: int) -> World:
         """Return this world as triangles: round shapes become icospheres of this level or prisms of similar edges."""
         vertices, faces, owner = _join(_tessellate(spec, level) for spec in self.shapes)
         return replace(self, shapes=(Spec("TriangleMesh", (vertices, faces)),), owner=owner)
@@ -265,7 +265,7 @@ def instances(triangles: int = 64_618) -> World:
     return World("instances", shapes, np.array([0.0, 0.0, 1.0]), np.full(3, -12.0), np.full(3, 12.0))
 
 
-def merged(world: World) -> World:
+def merge(world: World) -> World:
     """Merge a world of placed meshes into one mesh; the owner of a triangle is its object."""
     parts = [(*spec.args, np.eye(4) if spec.transform is None else spec.transform) for spec in world.shapes]
     vertices, faces, owner = _join((v @ place[:3, :3].T + place[:3, 3], f) for v, f, place in parts)

@@ -44,7 +44,7 @@ from lidarsim.bench import (
     scenes,
 )
 from lidarsim.bench.exact import Truth
-from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
+from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, find_installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
 
 __all__ = ["FULL", "QUICK", "Build", "Error", "Plan", "Speed", "interleave", "judge", "main", "measure"]
@@ -245,7 +245,7 @@ class _Run:
 
     def __init__(self, plan: Plan, progress: Progress) -> None:
         self.plan, self.progress = plan, progress
-        self.casters, self.states = installed()
+        self.casters, self.states = find_installed()
         self.speed: list[Speed] = []
         self.growth: list[Speed] = []
         self.distance: list[dict[str, Any]] = []
@@ -286,7 +286,7 @@ class _Run:
             methods = self._build(world, int(not world.far))
             for level in self.plan.levels if "Open3D" in self.casters else ():
                 if not world.far or _level(level) == self.stand_in:
-                    methods[_level(level)] = _Tessellation(world.tessellated(level), self.plan.threads[-1])
+                    methods[_level(level)] = _Tessellation(world.tessellate(level), self.plan.threads[-1])
             threads, sets = (self.plan.threads[-1:], 1) if world.far else (self.plan.threads, 3)
             for rays in self._rays(world)[:sets]:
                 self.speed += self._compare(world, rays, methods, threads)
@@ -381,7 +381,7 @@ class _Run:
         import lidarsim as ls
 
         world = scenes.instances(*(() if self.plan.triangles is None else (self.plan.triangles,)))
-        whole, rays, threads = scenes.merged(world), self._rays(world)[0], self.plan.threads[-1]
+        whole, rays, threads = scenes.merge(world), self._rays(world)[0], self.plan.threads[-1]
         self.progress(f"{len(world.shapes)} instances")
         shape, scene = ls.TriangleMesh(*world.shapes[0].args), ls.Scene()
         for spec in world.shapes:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import typer
 from typer.main import get_command
 
-from lidarsim._base.files import told
+from lidarsim._base.files import format_error
 from lidarsim._base.terminal import say, standard_streams
 from lidarsim.cli.commands import app
 from lidarsim.cli.interrupts import insistent_interrupts, unwinding_at_sigterm
@@ -60,7 +60,7 @@ def _run(arguments: list[str]) -> None:
 def _reason(error: BaseException) -> str:
     """Return the message of an error for the user."""
     if isinstance(error, OSError) and error.errno is not None:  # from the system; the message of ours names the path
-        return told(error)
+        return format_error(error)
     if hasattr(error, "format_message"):  # typer's errors about arguments, whichever module defines them
         return str(error.format_message())
     text = str(error) or type(error).__name__

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import told
+from lidarsim._base.files import format_error
 from lidarsim._base.validation import integer, shown
 from lidarsim.cli.interrupts import uninterrupted
 from lidarsim.errors import LidarsimError
@@ -73,7 +73,7 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
             try:
                 client = distributed.Client(scheduler)
             except (OSError, TimeoutError, ValueError) as error:
-                raise LidarsimError(f"--scheduler: cannot reach {shown(scheduler)}: {told(error)}") from None
+                raise LidarsimError(f"--scheduler: cannot reach {shown(scheduler)}: {format_error(error)}") from None
             yield stack.enter_context(client)
             return
         config = import_extra("dask.config", "cluster", "a cluster")

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from lidarsim._base.files import check_regular, told
+from lidarsim._base.files import check_regular, format_error
 from lidarsim._base.validation import short, shown
 from lidarsim.errors import ArgumentError, ArgumentTypeError, ConfigError, FileFormatError, LidarsimError
 
@@ -373,13 +373,13 @@ class Place:
             raise
         except ArgumentError as error:
             if not keys or error.argument not in keys:
-                raise self.error(told(error)) from error
+                raise self.error(format_error(error)) from error
             key, unit = keys[error.argument]
             after = unit if re.search(r"\d", error.problem) else ""
             hint = f"; {error.hint}" if error.hint and not unit else ""
             raise (self / key).error(f"{error.problem}{after}{hint}") from error
         except (LidarsimError, OSError, TypeError, ValueError) as error:
-            raise self.error(told(error)) from error
+            raise self.error(format_error(error)) from error
 
     def file(self, name: str) -> Path:
         """Return the path of the file `name`, relative to the folder of the document that contains this place.

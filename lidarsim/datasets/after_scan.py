@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarsim._base.files import told
+from lidarsim._base.files import format_error
 from lidarsim._base.validation import shown
 from lidarsim.datasets.fingerprint import check_function, fingerprint, name_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -104,7 +104,7 @@ def load(name: str, folder: str) -> AfterScan:
     try:
         found = _module(module, Path(folder, *module.split(".")).with_suffix(".py"))
     except Exception as error:  # a module may raise anything when it is imported
-        raise ArgumentValueError(NAME, EXPECTED, f"{shown(name)}: {told(error)}") from error
+        raise ArgumentValueError(NAME, EXPECTED, f"{shown(name)}: {format_error(error)}") from error
     if not hasattr(found, attribute):
         raise ArgumentValueError(NAME, f"a function of {module}", shown(attribute))
     function = check_function(NAME, getattr(found, attribute), "a cloud and a generator")

@@ -57,13 +57,13 @@ def write(plan: Plan, run: Run, files: Files, summary: Summary, ranges: Sequence
     recipe, labels = plan.recipe, summary.labels
     points = sum(ranges)
     names = recipe.class_names
-    classes = [(f"{label} | {escaped(names.get(label, ''))}", count) for label, count in sorted(labels.items())]
+    classes = [(f"{label} | {escape(names.get(label, ''))}", count) for label, count in sorted(labels.items())]
     spans = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
     used = [index for index, count in enumerate(ranges) if count] or [0]
     rig = run.sensor if isinstance(run.sensor, Rig) else None
     parts = rig.items() if rig else ()
-    sensors = [f"{escaped(name)}: {_sensor(part.lidar)}" for name, part in parts] or [_sensor(run.lidar)]
-    air = f"\nAir of the first frame: {escaped(str(run.scene.atmosphere))}.\n" if run.scene.atmosphere else ""
+    sensors = [f"{escape(name)}: {_sensor(part.lidar)}" for name, part in parts] or [_sensor(run.lidar)]
+    air = f"\nAir of the first frame: {escape(str(run.scene.atmosphere))}.\n" if run.scene.atmosphere else ""
     text = f"""# {counted(recipe.sequences, "sequence")} of {counted(recipe.frames, "frame")}
 
 {points:,} points, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed {recipe.seed}.
@@ -87,7 +87,7 @@ Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, r
     files.write(manifest.CARD, text.encode())
 
 
-def escaped(text: str) -> str:
+def escape(text: str) -> str:
     """Return Markdown that shows `text` literally, on one line."""
     shown = short("".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text))
     return SPECIAL.sub(r"\\\g<0>", shown)
@@ -114,7 +114,7 @@ def _coordinates(recipe: Recipe, run: Run) -> str:
 def _change(recipe: Recipe) -> str:
     """Return in words which function changed the clouds."""
     name = recipe.after_scan and recipe.after_scan.name
-    return f"\nAfter the scan, {escaped(name)} changed each cloud.\n" if name else ""
+    return f"\nAfter the scan, {escape(name)} changed each cloud.\n" if name else ""
 
 
 def _splits(recipe: Recipe, summary: Summary) -> str:
@@ -122,7 +122,7 @@ def _splits(recipe: Recipe, summary: Summary) -> str:
     if not summary.splits:
         return ""
     rows = [
-        f"| {escaped(name)} | {len(numbers):,} | {len(numbers) * recipe.frames:,} | {_list_ranges(numbers)} |\n"
+        f"| {escape(name)} | {len(numbers):,} | {len(numbers) * recipe.frames:,} | {_list_ranges(numbers)} |\n"
         for name, numbers in summary.splits.items()
     ]
     return "## Splits\n\n| split | sequences | frames | which |\n|---|---:|---:|---|\n" + "".join(rows) + "\n"
@@ -143,7 +143,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary, box_filter: BoxFilter) ->
     count = sum(part.count for part in found.values())
     split = " | split" if summary.splits else ""
     names = {
-        (label, part): escaped(class_name(label, recipe.class_names)) + (f" | {escaped(part)}" if split else "")
+        (label, part): escape(class_name(label, recipe.class_names)) + (f" | {escape(part)}" if split else "")
         for label, part in found
     }
     mean = [
@@ -180,7 +180,7 @@ def _describe(box_filter: BoxFilter) -> str:
     if box_filter.max_range_m is not None:
         parts.append(f"within {box_filter.max_range_m:g} m")
     if box_filter.classes is not None:
-        parts.append(f"of the classes {', '.join(escaped(str(name)) for name in box_filter.classes)}")
+        parts.append(f"of the classes {', '.join(escape(str(name)) for name in box_filter.classes)}")
     return ", ".join(parts)
 
 
@@ -189,12 +189,12 @@ def _describe_scattered(scattered: Scattered) -> str:
     if not scattered.groups:
         return ""
     rows = [
-        f"| {escaped(name)} | {tally.asked} | {tally.placed} | {escaped(tally.rules)} |\n"
+        f"| {escape(name)} | {tally.asked} | {tally.placed} | {escape(tally.rules)} |\n"
         for name, tally in scattered.groups.items()
     ]
     text = "\n## Scattered objects\n\nObjects without room are left out; shares are of the places tried for these.\n"
     text += "\n| group | asked | placed | places refused by |\n|---|---:|---:|---|\n" + "".join(rows)
-    return text + "".join(f"\nWarning: {escaped(line)}.\n" for line in scattered.warnings())
+    return text + "".join(f"\nWarning: {escape(line)}.\n" for line in scattered.warnings())
 
 
 def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -205,9 +205,9 @@ def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _sensor(lidar: Lidar) -> str:
     facts = describe(lidar.pattern)
-    name, rings = escaped(type(lidar.pattern).__name__), counted(facts.rings, "ring")
+    name, rings = escape(type(lidar.pattern).__name__), counted(facts.rings, "ring")
     pattern = f"{name}, {rings}, {lidar.pattern.rate:g} Hz"
-    return f"{escaped(lidar.model)} ({pattern})" if lidar.model else pattern
+    return f"{escape(lidar.model)} ({pattern})" if lidar.model else pattern
 
 
 def _table(head: str, rows: Sequence[tuple[str, int]], points: int) -> str:

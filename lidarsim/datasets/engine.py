@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import told
+from lidarsim._base.files import format_error
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
 from lidarsim.datasets.samples import RANGES, Record
@@ -126,7 +126,7 @@ def _histogram(ranges: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
 
 def _describe(error: BaseException) -> str:
     if isinstance(error, OSError):
-        return told(error)
+        return format_error(error)
     return str(error) if isinstance(error, LidarsimError) else f"{type(error).__name__}: {error}"
 
 

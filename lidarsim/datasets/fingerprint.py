@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.files import told
+from lidarsim._base.files import format_error
 from lidarsim._base.validation import shown
 from lidarsim.errors import ArgumentTypeError
 
@@ -56,7 +56,7 @@ def check_function(argument: str, function: object, takes: str, expected: str = 
     except ValueError:  # a C function without a signature
         pass
     except TypeError as error:
-        raise ArgumentTypeError(argument, f"a function of {takes}", f"one with {told(error)}") from None
+        raise ArgumentTypeError(argument, f"a function of {takes}", f"one with {format_error(error)}") from None
     return function
 
 
@@ -90,7 +90,7 @@ def fingerprint(function: Callable[..., Any], argument: str = "recipe") -> dict[
             raise ArgumentTypeError(
                 argument,
                 "a function that is made of values that can be pickled",
-                f"{name}, a {type(value).__name__}: {told(error)}",
+                f"{name}, a {type(value).__name__}: {format_error(error)}",
             ) from error
     return hashes
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from lidarsim._base.files import check_regular, natural, parsing, told
+from lidarsim._base.files import check_regular, format_error, natural, parsing
 from lidarsim._base.shown import plain as printable
 from lidarsim._base.validation import Floats
 from lidarsim.config.document import plain, read
@@ -89,7 +89,7 @@ class Row(BaseModel):
 Kind = TypeVar("Kind")
 
 
-def validated(kind: Any, value: object, path: os.PathLike[str] | str) -> Any:
+def validate(kind: Any, value: object, path: os.PathLike[str] | str) -> Any:
     """Return a value from the file `path` after checking its type.
 
     Raises
@@ -102,7 +102,9 @@ def validated(kind: Any, value: object, path: os.PathLike[str] | str) -> Any:
     except ValidationError as invalid:
         first = invalid.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"])) or "its content"
-        raise FileFormatError(f"{path}: {printable(place, most=100)}: {told(ValueError(first['msg']))}") from None
+        raise FileFormatError(
+            f"{path}: {printable(place, most=100)}: {format_error(ValueError(first['msg']))}"
+        ) from None
 
 
 def text_of(path: Path) -> str:
@@ -136,7 +138,7 @@ def recipe_of(folder: Path) -> dict[str, Any]:
 
 def names_in(names: object, path: os.PathLike[str] | str) -> dict[int, str]:
     """Return class names by label from a YAML mapping in the file `path`."""
-    named: dict[int, str] = validated(dict[int, str], names, path)
+    named: dict[int, str] = validate(dict[int, str], names, path)
     return named
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from lidarsim._base.files import parsing, told
+from lidarsim._base.files import format_error, parsing
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import Floats, array, integer, shown
 from lidarsim.datasets import manifest
@@ -196,7 +196,7 @@ class DataSet(Sequence[LabelledFrame]):
             try:
                 cloud = PointCloud(adopt(self.layout.read(self._store, record)))
             except FileNotFoundError as lost:
-                raise FileFormatError(told(lost)) from lost
+                raise FileFormatError(format_error(lost)) from lost
             if len(cloud) != record.points:
                 raise FileFormatError(f"expected {record.points:,} points, got {len(cloud):,}")
         cloud.class_names = self.class_names

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from lidarsim._base.files import parsing, told
+from lidarsim._base.files import format_error, parsing
 from lidarsim._base.shown import counted
 from lidarsim._base.validation import short
 from lidarsim.datasets.samples import RANGES, Record
@@ -602,7 +602,7 @@ def _difference(store: Store, name: str, expected: str, size: int | None) -> str
     except FileNotFoundError:
         found = "no file"
     except (LidarsimError, OSError) as error:
-        found = f"a file that cannot be read: {short(ascii(told(error))[1:-1])}"
+        found = f"a file that cannot be read: {short(ascii(format_error(error))[1:-1])}"
     shown = short(ascii(name)[1:-1])
     if found != expected:
         return f"{shown}: expected SHA-256 {expected}, got {found}"

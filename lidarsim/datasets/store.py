@@ -22,7 +22,7 @@ from typing import Any, BinaryIO, Protocol
 
 from lidarsim._base import files
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, told
+from lidarsim._base.files import PathLike, format_error
 from lidarsim._base.validation import short
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, LidarsimError
 
@@ -358,11 +358,11 @@ class Remote:
         try:
             yield
         except ImportError as error:
-            raise LidarsimError(f"{self.url}: {told(error)}") from error
+            raise LidarsimError(f"{self.url}: {format_error(error)}") from error
         except (FileNotFoundError, FileExistsError, LidarsimError):
             raise
         except Exception as error:
-            raise OSError(f"{self.url}: {told(error)}") from error
+            raise OSError(f"{self.url}: {format_error(error)}") from error
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file."""

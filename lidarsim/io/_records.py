@@ -127,7 +127,7 @@ def headerless(file: BinaryIO, given: list[str] | None, own: Sequence[str], most
     Its columns have the `given` names, of which those named "_" are skipped, or else the format's `own`, if the numbers
     are plausible: `most` is the greatest intensity.
     """
-    return joined(_headerless(file, given or own, None if given else most))
+    return join(_headerless(file, given or own, None if given else most))
 
 
 def _headerless(file: BinaryIO, names: Sequence[str], most: float | None) -> Iterator[Fields]:
@@ -289,7 +289,7 @@ def blocks(columns: Fields, size: int = BLOCK) -> Iterator[Fields]:
         yield {name: column[start : start + size] for name, column in columns.items()}
 
 
-def joined(parts: Iterable[Fields]) -> Fields:
+def join(parts: Iterable[Fields]) -> Fields:
     """Join the blocks of a file, at least one, holding at most one field twice at a time."""
     lists: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(list)
     for part in parts:

@@ -298,7 +298,7 @@ def _names(metadata: Metadata) -> list[str]:
     return names
 
 
-def renamed(metadata: Metadata, name: str) -> Metadata:
+def rename(metadata: Metadata, name: str) -> Metadata:
     """Return the metadata of a bag of one file under another name of the file."""
     return {**metadata, "relative_file_paths": [name], "files": [{**metadata["files"][0], "path": name}]}
 

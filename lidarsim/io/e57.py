@@ -25,7 +25,7 @@ import numpy as np
 
 from lidarsim._base import validation
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import linked
+from lidarsim._base.files import link
 from lidarsim._base.validation import Floats
 from lidarsim._base.vectors import product
 from lidarsim.errors import FileFormatError
@@ -118,7 +118,7 @@ def load(file: BinaryIO) -> Fields:
     """Read all scans."""
     library = _library()
     path = Path(file.name)
-    plain = nullcontext(path) if file.name.isprintable() else linked(path, "cloud.e57")  # pye57 takes no other text
+    plain = nullcontext(path) if file.name.isprintable() else link(path, "cloud.e57")  # pye57 takes no other text
     with plain as place, library.E57(str(place)) as read:
         count = read.scan_count
         expansion = Expansion(os.fstat(file.fileno()).st_size)

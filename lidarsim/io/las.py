@@ -58,7 +58,7 @@ from lidarsim._base.files import PathLike, Place, atomic_writer, check_regular, 
 from lidarsim._base.validation import flag, short, shown
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io._flight import flight_fields
-from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
+from lidarsim.io._records import BLOCK, blocks, check_expansion, join, to_columns, to_fields
 from lidarsim.io._units import integers, warn_above
 from lidarsim.motion.georeference import gps_time, projected
 from lidarsim.scan.fields import CANONICAL, Fields
@@ -250,7 +250,7 @@ def save(
 def load(file: BinaryIO) -> Fields:
     """Read all points."""
     reader = _open(file)
-    columns = joined(_pieces(file, reader))
+    columns = join(_pieces(file, reader))
     unused = UNUSED - set(reader.header.point_format.extra_dimension_names)
     return to_fields({name: column for name, column in columns.items() if name not in unused or column.any()}, NORMAL)
 

@@ -123,7 +123,7 @@ def load(file: BinaryIO) -> dict[str, Any]:
         parts = _records.blocks(_decompress(file, points, dtype) if points else empty)
     else:
         raise FileFormatError(f"its DATA is {encoding!r}, expected ascii, binary or binary_compressed")
-    columns = {name: column for name, column in _records.joined(parts).items() if not name.startswith("_ ")}
+    columns = {name: column for name, column in _records.join(parts).items() if not name.startswith("_ ")}
     fields = _records.to_fields(_records.as_declared(columns, dtype), NORMAL)
     return fields | {"class_names": _records.read_commented_classes(header.get("#", ()))}
 

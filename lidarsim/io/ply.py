@@ -105,13 +105,13 @@ def load(file: BinaryIO) -> dict[str, Any]:
         dtypes = [_dtype(element, ORDERS[header.encoding]) for element in (*before, vertices)]
         skipped = sum(element.count * dtype.itemsize for element, dtype in zip(before, dtypes, strict=False))
         file.seek(skipped, os.SEEK_CUR)
-        columns = _records.joined(_records.from_records(file, dtypes[-1], vertices.count))
+        columns = _records.join(_records.from_records(file, dtypes[-1], vertices.count))
     else:
         with _text(file) as text:
             skipped = sum(element.count for element in before)
             lines = itertools.islice((line for line in text if not line.isspace()), skipped, None)
             dtype = _dtype(vertices, "=")
-            columns = _records.as_declared(_records.joined(_records.parse_lines(lines, dtype, vertices.count)), dtype)
+            columns = _records.as_declared(_records.join(_records.parse_lines(lines, dtype, vertices.count)), dtype)
     fields: dict[str, Any] = _records.to_fields(columns, NORMAL)
     for comment in header.comments:
         match comment.split():

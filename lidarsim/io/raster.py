@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import atomic_writer, check_regular, check_suffix, unquoted
+from lidarsim._base.files import atomic_writer, check_regular, check_suffix, redact
 from lidarsim._base.validation import Floats, array, integer, short
 from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentError, ArgumentValueError, FileFormatError, MissingExtraError
@@ -156,7 +156,7 @@ def _refusals(path: Path) -> Iterator[None]:
         raise FileFormatError(f"{path}: {error}") from error
     except Exception as error:
         cause = error.__cause__ or error  # rasterio may only say that there was another error
-        raise FileFormatError(f"{path}: not a readable raster of heights: {unquoted(cause)}") from error
+        raise FileFormatError(f"{path}: not a readable raster of heights: {redact(cause)}") from error
 
 
 def projections(path: Path) -> list[Path]:

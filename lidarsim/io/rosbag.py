@@ -71,10 +71,10 @@ from lidarsim._base.files import (
     check_name,
     check_regular,
     check_suffix,
-    linked,
+    link,
     parse_each,
     parsing,
-    unquoted,
+    redact,
 )
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, Transform
@@ -891,7 +891,7 @@ def _read(paths: list[Path], topic: str | None) -> Iterator[Message]:
                 errors[name] = error
         while read and errors:  # once it is known that the bag has clouds
             of, reason = errors.popitem()
-            _warn(paths, f"a cloud of {plain(of, most=NAME)} is left out: {unquoted(reason)}")
+            _warn(paths, f"a cloud of {plain(of, most=NAME)} is left out: {redact(reason)}")
         if message is not None:
             yield message
             del message  # free it before the next is read
@@ -938,7 +938,7 @@ def _plain_path(path: Path) -> AbstractContextManager[Path]:
     """Return a path of the file that ends in .db3 and means itself in a URI, as which rosbags gives it to SQLite."""
     text = str(path)
     plain = path.suffix == ".db3" and text.isprintable() and not text.startswith("//") and not set("%?#") & set(text)
-    return nullcontext(path) if plain else linked(path, "bag.db3")
+    return nullcontext(path) if plain else link(path, "bag.db3")
 
 
 def _parse_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:

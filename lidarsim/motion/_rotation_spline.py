@@ -113,19 +113,19 @@ class _Equations:
     def solution(self) -> Floats:
         """Return the angular velocities."""
         rates = np.concatenate([self.means[:1], self.means])
-        solved = self.improved(rates, 0.0)
+        solved = self.improve(rates, 0.0)
         share, step = 0.0, 1.0
         while solved is not None:
             rates, solved = solved, None
             if share == 1.0:
                 return rates
             while solved is None and step >= SMALLEST_STEP:
-                solved = self.improved(rates, share + step)
+                solved = self.improve(rates, share + step)
                 step = step if solved is not None else step / 2
             share, step = share + step, min(2 * step, 1.0 - share - step)
         raise NoSplineError(1 + int(np.argmax(self.excess(rates, 1.0))))
 
-    def improved(self, rates: Floats, share: float) -> Floats | None:
+    def improve(self, rates: Floats, share: float) -> Floats | None:
         """Return the solution for this share of N by Newton's method, or None if it does not converge."""
         from scipy.linalg import solve_banded
 

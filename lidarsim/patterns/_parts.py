@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.validation import Floats, array, ask, frozen, integer
+from lidarsim._base.validation import Floats, array, ask, freeze, integer
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns._pulses import Pulses, make_pulses
 
@@ -37,7 +37,7 @@ def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | 
     except ValueError:
         one_for_all = False
     values = array(name, value, tail if one_for_all else (channels, *tail))
-    return frozen(np.broadcast_to(values, (channels, *tail)))
+    return freeze(np.broadcast_to(values, (channels, *tail)))
 
 
 def ask_order(name: str, values: Floats, offsets: Floats | None = None, times: Floats | None = None) -> None:
@@ -104,7 +104,7 @@ def unit(vectors: Floats) -> Floats:
     return np.asarray(scaled / np.sqrt(x * x + y * y + z * z)[:, None])
 
 
-def turned(vectors: Floats, azimuth: Floats) -> Floats:
+def rotate(vectors: Floats, azimuth: Floats) -> Floats:
     """Return `vectors`, of shape (..., 3), turned about z."""
     cosine, sine, _ = np.moveaxis(directions_of(azimuth, np.zeros(1)), -1, 0)
     x, y, z = np.moveaxis(vectors, -1, 0)
@@ -206,7 +206,7 @@ class Frames:
         fire(directions)
         last = self._last
         if last is None or last[0] != (ticks.wait, ticks.count):
-            last = self._last = ((ticks.wait, ticks.count), frozen(np.repeat(ticks.time, self._beams)))
+            last = self._last = ((ticks.wait, ticks.count), freeze(np.repeat(ticks.time, self._beams)))
         return self.pulses(directions, last[1])
 
     def pulses(self, directions: Floats, time: Floats, origins: Floats | None = None) -> Pulses:
@@ -249,10 +249,10 @@ class Cycles:
         turn = bool(origins[:, :2].any())
         self._frames = Frames(order.astype(np.uint16), columns, None if turn else origins[order])
         beams = directions_of(azimuth_offsets[order] + moved, elevations[order])
-        self._channels = _native.Channels(beams, firing_times[order], turned(origins[order], moved) if turn else None)
+        self._channels = _native.Channels(beams, firing_times[order], rotate(origins[order], moved) if turn else None)
         self._count, self._turn, self._speed = len(order), turn, speed
 
-    def fired(self, runs: Sequence[tuple[int, int, int, float]], *, rate: float, wait: float, azimuth: float) -> Pulses:
+    def fire(self, runs: Sequence[tuple[int, int, int, float]], *, rate: float, wait: float, azimuth: float) -> Pulses:
         """Return the pulses of a frame whose cycle c starts at ``(c + wait) / rate``, s.
 
         Each run of cycles, those of a turn or of a facet, is given by the number of its cycles in the frame; the first

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angles, array, frequency, frozen, integer, real
+from lidarsim._base.validation import Floats, angles, array, freeze, frequency, integer, real
 from lidarsim.patterns._parts import TURN, ask_order, directions_of, expect_room, rings
 from lidarsim.patterns._pulses import Pulses
 
@@ -65,9 +65,9 @@ class Grid(Value):
         self, azimuths: npt.ArrayLike, elevations: npt.ArrayLike, *, rate: float, column_period: float = 0.0
     ) -> None:
         set_ = object.__setattr__
-        set_(self, "azimuths", frozen(angles("azimuths", array("azimuths", azimuths, ("columns",)), at_most=TURN)))
+        set_(self, "azimuths", freeze(angles("azimuths", array("azimuths", azimuths, ("columns",)), at_most=TURN)))
         tilts = array("elevations", elevations, ("rings",))
-        set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
+        set_(self, "elevations", freeze(angles("elevations", tilts, at_most=TURN / 4)))
         rings("elevations", len(self.elevations), at_least=0)
         for name in ("azimuths", "elevations"):
             ask_order(name, getattr(self, name))

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angle, angles, frequency, frozen, one_or_each
+from lidarsim._base.validation import Floats, angle, angles, freeze, frequency, one_or_each
 from lidarsim.patterns._parts import (
     TURN,
     Cycles,
@@ -117,7 +117,7 @@ class PolygonMirror(Value):
     ) -> None:
         set_ = object.__setattr__
         tilts = np.atleast_1d(one_or_each("elevations", elevations, "channels"))
-        set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
+        set_(self, "elevations", freeze(angles("elevations", tilts, at_most=TURN / 4)))
         channels = rings("elevations", len(self.elevations))
         set_(self, "sweep", angle("sweep", sweep, above=0.0, at_most=2.0 * TURN))
         set_(self, "field_of_view", angle("field_of_view", field_of_view, above=0.0, at_most=min(self.sweep, TURN)))
@@ -168,7 +168,7 @@ class PolygonMirror(Value):
             columns = min(now.count, start + self._count_used(late)) - here
             if columns > 0:
                 runs.append((columns, here, here - start, late))
-        return self._cycles.fired(runs, rate=self.pulse_rate, wait=now.wait, azimuth=0.5 * self.field_of_view)
+        return self._cycles.fire(runs, rate=self.pulse_rate, wait=now.wait, azimuth=0.5 * self.field_of_view)
 
     @cached_property
     def _cycles(self) -> Cycles:

@@ -19,8 +19,8 @@ from lidarsim._base.validation import (
     Vector,
     angle,
     array,
+    freeze,
     frequency,
-    frozen,
     items,
     nonzero_vectors,
     real,
@@ -160,7 +160,7 @@ class Risley(Value):
             raise ArgumentValueError("refractive_index", f"one up to {DENSEST:g}", f"{self.refractive_index:g}")
         set_(self, "pulse_rate", frequency("pulse_rate", pulse_rate))
         set_(self, "rate", frequency("rate", rate, at_most=self.pulse_rate))
-        set_(self, "beams", frozen(unit(nonzero_vectors("beams", array("beams", beams, ("beams", 3))))))
+        set_(self, "beams", freeze(unit(nonzero_vectors("beams", array("beams", beams, ("beams", 3))))))
         rings("beams", len(self.beams))
         cycles("pulse_rate", self.pulse_rate, self.rate)
         first = Ticks.of(0, self.pulse_rate, self.rate)

@@ -20,8 +20,8 @@ from lidarsim._base.validation import (
     array,
     ask,
     ask_above,
+    freeze,
     frequency,
-    frozen,
     integer,
     real,
 )
@@ -142,7 +142,7 @@ class Spinning(Value):
     ) -> None:
         set_ = object.__setattr__
         tilts = array("elevations", elevations, ("channels",))
-        set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
+        set_(self, "elevations", freeze(angles("elevations", tilts, at_most=TURN / 4)))
         channels = rings("elevations", len(self.elevations))
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
@@ -236,4 +236,4 @@ class Spinning(Value):
 
     def _turn(self, late: float) -> Pulses:
         rate, turn = self.columns_per_turn * self.rate, (self._count_used(late), 0, 0, late)
-        return self._cycles.fired([turn], rate=rate, wait=late, azimuth=self.start_azimuth)
+        return self._cycles.fire([turn], rate=rate, wait=late, azimuth=self.start_azimuth)

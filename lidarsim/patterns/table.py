@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.files import check_regular, load_array, told
+from lidarsim._base.files import check_regular, format_error, load_array
 from lidarsim._base.lines import cells
 from lidarsim._base.names import named
 from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angles, array, frequency, frozen, integer, nonzero_vectors
+from lidarsim._base.validation import Floats, angles, array, freeze, frequency, integer, nonzero_vectors
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
@@ -81,7 +81,7 @@ class Table(Value):
         count = len(vectors)
         if not count:
             raise ArgumentValueError("directions", "at least one pulse", "none")
-        set_(self, "directions", frozen(unit(vectors)))
+        set_(self, "directions", freeze(unit(vectors)))
         set_(self, "times", per_channel("times", times, count))
         if (self.times < 0.0).any():
             first = int(np.argmax(self.times < 0.0))
@@ -135,7 +135,7 @@ class Table(Value):
         except FileFormatError:
             raise
         except (TypeError, ValueError) as error:
-            raise FileFormatError(f"{path}: {told(error)}") from None
+            raise FileFormatError(f"{path}: {format_error(error)}") from None
 
     @classmethod
     def _from_columns(cls, columns: dict[str, Floats], rate: float, pulse_rate: float | None) -> Table:

@@ -90,9 +90,9 @@ class Gnss(Value):
         set_ = object.__setattr__
         set_(self, "rate", validation.frequency("rate", self.rate))
         given: Transform | None = self.mount
-        set_(self, "mount", validation.frozen(np.eye(4) if given is None else validation.pose("mount", given)))
+        set_(self, "mount", validation.freeze(np.eye(4) if given is None else validation.pose("mount", given)))
         for name in ("position_sigma", "drift_sigma"):
-            set_(self, name, validation.frozen(sigmas_of_axes(name, getattr(self, name))))
+            set_(self, name, validation.freeze(sigmas_of_axes(name, getattr(self, name))))
         set_(self, "drift_time", validation.real("drift_time", self.drift_time, above=0.0))
         sensor_name(self.name)
 

@@ -173,7 +173,7 @@ class Imu(Value):
         set_ = object.__setattr__
         set_(self, "rate", validation.frequency("rate", self.rate))
         given: Transform | None = self.mount
-        set_(self, "mount", validation.frozen(np.eye(4) if given is None else validation.pose("mount", given)))
+        set_(self, "mount", validation.freeze(np.eye(4) if given is None else validation.pose("mount", given)))
         for name in ("gyroscope", "accelerometer"):
             if not isinstance(getattr(self, name), ImuErrors):
                 raise ArgumentTypeError(name, "ImuErrors", validation.shown(getattr(self, name)))

@@ -72,7 +72,7 @@ class Surface:
             kept, faces = np.unique(self.faces[chosen], return_inverse=True)
             yield value, replace(self, vertices=self.vertices[kept], faces=faces.reshape(-1, 3).astype(np.uint32))
 
-    def refined(self, step: float) -> Surface:
+    def refine(self, step: float) -> Surface:
         """Return the surface in the world, with triangles no higher than `step`, m, or 1/64 of its height."""
         import trimesh
 

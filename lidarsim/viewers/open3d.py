@@ -129,7 +129,7 @@ def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middl
     by_height = colors.field == "height"
     name = f"{surface.object_id} {plain(surface.item.name, most=NAME)}".rstrip()
     if by_height:  # colours are interpolated linearly in a triangle, so it must not span many
-        surface = surface.refined((colors.limits[1] - colors.limits[0]) / 16)
+        surface = surface.refine((colors.limits[1] - colors.limits[0]) / 16)
     parts = []
     for number, (color, part) in enumerate(colored(surface, picture)):
         material = o3d.visualization.rendering.MaterialRecord()

@@ -30,7 +30,7 @@ __all__ = [
     "extrude",
     "lathe",
     "loft",
-    "merged",
+    "merge",
     "moved",
     "translation",
     "tube",
@@ -185,7 +185,7 @@ class Piece:
         return replace(self, faces=self.faces[faces], material=material, label=self.label if label is None else label)
 
 
-def merged(name: str, pieces: Iterable[Piece]) -> Iterator[Part]:
+def merge(name: str, pieces: Iterable[Piece]) -> Iterator[Part]:
     """Yield a mesh for each kind of material, with the label and the reflectivity of each face.
 
     Materials are of a kind if they differ in nothing but reflectivity.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lidarsim import materials
 from lidarsim._base.validation import Floats, integer, one_of, real
 from lidarsim.materials import Material
-from lidarsim.worlds._asset import Asset, Piece, box, check_generator, drawn, extrude, merged
+from lidarsim.worlds._asset import Asset, Piece, box, check_generator, drawn, extrude, merge
 from lidarsim.worlds._labels import BUILDING
 
 __all__ = ["BUILDINGS", "BuildingKind", "building"]
@@ -91,7 +91,7 @@ def building(
     )
     drawn_storeys = int(rng.integers(spans[2][0], spans[2][1] + 1))
     count = drawn_storeys if storeys is None else integer("storeys", storeys, at_least=1, at_most=40)
-    return Asset(tuple(merged("building", _pieces(kind, rng, wide, deep, count))))
+    return Asset(tuple(merge("building", _pieces(kind, rng, wide, deep, count))))
 
 
 def _pieces(kind: BuildingKind, rng: np.random.Generator, wide: float, deep: float, storeys: int) -> Iterator[Piece]:

@@ -20,7 +20,7 @@ from lidarsim.worlds._asset import (
     drawn,
     extrude,
     lathe,
-    merged,
+    merge,
     moved,
     tube,
 )
@@ -83,9 +83,9 @@ def furniture(kind: FurnitureKind, rng: np.random.Generator, *, length: float | 
         # What is overhead is a part of its own, so that the box of a post does not reach over the road.
         low = [piece for piece in pieces if piece.vertices[:, 2].min() < OVERHEAD]
         high = [piece for piece in pieces if piece.vertices[:, 2].min() >= OVERHEAD]
-        return Asset((*merged(kind, low), *merged(f"{kind} head", high)))
+        return Asset((*merge(kind, low), *merge(f"{kind} head", high)))
     long = drawn(rng, LONG[kind]) if length is None else real("length", length, at_least=0.5, at_most=100.0)
-    return Asset(tuple(merged(kind, _LONG[kind](rng, long))))
+    return Asset(tuple(merge(kind, _LONG[kind](rng, long))))
 
 
 def _lamp(rng: np.random.Generator) -> Iterator[Piece]:

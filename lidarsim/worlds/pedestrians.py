@@ -23,7 +23,7 @@ from lidarsim.worlds._asset import (
     check_generator,
     lathe,
     loft,
-    merged,
+    merge,
     moved,
     translation,
     tube,
@@ -105,7 +105,7 @@ def pedestrian(
         small = float(rng.uniform(0.95, 1.3))
         walkers.append(Walker(len(parts), small, left=0.45))
         parts += [_shift(part, (0.0, 0.45, 0.0)) for part in _figure(rng, small, posture)]
-    parts += [replace(part, label=PERSON) for part in merged(load, _load(load, height, seated=seated))]
+    parts += [replace(part, label=PERSON) for part in merge(load, _load(load, height, seated=seated))]
     return Asset(tuple(parts), () if seated else tuple(walkers))
 
 

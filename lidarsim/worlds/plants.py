@@ -12,7 +12,7 @@ from lidarsim._base.validation import Floats, one_of, real, shown
 from lidarsim.errors import ArgumentValueError
 from lidarsim.materials import Material
 from lidarsim.world.shapes import Disks
-from lidarsim.worlds._asset import Asset, Part, Piece, check_generator, drawn, merged, tube
+from lidarsim.worlds._asset import Asset, Part, Piece, check_generator, drawn, merge, tube
 from lidarsim.worlds._labels import TERRAIN, TRUNK, VEGETATION
 
 __all__ = ["TREES", "TreeKind", "tree"]
@@ -157,7 +157,7 @@ def tree(
         return Asset((leaves,))
     trunk, *branches = _wood(rng, twigs, habit.girth * tall, foot, (0.95 if kind == "conifer" else 0.7) * tall)
     # Branches are a part of their own, so that the box of a trunk does not reach over the road.
-    wood = *merged("trunk", [trunk]), *merged("branches", branches)
+    wood = *merge("trunk", [trunk]), *merge("branches", branches)
     return Asset((*wood, leaves))
 
 

@@ -21,7 +21,7 @@ from lidarsim.worlds._asset import (
     check_generator,
     lathe,
     loft,
-    merged,
+    merge,
     moved,
     translation,
     tube,
@@ -226,9 +226,9 @@ def vehicle(kind: VehicleKind, rng: np.random.Generator, *, rider: bool = True) 
     axles = (front, front - size.wheelbase)
     body = _lorry(size, axles, paint) if kind == "lorry" else _body(kind, size, axles, paint)
     thick = (0.13 if kind in {"lorry", "bus"} else 0.11) * size.width
-    wheel = next(merged("wheel", _wheel(size.wheel, thick)))
+    wheel = next(merge("wheel", _wheel(size.wheel, thick)))
     label = LABELS[kind]
-    parts = [replace(part, label=label) for part in merged("body", body)]
+    parts = [replace(part, label=label) for part in merge("body", body)]
     for number, (x, side) in enumerate(product(axles, (1, -1)), 1):
         place = translation(x, side * (size.width / 2 - thick / 2 - 0.02), size.wheel)
         parts.append(replace(wheel, name=f"wheel {number}", label=label, transform=place))
@@ -380,8 +380,8 @@ def _two_wheeler(kind: VehicleKind, rng: np.random.Generator, size: Drawn, paint
         pieces = list(_frame(size, saddle, grips, paint))
         bend = {"hip": (95, 40), "knee": (100, 30), "lean": 30.0}
     pieces.append(_bar(grips, size.width))
-    parts = [replace(part, label=label) for part in merged("frame", pieces)]
-    wheel = next(merged("wheel", [_ring(size.wheel - tyre, tyre, materials.RUBBER)]))
+    parts = [replace(part, label=label) for part in merge("frame", pieces)]
+    wheel = next(merge("wheel", [_ring(size.wheel - tyre, tyre, materials.RUBBER)]))
     for number, x in enumerate((front, rear), 1):
         parts.append(replace(wheel, name=f"wheel {number}", label=label, transform=translation(x, 0.0, size.wheel)))
     if rider:

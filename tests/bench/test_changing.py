@@ -12,7 +12,7 @@ SIDE = 101
 
 
 def test_each_call_sees_the_change_of_its_frame() -> None:
-    what = changing.calls(peers.installed()[0], 1, SIDE)
+    what = changing.calls(peers.find_installed()[0], 1, SIDE)
     assert {"1,000 instances moved", "20,000 faces refitted", "20,000 faces built anew"} <= {*what}
     for frame in range(1, 4):
         phase = changing.STEP * frame

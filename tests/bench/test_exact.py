@@ -21,7 +21,7 @@ SMALL = {
     "terrain": lambda offset: scenes.terrain(600, offset),
     "scans": lambda offset: scenes.scans(600, offset),
     "analytic": lambda offset: scenes.analytic(40, offset),
-    "tessellation": lambda offset: scenes.analytic(12, offset).tessellated(1),
+    "tessellation": lambda offset: scenes.analytic(12, offset).tessellate(1),
 }
 
 
@@ -121,7 +121,7 @@ def test_only_round_shapes_tell_casters_apart() -> None:
     kinds = [world.shapes[surface].kind for surface in truth.surface if surface >= 0]
     assert truth.telling.sum() == sum(kind in {"Sphere", "Cylinder", "Ellipsoid"} for kind in kinds)
     assert 0 < truth.telling.sum() < len(kinds)
-    mesh = world.tessellated(0)
+    mesh = world.tessellate(0)
     truth = exact.first_hits(mesh, some(scenes.lidar(mesh, 128, 32, math.pi / 4), 50))
     assert truth.telling.tolist() == (truth.surface >= 0).tolist()
 

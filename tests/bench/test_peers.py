@@ -12,7 +12,7 @@ from lidarsim.bench.peers import ABSENT, CASTERS, FAILING
 from lidarsim.bench.scenes import Rays, World
 from lidarsim.bench.speed import judge
 
-INSTALLED, STATES = peers.installed()
+INSTALLED, STATES = peers.find_installed()
 DOUBLE = {"lidarsim", "MuJoCo", "MuJoCo-LiDAR, mj_multiRay", "textbook NumPy"}
 
 
@@ -82,7 +82,7 @@ def test_missing_casters_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers.MuJoCo, "__init__", lambda *_: None)
     monkeypatch.setattr(peers.MuJoCo, "prepare", lambda *_: None)
     monkeypatch.setattr(peers.MuJoCo, "cast", changed)
-    casters, states = peers.installed()
+    casters, states = peers.find_installed()
     assert states["MuJoCo"] == "fails here (TypeError: mj_multiRay(): incompatible function arguments)"
     assert states["embreex"] == "not installed (embreex)"
     assert states["Open3D"] == "not installed (open3d)"
@@ -91,7 +91,7 @@ def test_missing_casters_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_looking_for_casters_leaves_the_threads_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LIDARSIM_THREADS", "5")
-    peers.installed()
+    peers.find_installed()
     assert (os.environ["LIDARSIM_THREADS"], _native.threads()) == ("5", 5)
 
 

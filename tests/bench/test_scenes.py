@@ -81,7 +81,7 @@ def surfaces(world: World, mesh: World) -> list[float]:
 
 def test_tessellation_lies_on_the_shapes() -> None:
     world = scenes.analytic(40)
-    mesh = world.tessellated(2)
+    mesh = world.tessellate(2)
     assert mesh.owner is not None
     assert set(mesh.owner.tolist()) == set(range(41))
     distances = surfaces(world, mesh)
@@ -99,7 +99,7 @@ def test_each_level_of_tessellation_errs_a_quarter_of_the_last(kind: str) -> Non
         scene.add(spec.build())
     exact = scene.cast(rays.origins, rays.directions)
     errors = []
-    for mesh in map(world.tessellated, (1, 2, 3)):
+    for mesh in map(world.tessellate, (1, 2, 3)):
         hits = mesh.shapes[0].build().cast(rays.origins, rays.directions)
         owner = np.asarray(mesh.owner)[hits.primitive_id]
         same = hits.hit & (owner == exact.object_id) & np.array([spec.kind == kind for spec in world.shapes])[owner]

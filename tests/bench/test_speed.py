@@ -79,7 +79,7 @@ def test_every_scene_has_its_rays_and_threads(results: dict[str, Any]) -> None:
 
 
 def test_every_installed_method_has_its_rows(results: dict[str, Any]) -> None:
-    casters, _ = peers.installed()
+    casters, _ = peers.find_installed()
     for name, kind in casters.items():
         seen = {row["scene"] for row in rows(results, method=name)}
         meshes = {f"{scene}{where}" for scene in SCENES for where in ("", " at UTM")} if kind.meshes else set()
@@ -101,7 +101,7 @@ def test_lidarsim_is_never_wrong(results: dict[str, Any]) -> None:
 
 
 def test_ratios_are_to_open3d(results: dict[str, Any]) -> None:
-    if "Open3D" not in peers.installed()[0]:
+    if "Open3D" not in peers.find_installed()[0]:
         assert all(row["ratio"] is None for row in results["speed"])
         return
     cells: dict[Any, list[dict[str, Any]]] = {}
@@ -143,7 +143,7 @@ def test_whole_scans_are_over_the_bare_cast(results: dict[str, Any]) -> None:
 def test_instances_are_hit_where_the_merged_mesh_is(results: dict[str, Any]) -> None:
     rows = results["instances"]
     expected = ["lidarsim, instances", "lidarsim, one mesh", "Open3D, one mesh"]
-    assert [row["what"] for row in rows] == expected[: 3 if "Open3D" in peers.installed()[0] else 2]
+    assert [row["what"] for row in rows] == expected[: 3 if "Open3D" in peers.find_installed()[0] else 2]
     for row in rows:
         assert row["rays"] == 128 * 32
         assert row["triangles"] == 50 * 2000 - 50 * 4  # a closed mesh of n vertices has 2n − 4
@@ -195,7 +195,7 @@ def test_robots_are_over_one_cast_and_the_loop(results: dict[str, Any]) -> None:
         "a loop of Lidar.scan",
         "scan_many, ranges, 100 geoms from one place",
     )
-    peers_of_geoms = [f"{name}, the same" for name in peers.installed()[0] if name.startswith("MuJoCo")]
+    peers_of_geoms = [f"{name}, the same" for name in peers.find_installed()[0] if name.startswith("MuJoCo")]
     assert {row["over"] for row in rows.values()} == {cast, loop, geoms, "scan_many, ranges"}
     assert set(peers_of_geoms) <= set(rows)
     assert all(rows[name]["over"] == geoms for name in peers_of_geoms)

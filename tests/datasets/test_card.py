@@ -15,7 +15,7 @@ from markdown_it import MarkdownIt
 
 import lidarsim as ls
 from lidarsim.datasets import card, manifest
-from lidarsim.datasets.card import escaped
+from lidarsim.datasets.card import escape
 from lidarsim.datasets.store import open_store
 
 NASTY = [
@@ -29,7 +29,7 @@ MARKDOWN = MarkdownIt("gfm-like", {"linkify": False})
 
 def cells(name: str) -> list[str]:
     """The HTML of the cells in the row of a table that has a name in its second cell."""
-    html = MARKDOWN.render(f"| a | b | c |\n|---|---|---|\n| 1 | {escaped(name)} | 3 |\n\nafter\n")
+    html = MARKDOWN.render(f"| a | b | c |\n|---|---|---|\n| 1 | {escape(name)} | 3 |\n\nafter\n")
     assert html.endswith("<p>after</p>\n")
     return re.findall(r"<td>(.*?)</td>", html, re.DOTALL)
 
@@ -54,18 +54,18 @@ def test_any_name_is_one_cell_of_text(name: str) -> None:
 
 def test_usual_names_stay_as_they_are() -> None:
     usual = ["velodyne-vlp16", "traffic_sign", "car (parked)", "Straße", "truck+trailer", "Hesai XT32, 32 rings"]
-    assert [escaped(name) for name in usual] == usual
+    assert [escape(name) for name in usual] == usual
 
 
 def test_no_address_becomes_a_link() -> None:
     """As GitHub makes them of bare addresses: each is broken by a backslash, which is not shown."""
-    assert escaped("see https://a.example, WWW.b.example or c@d.example") == (
+    assert escape("see https://a.example, WWW.b.example or c@d.example") == (
         r"see https\://a.example, WWW\.b.example or c\@d.example"
     )
 
 
 def test_a_long_name_is_cut() -> None:
-    assert len(escaped("x" * 10_000_000)) == 200
+    assert len(escape("x" * 10_000_000)) == 200
 
 
 def test_the_card_of_a_data_set(tmp_path: Path) -> None:

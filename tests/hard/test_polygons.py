@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim.world.shapes import _polygons
-from lidarsim.world.shapes._polygons import of_strips, triangulated
+from lidarsim.world.shapes._polygons import of_strips, triangulate
 
 
 def cut(outline):
     n = len(outline)
-    faces, of = triangulated(np.asarray(outline, float), np.arange(n), np.array([n]))
+    faces, of = triangulate(np.asarray(outline, float), np.arange(n), np.array([n]))
     assert of.tolist() == [0] * (n - 2)
     return faces
 
@@ -105,7 +105,7 @@ def test_random_outlines_with_corners_on_their_edges():
 
 def test_order_and_orientation_of_faces():
     points = np.array([(0, 4, 0), (0, 0, 0), (4, 0, 0), (4, 4, 0), (2, 1, 0)], float)
-    faces, of = triangulated(
+    faces, of = triangulate(
         points, np.array([0, 1, 2, 0, 1, 2, 3, 4, 0, 1, 4, 3, 2, 1, 1, 2, 3]), np.array([3, 5, 1, 0, 5, 3])
     )
     assert of.tolist() == [0, 1, 1, 1, 4, 4, 4, 5]

@@ -10,7 +10,7 @@ import pytest
 from mpmath import mpf
 
 from lidarsim import _native
-from lidarsim.patterns._parts import directions_of, turned, unit
+from lidarsim.patterns._parts import directions_of, rotate, unit
 
 
 @pytest.mark.parametrize("size", [1.0, 1e3, 1e6, 1e7, 1e15, 1e300])
@@ -35,7 +35,7 @@ def test_angles_are_broadcast() -> None:
 def test_vectors_are_turned_and_scaled() -> None:
     vectors = np.array([[3.0, 4.0, 12.0], [0.0, -1e-200, 0.0], [1e300, 0.0, 0.0]])
     np.testing.assert_allclose(unit(vectors), [[3 / 13, 4 / 13, 12 / 13], [0, -1, 0], [1, 0, 0]], rtol=2**-51)
-    quarter = turned(vectors[:1], np.array([np.pi / 2]))
+    quarter = rotate(vectors[:1], np.array([np.pi / 2]))
     np.testing.assert_allclose(quarter, [[-4.0, 3.0, 12.0]], rtol=0, atol=8 * 2**-52)
 
 

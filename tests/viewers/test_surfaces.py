@@ -225,7 +225,7 @@ def test_refined_triangles_are_low_and_cover_the_same() -> None:
     scene = ls.Scene()
     scene.add(ls.Box((4, 400, 8), (0, 0, 4)))
     (surface,) = surfaces(scene)
-    fine = surface.refined(1.0)
+    fine = surface.refine(1.0)
     triangles = fine.points()[fine.faces]
     assert np.ptp(triangles[:, :, 2], axis=1).max() <= 1.0
     sides = triangles[:, 1:] - triangles[:, :1]
@@ -233,4 +233,4 @@ def test_refined_triangles_are_low_and_cover_the_same() -> None:
     assert area == pytest.approx(2 * (4 * 400 + 4 * 8 + 400 * 8), rel=1e-12)  # thousands of roundings
     flat = np.ptp(triangles[:, :, 2], axis=1) == 0
     assert flat.sum() == 4  # what lies level stays as it was
-    assert len(surface.refined(1e-9).faces) < 1e6
+    assert len(surface.refine(1e-9).faces) < 1e6

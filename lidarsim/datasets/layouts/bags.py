@@ -127,7 +127,7 @@ class Bags(Layout):
         with self._bag(written, run) as bag:
             yield bag
         written.replace(path)
-        about["bag"] = _storage.renamed(bag.metadata, name)
+        about["bag"] = _storage.rename(bag.metadata, name)
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the metadata of the bag of each sequence."""

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from lidarsim._base.files import beside, check_regular, parsing
 from lidarsim._base.validation import Floats
-from lidarsim.datasets.frames import Frame, Frames, Row, boxes_at, folders, named, text_of, validated
+from lidarsim.datasets.frames import Frame, Frames, Row, boxes_at, folders, named, text_of, validate
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud, with_common_fields
@@ -210,7 +210,7 @@ class _Tables:
         text = text_of(path)
         with parsing(path, "table of nuScenes"):
             rows = json.loads(text)
-        found: list[Any] = validated(list[kind], rows, path)  # type: ignore[valid-type]
+        found: list[Any] = validate(list[kind], rows, path)  # type: ignore[valid-type]
         return found
 
     def _key(self, table: str, kind: type[Token]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from lidarsim.datasets.frames import (
     named,
     names_in,
     recipe_of,
-    validated,
+    validate,
 )
 from lidarsim.datasets.loading import has_world_points
 from lidarsim.datasets.samples import Nine, Number, Rows, Three
@@ -109,7 +109,7 @@ def _samples(tars: list[Path]) -> Iterator[tuple[tuple[Path, tarfile.TarInfo], A
                     raise FileFormatError(f"{path}: expected a JSON beside each archive, got none for {name[:60]!a}")
                 with parsing(path, "tar file of samples"):
                     numbers = json.loads(texts[beside])
-                yield (path, member), validated(About, numbers, path)
+                yield (path, member), validate(About, numbers, path)
 
 
 def _read(tar: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:

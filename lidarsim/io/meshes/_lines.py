@@ -68,10 +68,10 @@ def polygons(lines: Lines, *, more: bool = False) -> tuple[Indices, Indices]:
     wrong = np.flatnonzero((sizes < 0) | (sizes > max(map(len, lines.texts), default=0)))
     if len(wrong):
         raise FileFormatError(f"line {lines.numbers[wrong[0]]}: expected {sizes[wrong[0]]} indices after their count")
-    return joined(lines, sizes, 1, more=more), sizes
+    return join(lines, sizes, 1, more=more), sizes
 
 
-def joined(lines: Lines, sizes: Indices, skipped: int, *, more: bool = False) -> Indices:
+def join(lines: Lines, sizes: Indices, skipped: int, *, more: bool = False) -> Indices:
     """Return the integers of lines of different lengths, concatenated, without the first `skipped` of each line."""
     starts = np.cumsum(sizes) - sizes
     values = np.empty(int(sizes.sum()), np.int64)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarsim.errors import FileFormatError
-from lidarsim.io.meshes._lines import Indices, Lines, floats, joined, lines_of
+from lidarsim.io.meshes._lines import Indices, Lines, floats, join, lines_of
 from lidarsim.world.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 
@@ -89,7 +89,7 @@ def _corners(faces: Lines, vertices: int, before: Indices) -> tuple[Indices, Ind
     # In a/b/c, b and c are texture coordinates and normals; some programs append a comment.
     texts = [re.sub(r"(?<=\d)/\S*|#.*", "", text) if "/" in text or "#" in text else text for text in faces.texts]
     sizes = np.array([len(text.split()) for text in texts], np.int64)
-    indices = joined(Lines(faces.numbers, texts), sizes, 0)
+    indices = join(Lines(faces.numbers, texts), sizes, 0)
     corners = np.where(indices < 0, indices + np.repeat(before, sizes), indices - 1)
     wrong = (corners < 0) | (corners >= vertices) | (indices == 0)
     if wrong.any():

@@ -21,7 +21,7 @@ from lidarsim.materials import LUMINANCE, Material
 from lidarsim.world.rules import Appearance, Options, Rule
 from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import Shape, TriangleMesh
-from lidarsim.world.shapes._polygons import check_faces, triangulated
+from lidarsim.world.shapes._polygons import check_faces, triangulate
 from lidarsim.world.shapes.triangle_mesh import MeshFile
 
 Reader = Callable[[Path], SceneFile]
@@ -185,7 +185,7 @@ def mesh_of(read: Reader, path: Path) -> MeshFile:
                 most = f"at most {MOST_REPEATED:,} bytes of meshes that are placed again"
                 raise FileFormatError(f"expected {most} in one mesh, got more; read it as a scene")
             seen.add(part)
-            faces = triangulated(part.vertices, part.corners, part.sizes)[0]
+            faces = triangulate(part.vertices, part.corners, part.sizes)[0]
             if np.linalg.det(transform[:3, :3]) < 0:  # a reflection, which would turn the surface inside out
                 faces = faces[:, ::-1]
             vertices.append(_move(part.vertices, transform))
@@ -290,7 +290,7 @@ class _Meshes:
             if (part.sizes == 3).all():
                 self._cuts[part] = cuts.reshape(-1, 3)
             else:
-                self._cuts[part] = triangulated(part.vertices[part.corners], cuts, part.sizes)[0]
+                self._cuts[part] = triangulate(part.vertices[part.corners], cuts, part.sizes)[0]
         return self._cuts[part]
 
     def mesh(self, part: Part) -> TriangleMesh:

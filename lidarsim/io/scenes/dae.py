@@ -98,7 +98,7 @@ class _Faces(NamedTuple):
     """Indices of each corner, shape (k, stride)."""
     sizes: Indices
 
-    def joined(self, other: _Faces) -> _Faces:
+    def join(self, other: _Faces) -> _Faces:
         """Return these faces and then others."""
         return _Faces(np.concatenate([self.indices, other.indices]), np.concatenate([self.sizes, other.sizes]))
 
@@ -290,7 +290,7 @@ class _Reader:
             vertices = move(self._positions(self._refer(source, "vertices", "source", mesh), mesh))
             faces = _faces(element, kind, stride, where)
             for polygon in element.iterfind("{*}ph"):
-                faces = faces.joined(_triangulate(polygon, stride, vertices, offset, where))
+                faces = faces.join(_triangulate(polygon, stride, vertices, offset, where))
             corners = faces.indices[:, offset]
             try:
                 check_faces(vertices, corners, faces.sizes)

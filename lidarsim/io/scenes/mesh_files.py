@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarsim._base.files import beside, reading_as, unquoted
+from lidarsim._base.files import beside, reading_as, redact
 from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import obj
@@ -183,7 +183,7 @@ def _find(path: Path, statement: str, name: str) -> Path:
     try:
         return beside(path, name)
     except (FileFormatError, OSError) as error:
-        raise FileFormatError(f"{statement} {short(ascii(name))}: {unquoted(error)}") from error
+        raise FileFormatError(f"{statement} {short(ascii(name))}: {redact(error)}") from error
 
 
 def _kd(value: str, number: int) -> Floats:

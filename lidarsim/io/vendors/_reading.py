@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from lidarsim._base.files import check_regular, told
+from lidarsim._base.files import check_regular, format_error
 from lidarsim.errors import FileFormatError
 
 
@@ -25,4 +25,4 @@ def refusals(path: Path, kind: str) -> Iterator[None]:
     except RecursionError:
         raise FileFormatError(f"{path}: {kind}: nested too deeply") from None
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: {kind}: {told(error)}") from None
+        raise FileFormatError(f"{path}: {kind}: {format_error(error)}") from None

@@ -25,13 +25,13 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from lidarsim._base.files import unquoted
+from lidarsim._base.files import redact
 from lidarsim._base.validation import Floats, array, shown
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.patterns import Spinning
-from lidarsim.patterns._parts import turned
+from lidarsim.patterns._parts import rotate
 
 KIND = "Velodyne calibration YAML"
 
@@ -113,10 +113,10 @@ def _yaml(path: Path) -> Any:
         return yaml.load(text, loader)  # noqa: S506 - a safe loader
     except yaml.MarkedYAMLError as error:
         where = f" at line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        problem = unquoted(ValueError(error.problem or error.context))
+        problem = redact(ValueError(error.problem or error.context))
         raise FileFormatError(f"{path}: {KIND}: not valid YAML{where}: {problem}") from None
     except yaml.YAMLError as error:
-        raise FileFormatError(f"{path}: {KIND}: not valid YAML: {unquoted(error)}") from None
+        raise FileFormatError(f"{path}: {KIND}: not valid YAML: {redact(error)}") from None
 
 
 def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any]]:
@@ -149,7 +149,7 @@ def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any
         "elevations": elevation[rings],
         "azimuth_offsets": azimuth_offset[rings],
         "firing_times": MODELS[name].firing_us(ids[rings]) / 1e6,
-        "beam_origins": turned(origin, azimuth_offset)[rings],
+        "beam_origins": rotate(origin, azimuth_offset)[rings],
     }
 
 

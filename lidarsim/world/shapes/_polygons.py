@@ -14,7 +14,7 @@ from lidarsim.errors import ArgumentValueError
 Indices = npt.NDArray[np.int64]
 
 
-def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[Indices, Indices]:
+def triangulate(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[Indices, Indices]:
     """Cut faces into triangles, in the order of the faces and of their orientation.
 
     A convex face becomes a fan from its first corner; all others are cut by ear clipping, seen along the axis that is
@@ -60,7 +60,7 @@ def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[In
 
 
 def check_faces(vertices: Floats, corners: Indices, sizes: Indices) -> None:
-    """Raise `ValueError` if a vertex is not finite, or a face names one that is not there; see `triangulated`."""
+    """Raise `ValueError` if a vertex is not finite, or a face names one that is not there; see `triangulate`."""
     finite = np.isfinite(vertices)
     if not finite.all():
         i, j = np.argwhere(~finite)[0]

@@ -37,7 +37,7 @@ def widths(radii: npt.ArrayLike, count: int) -> Floats:
     return np.broadcast_to(values, count)
 
 
-def repeated(vertices: Floats, faces: npt.NDArray[np.uint32], count: int) -> npt.NDArray[np.uint32]:
+def repeat(vertices: Floats, faces: npt.NDArray[np.uint32], count: int) -> npt.NDArray[np.uint32]:
     """Return the faces of `count` copies of a triangulation whose vertices follow one another."""
     starts = np.arange(count, dtype=np.uint32)[:, None, None] * np.uint32(len(vertices))
     return (faces[None] + starts).reshape(-1, 3)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.names import named
-from lidarsim._base.validation import Floats, Transform, Vector, frozen
+from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -67,12 +67,12 @@ class Box(Shape):
     @property
     def size(self) -> Floats:
         """Lengths of the edges before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["size"])
+        return freeze(self._arguments["size"])
 
     @property
     def center(self) -> Floats:
         """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["center"])
+        return freeze(self._arguments["center"])
 
     def _reach(self, directions: Floats, /) -> Floats:
         reach: Floats = directions @ self.center + np.abs(directions) @ self.size / 2

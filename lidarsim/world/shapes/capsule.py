@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, Transform, Vector, frozen
+from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, frame, unit_capsule
 
@@ -61,12 +61,12 @@ class Capsule(Shape):
     @property
     def start(self) -> Floats:
         """Where the segment starts before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["start"])
+        return freeze(self._arguments["start"])
 
     @property
     def end(self) -> Floats:
         """Where the segment ends before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["end"])
+        return freeze(self._arguments["end"])
 
     @property
     def radius(self) -> float:

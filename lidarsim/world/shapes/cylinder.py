@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.names import named
-from lidarsim._base.validation import Floats, Transform, Vector, frozen
+from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, circle, frame
@@ -71,12 +71,12 @@ class Cylinder(Shape):
     @property
     def start(self) -> Floats:
         """Where the axis starts before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["start"])
+        return freeze(self._arguments["start"])
 
     @property
     def end(self) -> Floats:
         """Where the axis ends before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["end"])
+        return freeze(self._arguments["end"])
 
     @property
     def radius(self) -> float:

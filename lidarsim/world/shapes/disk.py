@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, Transform, Vector, frozen
+from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, circle, frame
 
@@ -62,12 +62,12 @@ class Disk(Shape):
     @property
     def center(self) -> Floats:
         """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["center"])
+        return freeze(self._arguments["center"])
 
     @property
     def normal(self) -> Floats:
         """The normal before any transform, as given: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["normal"])
+        return freeze(self._arguments["normal"])
 
     @property
     def radius(self) -> float:

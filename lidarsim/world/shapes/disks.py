@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.validation import Floats, Transform, Vector, array, flag, frozen, integer
-from lidarsim.world.shapes._primitives import frames, repeated, rows
+from lidarsim._base.validation import Floats, Transform, Vector, array, flag, freeze, integer
+from lidarsim.world.shapes._primitives import frames, repeat, rows
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._surfels import surfels
 from lidarsim.world.shapes._tessellation import COARSE, Triangles, circle
@@ -181,17 +181,17 @@ class Disks(Shape):
     @property
     def centers(self) -> Floats:
         """The centres before any transform, m: read-only ndarray of float64, shape (n, 3), a copy."""
-        return frozen(self._rows[:, :3])
+        return freeze(self._rows[:, :3])
 
     @property
     def normals(self) -> Floats:
         """The normals before any transform, as given: read-only ndarray of float64, shape (n, 3), a copy."""
-        return frozen(self._rows[:, 4:])
+        return freeze(self._rows[:, 4:])
 
     @property
     def radii(self) -> Floats:
         """The radii before any transform, m: read-only ndarray of float64, shape (n,), a copy."""
-        return frozen(self._rows[:, 3])
+        return freeze(self._rows[:, 3])
 
     @property
     def _rows(self) -> Floats:
@@ -215,7 +215,7 @@ class Disks(Shape):
         points = centers + radii * (rim[:, :1] * x[:, None] + rim[:, 1:2] * y[:, None])
         last = np.arange(2, len(rim), dtype=np.uint32)
         faces = np.stack([np.zeros_like(last), last - np.uint32(1), last], axis=-1)  # a fan from the first vertex
-        return points.reshape(-1, 3), repeated(rim, faces, len(all_rows))
+        return points.reshape(-1, 3), repeat(rim, faces, len(all_rows))
 
     def __len__(self) -> int:
         return self._native.primitives()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, Transform, Vector, frozen, matrix
+from lidarsim._base.validation import Floats, Transform, Vector, freeze, matrix
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, unit_sphere
 
@@ -69,18 +69,18 @@ class Ellipsoid(Shape):
     @property
     def center(self) -> Floats:
         """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["center"])
+        return freeze(self._arguments["center"])
 
     @property
     def radii(self) -> Floats:
         """Half axes before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["radii"])
+        return freeze(self._arguments["radii"])
 
     @property
     def rotation(self) -> Floats:
         """Directions of the axes before any transform, in columns: read-only ndarray of float64, shape (3, 3)."""
         arguments = self._arguments
-        return frozen([arguments[row] for row in "xyz"])
+        return freeze([arguments[row] for row in "xyz"])
 
     def _reach(self, directions: Floats, /) -> Floats:
         axes = self.rotation * self.radii

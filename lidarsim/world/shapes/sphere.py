@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.names import named
-from lidarsim._base.validation import Floats, Transform, Vector, frozen
+from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, unit_sphere
 
@@ -57,7 +57,7 @@ class Sphere(Shape):
     @property
     def center(self) -> Floats:
         """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["center"])
+        return freeze(self._arguments["center"])
 
     @property
     def radius(self) -> float:

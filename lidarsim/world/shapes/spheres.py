@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.validation import Floats, Transform, Vector, frozen
-from lidarsim.world.shapes._primitives import repeated, rows
+from lidarsim._base.validation import Floats, Transform, Vector, freeze
+from lidarsim.world.shapes._primitives import repeat, rows
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import COARSE, Triangles, unit_sphere
 
@@ -57,12 +57,12 @@ class Spheres(Shape):
     @property
     def centers(self) -> Floats:
         """The centres before any transform, m: read-only ndarray of float64, shape (n, 3), a copy."""
-        return frozen(self._rows[:, :3])
+        return freeze(self._rows[:, :3])
 
     @property
     def radii(self) -> Floats:
         """The radii before any transform, m: read-only ndarray of float64, shape (n,), a copy."""
-        return frozen(self._rows[:, 3])
+        return freeze(self._rows[:, 3])
 
     @property
     def _rows(self) -> Floats:
@@ -80,7 +80,7 @@ class Spheres(Shape):
             return np.empty((0, 3)), np.empty((0, 3), np.uint32)
         vertices, faces = unit_sphere(COARSE if chord_error is None else chord_error / float(all_rows[:, 3].max()))
         points = all_rows[:, None, :3] + all_rows[:, None, 3:] * vertices
-        return points.reshape(-1, 3), repeated(vertices, faces, len(all_rows))
+        return points.reshape(-1, 3), repeat(vertices, faces, len(all_rows))
 
     def __len__(self) -> int:
         return self._native.primitives()

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, Transform, Vector, frozen
+from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -54,17 +54,17 @@ class Triangle(Shape):
     @property
     def a(self) -> Floats:
         """The first vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["a"])
+        return freeze(self._arguments["a"])
 
     @property
     def b(self) -> Floats:
         """The second vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["b"])
+        return freeze(self._arguments["b"])
 
     @property
     def c(self) -> Floats:
         """The third vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._arguments["c"])
+        return freeze(self._arguments["c"])
 
     def _reach(self, directions: Floats, /) -> Floats:
         reach: Floats = (directions @ np.stack([self.a, self.b, self.c]).T).max(axis=1)

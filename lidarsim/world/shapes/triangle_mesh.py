@@ -18,7 +18,7 @@ from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, Transform, array, as_array, in_order, one_or_each, positive
 from lidarsim._base.views import view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
-from lidarsim.world.shapes._polygons import Indices, of_strips, triangulated
+from lidarsim.world.shapes._polygons import Indices, of_strips, triangulate
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -167,7 +167,7 @@ class TriangleMesh(Shape):
             raise FileNotFoundError(f"{path}: no such mesh file")
         file = read_mesh(path)
         try:
-            faces, _ = triangulated(file.vertices, file.corners, file.sizes)
+            faces, _ = triangulate(file.vertices, file.corners, file.sizes)
             mesh = cls(file.vertices, faces, transform=transform)
         except ValueError as error:
             raise FileFormatError(f"{path}: {error}") from error
@@ -280,7 +280,7 @@ class TriangleMesh(Shape):
                 surface = mesh.extract_surface()
         points = np.asarray(surface.points, np.float64)
         faces, strips = _cells(surface.GetPolys()), of_strips(*_cells(surface.GetStrips()))
-        triangles, _ = triangulated(points, *map(np.concatenate, zip(faces, strips, strict=True)))
+        triangles, _ = triangulate(points, *map(np.concatenate, zip(faces, strips, strict=True)))
         left_out = surface.n_verts + surface.n_lines
         if left_out and not len(triangles):
             raise ArgumentValueError("mesh", "faces", f"{left_out} points and lines alone")
