@@ -1,8 +1,8 @@
 """Hold presets against captures of real sensors; prints a table and writes reality.png.
 
 captures.csv has the figures of the captures: noise (mm) at a range x (m), share of the pulses that a road at x returns
-or that a wall at x loses, shares of edges with a dual return or a mixed point at a jump of x, the median intensity of a
-road at x, and how much intensities scatter from pulse to pulse along a ring. The table and where the
+or that a wall at x loses, shares of edges with a dual return, a lost pulse or a mixed point at a jump of x, the median
+intensity of a road at x, and how much intensities scatter from pulse to pulse along a ring. The table and where the
 figures come from: lidarsim/presets/README.md.
 """
 
@@ -21,6 +21,7 @@ WHAT = {
     "noise": ("noise at {x} m, reflectivity {reflectivity}, mm", ".1f"),
     "road": ("road at {x} m, share returned", ".2f"),
     "dual returns": ("edges of {x} m, share with dual returns", ".2f"),
+    "lost returns": ("edges of {x} m, share with lost pulses", ".2f"),
     "mixed points": ("edges of {x} m, share with mixed points", ".2f"),
     "holes": ("holes in surfaces at {x} m, share", ".4f"),
     "intensity": ("road at {x} m, median intensity", ".3f"),
@@ -30,12 +31,12 @@ WHAT = {
 
 @functools.cache
 def edges(lidar: ls.Lidar, jump: float, material: ls.Material) -> ls.Comparison:
-    """Compare with itself a scan of boards, 3 m away before a round wall; they lean, so edges meet columns anywhere."""
+    """Compare with itself a scan of boards, 4 m away before a round wall; they lean, so edges meet columns anywhere."""
     scene = ls.Scene()
-    scene.add(ls.Cylinder((0, 0, -20), (0, 0, 20), 3.0 + jump, capped=False), material=material)
+    scene.add(ls.Cylinder((0, 0, -20), (0, 0, 20), 4.0 + jump, capped=False), material=material)
     for angle in np.linspace(0.0, 6.0, 17):
         turn = Rotation.from_euler("xz", [0.07, angle])
-        board = RigidTransform.from_components(turn.apply([3.0, 0.0, 0.0]), turn)
+        board = RigidTransform.from_components(turn.apply([4.0, 0.0, 0.0]), turn)
         scene.add(ls.Box((0.001, 0.5, 30)), material=material, transform=board)
     both = dataclasses.replace(lidar, measurement=dataclasses.replace(lidar.measurement, returns="dual"))
     return ls.compare(*[both.scan(scene, seed=1)] * 2)
@@ -46,7 +47,7 @@ def simulated(row: dict[str, str], noise: str) -> float:
     lidar, x, quantity = ls.Lidar.preset(row["preset"], noise=noise), float(row["x"]), row["quantity"]
     roughness = float(row["roughness"] or 0.0) if noise == "measured" else 0.0  # data sheets: Lambert's law
     material = ls.Material(reflectivity=float(row["reflectivity"] or 1.0), roughness=roughness)
-    if quantity in {"dual returns", "mixed points"}:
+    if quantity in {"dual returns", "lost returns", "mixed points"}:
         if lidar.measurement.beam is None:
             return 0.0
         return max(edges(lidar, x, material)[f"{quantity} at edges"].cells, key=lambda cell: cell.n_real).real

@@ -449,6 +449,7 @@ NOISY: dict[str, Any] = {
     "power_sigma": 0.3,
     "extinction": 0.01,
     "crossover": (1.0, 3.0),
+    "receiver_offset": -0.03,
     "false_returns": 0.2,
 }
 

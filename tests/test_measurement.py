@@ -16,13 +16,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy import integrate, optimize, signal, stats
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 from lidarsim import _native
 from lidarsim.scan.scan import scan as fire
 
 Floats = npt.NDArray[np.float64]
+
+POSE = RigidTransform.from_components([5.0, -3.0, 1.0], Rotation.from_euler("zyx", [2.0, 0.4, -0.7]))
+"""Of a sensor that is turned about every axis."""
 
 SIGMAS = 4.0
 """Confidence bounds of what is fitted: one fit in 16 000 lies outside."""
@@ -1000,12 +1003,12 @@ def test_a_grazed_plane_is_one_return_though_its_sub_rays_lie_far_apart() -> Non
     assert abs(scan.range_error[0, 0]) < 1.0
 
 
-def edge(depth: float, *, near: float = 20.0, reflectivity: float = 1.0) -> ls.Scene:
+def edge(depth: float, *, near: float = 20.0, pose: RigidTransform | None = None, **material: Any) -> ls.Scene:
     """A wall at x = near for y > 0, and one further by `depth` behind it."""
     scene = ls.Scene()
     corners = [[near, 0, -50], [near, 0, 50], [near, 50, 50], [near, 50, -50]]
-    scene.add(ls.Polygon(corners), label=1, material=ls.Material(reflectivity=reflectivity))
-    scene.add(ls.Plane((1, 0, 0), near + depth), label=2)
+    scene.add(ls.Polygon(corners), label=1, material=ls.Material(**material), transform=pose)
+    scene.add(ls.Plane((1, 0, 0), near + depth), label=2, transform=pose)
     return scene
 
 
@@ -1024,6 +1027,47 @@ def test_an_edge_gives_mixed_pixels_whose_share_falls_with_divergence() -> None:
     expected = np.array([8e-3, 4e-3, 2e-3, 1e-3, 0.0]) / 0.02
     assert (shares <= expected + 1 / 4001).all()
     assert (shares >= expected * (1 - 2 / 11) - 1 / 4001).all()
+
+
+# What hides from the receiver
+
+
+@pytest.mark.parametrize("pose", [RigidTransform.identity(), POSE], ids=["still", "turned"])
+@pytest.mark.parametrize("offset", [0.03, 0.0, -0.03])
+def test_a_receiver_beside_the_emitter_loses_a_strip_beyond_an_edge(offset: float, pose: RigidTransform) -> None:
+    azimuths = np.linspace(-0.03, 0.01, 4001)
+    pattern = beams(np.column_stack([np.cos(azimuths), np.sin(azimuths), 0 * azimuths]))
+    lidar = ls.Lidar(pattern, measurement=ls.Measurement(receiver_offset=offset))
+    scan = lidar.scan(edge(3.0, near=2.0, pose=pose), pose)
+    # Where the line from the receiver to the wall 5 m away passes the nearer one, which is to the left of y = 0.
+    x, y = -offset * np.sin(azimuths), offset * np.cos(azimuths)
+    passes = y + (5 * np.tan(azimuths) - y) * (2 - x) / (5 - x)
+    hidden = (azimuths < 0) & (passes > 0)
+    clear = (np.abs(passes) > 1e-9) & (np.abs(azimuths) > 1e-9)
+    assert hidden[clear].sum() == (900 if offset > 0 else 0)
+    assert np.array_equal(scan.status[clear] == ls.Status.miss, hidden[clear])
+    seen = scan.status == ls.Status.hit
+    assert np.array_equal(scan.label[clear & seen, 0], np.where(azimuths > 0, 1, 2)[clear & seen])
+
+
+def test_the_receiver_misses_the_farther_of_two_echoes_on_one_side_of_an_edge() -> None:
+    beam, pattern = ls.Beam(4e-3), beams([1.0, 0.0, 0.0])
+    labels = []
+    for offset in (-0.03, 0.0, 0.03):
+        scan = measured(pattern, edge(3.0, near=2.0), beam=beam, returns=2, receiver_offset=offset)
+        labels.append(scan.label[0, : scan.return_count[0]].tolist())
+    assert labels == [[1, 2], [1, 2], [1]]
+
+
+def test_the_receiver_sees_through_panes_and_past_what_is_nearer_than_its_offset() -> None:
+    pattern = beams([math.cos(0.003), -math.sin(0.003), 0.0])
+    for gap, transmission, status in (
+        (3.0, 0.0, ls.Status.miss),
+        (3.0, 0.5, ls.Status.hit),
+        (0.029, 0.0, ls.Status.hit),
+    ):
+        scene = edge(gap, near=2.0, reflectivity=0.1, transmission=transmission)
+        assert measured(pattern, scene, depth=2, receiver_offset=0.03).status.tolist() == [status], (gap, transmission)
 
 
 def tilted(around: float, slope: float) -> Floats:

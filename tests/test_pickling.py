@@ -274,7 +274,7 @@ def of_format(number: int, thing: pickling.Pickled, lacks: set[str], **more: Any
 GAINED: dict[str, tuple[Any, set[str]]] = {
     "Detection": (ls.Detection(0.1, 100.0), {"sigma"}),
     "Cells": (dataclasses.replace(THINGS["Cells"], quantity=""), {"quantity"}),
-    "Measurement": (ls.Measurement(range_sigma=0.02), {"near_threshold", "near_range", "response"}),
+    "Measurement": (ls.Measurement(range_sigma=0.02), {"near_threshold", "near_range", "response", "receiver_offset"}),
     "Texture": (THINGS["Texture"], {"interpolation"}),
     "Rig": (THINGS["Rig"], {"_imus", "_receivers"}),
     "ImuErrors": (ls.ImuErrors(noise_density=1e-4), {"bias_instability"}),

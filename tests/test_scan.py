@@ -61,6 +61,7 @@ WHOLE = dataclasses.replace(
     range_sigma_limit=0.05,
     power_sigma=0.3,
     crossover=(1.0, 4.0),
+    receiver_offset=0.03,
     false_returns=0.1,
     beam=ls.Beam(5e-3, 3e-3, pulse_length=2e-9, rays=7, separation=1.0),
 )

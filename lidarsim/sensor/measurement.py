@@ -275,6 +275,9 @@ class Measurement(Immutable):
         The intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. Only
         a `detection` limit or a `near_threshold` hides echoes that become too weak. Default: the overlap is 1
         everywhere.
+    receiver_offset : float
+        Distance of the receiver to the left of the emitter, seen along the pulse, m; negative: to the right; 0 for a
+        coaxial sensor. What other surfaces hide from the receiver is a miss. See the notes.
     near_threshold : float
         i, least intensity that is detected near the sensor, 0 to 1; 0 for none. See the notes.
     near_range : float
@@ -320,6 +323,11 @@ class Measurement(Immutable):
     it has, depends on its power relative to this threshold. Without it, fog, rain and snow outshine all surfaces
     (`Atmosphere`).
 
+    The receiver of a biaxial sensor stands beside the emitter. Beyond an edge of a nearer surface, on one side of it,
+    the beam lights what that surface hides from the receiver: with an offset b, a strip b·(1/near - 1/far) rad wide. A
+    VLP-16 loses it (lidarsim/presets/README.md). A surface is hidden if an opaque one meets the segment from the
+    receiver to it, more than |b| before its end; light does not go on from it then, either.
+
     With a `depth` of more than 1, a surface with shares T transmitted and M mirrored sends on T of the light straight
     ahead and M in the mirrored direction. Each surface further on returns light as any does, from the range that is the
     length of the whole way, and along the pulse as it was fired: what is seen in a mirror is a ghost behind it. Light
@@ -353,6 +361,7 @@ class Measurement(Immutable):
         "detection": Detection,
         "power_sigma": float,
         "crossover_m": tuple[float, float],
+        "receiver_offset_mm": float,
         "near_threshold": float,
         "near_range_m": float,
         "extinction_per_m": float,
@@ -375,6 +384,7 @@ class Measurement(Immutable):
     detection: Detection | None = None
     power_sigma: float = 0.0
     crossover: tuple[float, float] | None = None
+    receiver_offset: float = 0.0
     near_threshold: float = 0.0
     near_range: float = 20.0
     extinction: float = 0.0
@@ -391,6 +401,7 @@ class Measurement(Immutable):
             if not (name == "range_sigma" and is_table):
                 number = angle if name in {"azimuth_sigma", "elevation_sigma"} else real
                 object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0, at_most=at_most))
+        object.__setattr__(self, "receiver_offset", real("receiver_offset", self.receiver_offset))
         object.__setattr__(self, "near_range", real("near_range", self.near_range, above=0.0))
         object.__setattr__(self, "range_bias", each_ring("range_bias", self.range_bias))
         if is_table:
@@ -424,7 +435,8 @@ class Measurement(Immutable):
 
 _USUAL = {
     **dict.fromkeys(
-        ("range_sigma", "range_sigma_limit", "range_bias", "channel_bias_sigma", "range_resolution"), (1.0, "m", "mm?")
+        ("range_sigma", "range_sigma_limit", "range_bias", "channel_bias_sigma", "range_resolution", "receiver_offset"),
+        (1.0, "m", "mm?"),
     ),
     **dict.fromkeys(("azimuth_sigma", "elevation_sigma"), (0.02, "rad", "degrees?")),
 }

@@ -285,6 +285,7 @@ MEASUREMENT = """
     detection: {reflectivity: 0.1, range_m: 90}
     power_sigma: 0.2
     crossover_m: [0.5, 3]
+    receiver_offset_mm: -25
     near_threshold: 0.02
     near_range_m: 15
     response: {range_m: [[1, 0.5], [5, 1]], exponent: 0.5, sigma: 0.02, ring_sigma: 0.1, resolution: 0.01, limit: 1}
@@ -310,6 +311,7 @@ def test_every_effect_of_the_measurement() -> None:
         detection=ls.Detection(reflectivity=0.1, range=90),
         power_sigma=0.2,
         crossover=(0.5, 3.0),
+        receiver_offset=-0.025,
         near_threshold=0.02,
         near_range=15.0,
         response=ls.Response(

@@ -256,6 +256,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
             "range_bias",
             "channel_bias_sigma",
             "range_resolution",
+            "receiver_offset",
             "dropout",
         ),
         lambda _: 0.01,

@@ -7,7 +7,7 @@ use crate::cast::{self, Cast, Departure, HitArrays, Met};
 use crate::geometry::point::sub;
 use crate::geometry::pose::Path;
 use crate::geometry::vector::Point;
-use crate::scene::{Geometry, Hit, Rays, TRange, TimedRay, World};
+use crate::scene::{Geometry, Hit, Rays, Sink, TRange, TimedRay, World};
 use crate::shapes::triangle::barycentric;
 
 /// Finds the surfaces that rays hit.
@@ -17,6 +17,9 @@ pub trait Caster: Sync {
 
     /// Writes the closest hit with t ≥ 0 of each ray, at its time.
     fn cast<I: Isa>(&self, rays: Rays, hits: &mut HitArrays);
+
+    /// Writes any hit with 0 ≤ t ≤ 1 of each ray that has one.
+    fn find_any<I: Isa>(&self, rays: Rays, hits: &mut impl Sink);
 
     /// The vertices of the triangle of a mesh that was hit, and the barycentric coordinates of the hit.
     fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])>;
@@ -47,6 +50,11 @@ impl Caster for World<'_> {
     fn cast<I: Isa>(&self, rays: Rays, hits: &mut HitArrays) {
         // The rays are legal: the pulses have been checked.
         I::call(Cast { world: self, rays, range: TRange::RAY, hits: &mut hits.columns() });
+    }
+
+    #[inline(always)]
+    fn find_any<I: Isa>(&self, rays: Rays, hits: &mut impl Sink) {
+        I::call(Cast { world: self, rays, range: TRange { min: 0.0, max: 1.0 }, hits });
     }
 
     fn next_hit(

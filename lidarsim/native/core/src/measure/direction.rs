@@ -47,6 +47,12 @@ impl Axis {
         Axis { direction, level, heading }
     }
 
+    /// The unit vector to the left.
+    #[inline(always)]
+    pub fn left(&self) -> Point {
+        [-self.heading[1], self.heading[0], 0.0]
+    }
+
     /// As [`beside`], of N offsets: to the left, upward, and the length that belongs to them.
     #[inline(always)]
     pub fn beside<F: Floats<f64, N>, const N: usize>(&self, [left, up, length]: [F; 3]) -> [F; 3] {

@@ -11,6 +11,8 @@ pub struct Measurement {
     pub(super) effects: Effects,
     pub(super) beam: Option<Beam>,
     pub(super) returns: Returns,
+    /// How far the receiver is to the left of the emitter, m.
+    pub(super) receiver_offset: f64,
     /// Of echoes of the atmosphere.
     pub(super) air_label: u32,
     /// The most surfaces of a way of the light.
@@ -23,6 +25,7 @@ impl Measurement {
             effects: Effects::from_parameters(parameters)?,
             beam: Beam::from_parameters(parameters)?,
             returns: Returns::from_parameters(parameters)?,
+            receiver_offset: parameters.number("measurement.receiver_offset")?,
             air_label: parameters.optional_number("atmosphere.label")?.map_or(0, |label| label as u32),
             depth: parameters.number("measurement.depth")? as usize,
         })

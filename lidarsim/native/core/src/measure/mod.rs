@@ -1,12 +1,12 @@
 //! From pulses to returns.
 //!
-//! A batch of pulses is aimed, with its jitter, and cast (`fire.rs`). Light goes on through panes and from
-//! mirrors (`beyond.rs`). Hits become light (`light.rs`),
-//! light becomes echoes, one a ray (`single_ray.rs`) or those of a waveform over the footprint of a beam
-//! (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the range gate
-//! last. `recording.rs` samples the waveforms themselves, where they are asked for. The rows of a scan are
-//! written to its columns (`columns.rs`), from which `returns.rs` and `points.rs` make a point cloud.
-//! `coverage.rs` tells how much of each instance pulses reach.
+//! A batch of pulses is aimed, with its jitter, and cast (`fire.rs`). What the receiver does not see is no
+//! hit (`shadow.rs`). Light goes on through panes and from mirrors (`beyond.rs`). Hits become light
+//! (`light.rs`), light becomes echoes, one a ray (`single_ray.rs`) or those of a waveform over the footprint
+//! of a beam (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the
+//! range gate last. `recording.rs` samples the waveforms themselves, where they are asked for. The rows of a
+//! scan are written to its columns (`columns.rs`), from which `returns.rs` and `points.rs` make a point
+//! cloud. `coverage.rs` tells how much of each instance pulses reach.
 
 mod appearance;
 mod backscatter;
@@ -33,6 +33,7 @@ mod returns;
 pub mod rng;
 mod scan;
 mod scratch;
+mod shadow;
 mod single_ray;
 mod slopes;
 mod source;

@@ -104,7 +104,10 @@ impl<C: Caster> Scan<'_, C> {
         pulses: Range<usize>,
         scratch: &mut Scratch,
     ) -> Result<(), BadPulse> {
-        self.fire::<I>(pulses, scratch)?;
+        self.fire::<I>(pulses.clone(), scratch)?;
+        if self.measurement.receiver_offset != 0.0 {
+            self.hide::<I>(pulses, self.measurement.receiver_offset, scratch);
+        }
         scratch.ways.clear(scratch.hits.len());
         if let Some(beyond) = &self.beyond {
             self.go_on::<I>(beyond, scratch);

@@ -14,6 +14,8 @@ use crate::scene::TimedRay;
 pub(super) struct Scratch {
     pub(super) rays: RayArrays,
     pub(super) hits: HitArrays,
+    /// From the receiver to what the rays hit.
+    pub(super) sights: RayArrays,
     /// The surfaces that light goes on to.
     pub(super) ways: Ways,
     /// Per ray; unspecified for misses.

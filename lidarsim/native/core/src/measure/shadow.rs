@@ -1,0 +1,59 @@
+//! Surfaces that the beam lights and the receiver beside the emitter does not see, since others hide them.
+
+use std::ops::Range;
+
+use super::caster::Caster;
+use super::direction::Axis;
+use super::scan::Scan;
+use super::scratch::Scratch;
+use crate::arith::simd::Isa;
+use crate::cast::HitArrays;
+use crate::geometry::point::{dot, sub};
+use crate::memory::resize;
+use crate::scene::{Hit, Rays, Sink, TimedRay};
+
+/// Turns the hits of rays into misses, those of which a sight meets anything.
+struct Hide<'a>(&'a mut HitArrays);
+
+impl Sink for Hide<'_> {
+    const ANY: bool = true;
+
+    fn clear(&mut self, _: Range<usize>) {}
+
+    #[inline(always)]
+    fn write(&mut self, i: usize, _: Hit) {
+        self.0.columns().write(i, Hit::MISS);
+    }
+}
+
+impl<C: Caster> Scan<'_, C> {
+    /// Turns hits that the receiver does not see into misses. It is to the left of the emitter by `offset`, m.
+    ///
+    /// A sight ends by the offset before its surface, so that the surface does not hide itself. What is nearer
+    /// to it than that would hide less than the square of offset over range, rad. Misses have short sights.
+    pub(super) fn hide<I: Isa>(&self, pulses: Range<usize>, offset: f64, scratch: &mut Scratch) {
+        let (frame, bundle, least) = (self.frame, self.measurement.rays(), offset.abs());
+        let Scratch { rays, hits, sights, .. } = scratch;
+        resize(&mut sights.origins, hits.len(), [0.0; 3]);
+        resize(&mut sights.directions, hits.len(), [0.0; 3]);
+        for (k, pulse) in pulses.enumerate() {
+            let pose = frame.path.at(frame.start + frame.times[pulse]);
+            let aside = pose.turn(Axis::of(frame.directions[pulse]).left().map(|x| offset * x));
+            for ray in k * bundle..(k + 1) * bundle {
+                let TimedRay { origin, direction, .. } = rays.at(ray);
+                let way = sub(direction.map(|x| hits.t[ray] * x), aside);
+                let share = 1.0 - least / dot(way, way).sqrt();
+                sights.origins[ray] = [0, 1, 2].map(|axis| origin[axis] + aside[axis]);
+                sights.directions[ray] = if hits.object[ray] >= 0 && share > 0.0 {
+                    way.map(|x| share * x)
+                } else {
+                    direction.map(|x| least * x)
+                };
+            }
+        }
+        // Through panes the receiver sees.
+        let opaque = self.beyond.as_ref().map_or(self.caster, |beyond| &beyond.solid);
+        let sights = Rays { bundle, ..Rays::new(&sights.origins, &sights.directions, &rays.times) };
+        opaque.find_any::<I>(sights, &mut Hide(hits));
+    }
+}
