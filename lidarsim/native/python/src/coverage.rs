@@ -1,6 +1,6 @@
 //! The pulses that would hit instances, and those that reach them.
 
-use lidarsim_core::measure::{NominalPulses, Targets};
+use lidarsim_core::measure::{NominalPulses, Targets, UNKNOWN};
 use lidarsim_core::{NO_INSTANCE, Scene, memory, span};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -68,8 +68,10 @@ pub fn coverage<'py>(
         alone.prepare();
         let span = if whole.moves() { span(times) } else { [0.0; 2] };
         let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
-        let (world, asked) = (&whole.during(span), (&alone.during(span), instances_alone));
-        let targets = Targets { world, instances, asked, count, max_range };
+        let casts = first.is_none_or(|first| first.contains(&UNKNOWN));
+        let world = casts.then(|| whole.during(span));
+        let asked = (&alone.during(span), instances_alone);
+        let targets = Targets { world: world.as_ref(), instances, asked, count, max_range };
         let found = pulses.coverage(targets, |piece| kernels.cover(piece));
         (
             memory::collect(found.iter().map(|instance| instance.covering.count)),

@@ -353,7 +353,8 @@ impl Path {
                 Some(Motion { pose, velocity: Velocity { linear: pose.turn(linear), angular } })
             }
             Path::Knots { times, poses, steps, .. } => {
-                let i = times.partition_point(|&t| t <= time.smallest()).checked_sub(1)?;
+                let earliest = time.smallest();
+                let i = times.partition_point(|&t| t <= earliest).checked_sub(1)?;
                 let (step, from) = (steps.get(i)?, I::F64x8::splat(times[i]));
                 // The poses of the knots are as given.
                 if from.lt(time) & time.lt(I::F64x8::splat(times[i + 1])) != 0xff {

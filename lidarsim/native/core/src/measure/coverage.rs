@@ -32,7 +32,7 @@ pub struct NominalPulses<'a> {
 const MISS: i32 = -1;
 
 /// A pulse whose ray has yet to be cast.
-const UNKNOWN: i32 = -2;
+pub const UNKNOWN: i32 = -2;
 
 /// A count of pulses or returns, and the sum of their times since the start of the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -95,7 +95,8 @@ impl InstancePulses {
 /// The scene and the instances that are asked for.
 #[derive(Clone, Copy)]
 pub struct Targets<'a> {
-    pub world: &'a World<'a>,
+    /// The scene, in which rays are cast; not needed if the first hits of all are known.
+    pub world: Option<&'a World<'a>>,
     /// The instance of each object of the scene, or `NO_INSTANCE`.
     pub instances: &'a [u32],
     /// A scene of the objects of these instances, perhaps with others, which hide nothing; and its
@@ -148,7 +149,9 @@ impl Task for CoverPiece<'_> {
             &self;
         let range = TRange { min: 0.0, max: *max_range };
         let mut aimed = pulses.aim::<I>(piece.clone(), instances);
-        if !aimed.unknown.is_empty() {
+        if let Some(world) = world
+            && !aimed.unknown.is_empty()
+        {
             let unknown = aimed.part(&aimed.unknown);
             let mut hits = HitArrays::default();
             hits.resize(unknown.owners.len());

@@ -46,7 +46,7 @@ mod weather;
 pub use appearance::{Appearance, Labels, Reflectivity};
 pub use backscatter::Backscatter;
 pub use columns::{Layout, Rows, ScanColumns};
-pub use coverage::{CoverPiece, InstancePulses, NominalPulses, Targets};
+pub use coverage::{CoverPiece, InstancePulses, NominalPulses, Targets, UNKNOWN};
 pub use frame::{BadPulse, Fault, Frame};
 pub use grain::Grain;
 pub use many::measure_all;
