@@ -36,6 +36,9 @@ TRIES = 3
 SUBMITTED = 2
 """Shards submitted for each thread of a worker: one is made, and one waits."""
 
+START = 300
+"""Longest that the workers of this machine may take to start, s: idle, they take three."""
+
 LOOKAHEAD = 1000
 """Shards among which the next one of a worker is chosen."""
 
@@ -214,7 +217,10 @@ def _submit(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[i
             submit(None)
 
     if isinstance(client.cluster, distributed.LocalCluster):  # its workers may still be starting
-        client.wait_for_workers(len(client.cluster.worker_spec))
+        try:
+            client.wait_for_workers(len(client.cluster.worker_spec), timeout=START)
+        except TimeoutError as late:  # which has the numbers of workers
+            raise LidarsimError(f"expected all workers to start within {START} s, but {late}") from None
     fill()
     for future in futures:
         _, shard = submitted.pop(future.key)

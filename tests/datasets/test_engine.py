@@ -252,6 +252,15 @@ def test_a_cluster_of_this_machine_listens_to_it_alone() -> None:
     assert {name: logging.getLogger(name).level for name in QUIET} == levels
 
 
+def test_workers_that_cannot_start_are_not_waited_for_forever(
+    recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidarsim.cli.cluster.PRELOAD", "raise SystemExit")
+    monkeypatch.setattr(engine, "START", 1)
+    with cluster(1, None) as client, pytest.raises(LidarsimError, match=r"expected all .* 1 s, but .*0/1"):
+        ls.generate(recipe, tmp_path / "out", overrides=DRIVE, pictures=0, client=client)
+
+
 def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
     out = tmp_path / "out"
 
