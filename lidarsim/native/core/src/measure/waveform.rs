@@ -177,7 +177,7 @@ impl Scratch {
     /// σᵢ² of a light. `first`: the first ray of the pulse.
     #[inline(always)]
     pub(super) fn variance(&self, beam: &Beam, light: &Light, first: usize) -> f64 {
-        beam.pulse_sigma * beam.pulse_sigma + 0.5 * self.to_next_sub_ray(light, first)
+        beam.pulse_sigma * beam.pulse_sigma + 0.5 * self.to_next_sub_ray(beam, light, first)
     }
 
     /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of
@@ -185,12 +185,15 @@ impl Scratch {
     ///
     /// Rays of direction d from one point meet the plane of normal n where R·n·d is the same, so dR =
     /// −R·n·dd/(n·d). The first ray is the axis, the next is to its left, and the two after that above
-    /// it, to the left and to the right by half of the way.
-    fn to_next_sub_ray(&self, light: &Light, first: usize) -> f64 {
+    /// it, to the left and to the right by half of the way. Of four, the next is above it, the two after that
+    /// to the right and to the left.
+    fn to_next_sub_ray(&self, beam: &Beam, light: &Light, first: usize) -> f64 {
         let normal = self.normal_of_image(light.ray);
-        let [axis, left, above_left, above_right] =
-            [0, 1, 2, 3].map(|k| dot(normal, self.rays.directions[first + k]));
-        let (leftward, upward) = (left - axis, (above_left + above_right - 2.0 * axis) / 3.0_f64.sqrt());
+        let [axis, a, b, c] = [0, 1, 2, 3].map(|k| dot(normal, self.rays.directions[first + k]));
+        let (leftward, upward) = match beam.len() {
+            4 => ((c - b) / 3.0_f64.sqrt(), a - axis),
+            _ => (a - axis, (b + c - 2.0 * axis) / 3.0_f64.sqrt()),
+        };
         let range = light.range / self.light.cosine[light.ray];
         range * range * (leftward * leftward + upward * upward)
     }
