@@ -27,10 +27,12 @@ impl Sink for Hide<'_> {
 }
 
 impl<C: Caster> Scan<'_, C> {
-    /// Turns hits that the receiver does not see into misses. It is to the left of the emitter by `offset`, m.
+    /// Turns hits that the receiver does not see into misses. The receiver is to the left of the emitter by
+    /// `offset`, m.
     ///
-    /// A sight ends by the offset before its surface, so that the surface does not hide itself. What is nearer
-    /// to it than that would hide less than the square of offset over range, rad. Misses have short sights.
+    /// The ray from the receiver ends by the offset before the surface that was hit, so that this one does
+    /// not hide itself. A surface within that distance of it would hide a strip of less than (offset/range)²
+    /// rad. The rays of misses end by the offset, too.
     pub(super) fn hide<I: Isa>(&self, pulses: Range<usize>, offset: f64, scratch: &mut Scratch) {
         let (frame, bundle, least) = (self.frame, self.measurement.rays(), offset.abs());
         let Scratch { rays, hits, sights, .. } = scratch;
