@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["cluster"]
 
 PRELOAD = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import lidarsim.datasets.recipe"
-"""Code that workers run first: Ctrl-C reaches all processes of a terminal, but only the main one must end the others;
-and what their first task imports."""
+"""Code that workers run first. It ignores Ctrl-C, which reaches all processes of a terminal, as only the main one must
+end the others; and it imports what their first task needs."""
 
 LOCAL = {
     # With Dask's threshold, malloc returns each array to the system and gets zeroed pages again, which takes a sixth of
@@ -46,8 +46,8 @@ distributed has the future that it then cancels, which the loop of tornado repor
 def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
     """Yield a Dask client: of `workers` single-threaded processes on this machine, or of an existing scheduler.
 
-    Without both, yield None, which means this process. Local workers start meanwhile; they, their scheduler and its
-    dashboard listen only on the loopback interface.
+    Without both, yield None, which means this process. Local workers may still be starting. They, their scheduler
+    and its dashboard listen only on the loopback interface.
 
     Raises
     ------

@@ -219,7 +219,7 @@ def _submit(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[i
     if isinstance(client.cluster, distributed.LocalCluster):  # its workers may still be starting
         try:
             client.wait_for_workers(len(client.cluster.worker_spec), timeout=START)
-        except TimeoutError as late:  # which has the numbers of workers
+        except TimeoutError as late:  # its message has the numbers of workers
             raise LidarsimError(f"expected all workers to start within {START} s, but {late}") from None
     fill()
     for future in futures:

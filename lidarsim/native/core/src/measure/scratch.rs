@@ -15,7 +15,7 @@ pub(super) struct Scratch {
     pub(super) rays: RayArrays,
     pub(super) hits: HitArrays,
     /// From the receiver to what the rays hit.
-    pub(super) sights: RayArrays,
+    pub(super) shadow_rays: RayArrays,
     /// The surfaces that light goes on to.
     pub(super) ways: Ways,
     /// Per ray; unspecified for misses.

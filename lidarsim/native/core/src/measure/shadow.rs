@@ -12,7 +12,7 @@ use crate::geometry::point::{dot, sub};
 use crate::memory::resize;
 use crate::scene::{Hit, Rays, Sink, TimedRay};
 
-/// Turns the hits of rays into misses, those of which a sight meets anything.
+/// Turns the hits whose shadow rays hit anything into misses.
 struct Hide<'a>(&'a mut HitArrays);
 
 impl Sink for Hide<'_> {
@@ -30,14 +30,14 @@ impl<C: Caster> Scan<'_, C> {
     /// Turns hits that the receiver does not see into misses. The receiver is to the left of the emitter by
     /// `offset`, m.
     ///
-    /// The ray from the receiver ends by the offset before the surface that was hit, so that this one does
-    /// not hide itself. A surface within that distance of it would hide a strip of less than (offset/range)²
-    /// rad. The rays of misses end by the offset, too.
+    /// A shadow ray leads from the receiver to the offset before the surface that was hit, so that this one
+    /// does not hide itself. A surface nearer to it than that would hide a strip of less than (offset/range)²
+    /// rad. The shadow ray of a miss is as long as the offset.
     pub(super) fn hide<I: Isa>(&self, pulses: Range<usize>, offset: f64, scratch: &mut Scratch) {
         let (frame, bundle, least) = (self.frame, self.measurement.rays(), offset.abs());
-        let Scratch { rays, hits, sights, .. } = scratch;
-        resize(&mut sights.origins, hits.len(), [0.0; 3]);
-        resize(&mut sights.directions, hits.len(), [0.0; 3]);
+        let Scratch { rays, hits, shadow_rays, .. } = scratch;
+        resize(&mut shadow_rays.origins, hits.len(), [0.0; 3]);
+        resize(&mut shadow_rays.directions, hits.len(), [0.0; 3]);
         for (k, pulse) in pulses.enumerate() {
             let pose = frame.path.at(frame.start + frame.times[pulse]);
             let aside = pose.turn(Axis::of(frame.directions[pulse]).left().map(|x| offset * x));
@@ -45,8 +45,8 @@ impl<C: Caster> Scan<'_, C> {
                 let TimedRay { origin, direction, .. } = rays.at(ray);
                 let way = sub(direction.map(|x| hits.t[ray] * x), aside);
                 let share = 1.0 - least / dot(way, way).sqrt();
-                sights.origins[ray] = [0, 1, 2].map(|axis| origin[axis] + aside[axis]);
-                sights.directions[ray] = if hits.object[ray] >= 0 && share > 0.0 {
+                shadow_rays.origins[ray] = [0, 1, 2].map(|axis| origin[axis] + aside[axis]);
+                shadow_rays.directions[ray] = if hits.object[ray] >= 0 && share > 0.0 {
                     way.map(|x| share * x)
                 } else {
                     direction.map(|x| least * x)
@@ -55,7 +55,7 @@ impl<C: Caster> Scan<'_, C> {
         }
         // Through panes the receiver sees.
         let opaque = self.beyond.as_ref().map_or(self.caster, |beyond| &beyond.solid);
-        let sights = Rays { bundle, ..Rays::new(&sights.origins, &sights.directions, &rays.times) };
-        opaque.find_any::<I>(sights, &mut Hide(hits));
+        let rays = Rays::new(&shadow_rays.origins, &shadow_rays.directions, &rays.times);
+        opaque.find_any::<I>(Rays { bundle, ..rays }, &mut Hide(hits));
     }
 }
