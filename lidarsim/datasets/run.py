@@ -146,12 +146,12 @@ def _finish(plan: Plan, first: Run, pictures: int) -> None:
     recipe = plan.recipe
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
-    scattered = Scattered()
+    scattered, boxed = Scattered(), set[int]()
     for part in manifest.parts(plan):
         labels.update({int(label): count for label, count in part.labels.items()})
         ranges += part.ranges
         scattered += part.scattered
-    boxed = {box.label for record in manifest.records(plan) for box in record.boxes}
+        boxed.update(box.label for record in part.records for box in record.boxes)
     names = {label: class_name(label, {}) for label in sorted(boxed.union(labels)) if label} | recipe.class_names
     tables = Files(plan.store)
     splits = recipe.splits.sequences(recipe.sequences)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -28,6 +29,11 @@ VISIBILITY = (0.0, 0.4, 0.6, 0.8, 1.0)
 
 def _bins(edges: tuple[float, ...]) -> npt.NDArray[np.int64]:
     return np.zeros(len(edges) - 1, np.int64)
+
+
+def _bin(value: float, edges: tuple[float, ...]) -> int:
+    """Return the bin of a value from the first to the last edge; as in `numpy.histogram`, the last bin has its end."""
+    return min(bisect_right(edges, value), len(edges) - 1) - 1
 
 
 @dataclass
@@ -61,10 +67,10 @@ class BoxStatistics:
         self.points += box.points
         self.size += box.size
         self.distance += distance
-        self.distances += np.histogram(distance, RANGES)[0]
-        self.numbers += np.histogram(box.points, POINTS)[0]
+        self.distances[_bin(distance, RANGES)] += 1
+        self.numbers[_bin(box.points, POINTS)] += 1
         if box.visibility is not None:
-            self.visibilities += np.histogram(box.visibility, VISIBILITY)[0]
+            self.visibilities[_bin(box.visibility, VISIBILITY)] += 1
 
 
 def box_statistics(

@@ -16,6 +16,7 @@ from markdown_it import MarkdownIt
 import lidarsim as ls
 from lidarsim.datasets import card, manifest
 from lidarsim.datasets.card import escape
+from lidarsim.datasets.statistics import POINTS, RANGES, VISIBILITY, _bin
 from lidarsim.datasets.store import open_store
 
 NASTY = [
@@ -118,3 +119,12 @@ def test_pictures_show_the_boxes_of_the_data_set_from_two_cameras(
             assert (tmp_path / layout / name).read_bytes() == b"picture"
             boxes = options["boxes"]
             assert places is None if boxes is None else sorted(boxes.center[:, 0].round(3).tolist()) == places
+
+
+@pytest.mark.parametrize("edges", [RANGES, POINTS, VISIBILITY])
+def test_boxes_are_counted_as_numpy_does(edges: tuple[float, ...]) -> None:
+    ends = [edge for edge in edges if edge < np.inf]
+    for value in [*ends, *np.nextafter(ends[1:], -np.inf), *np.nextafter(ends[:-1], np.inf)]:
+        counts = np.zeros(len(edges) - 1, int)
+        counts[_bin(value, edges)] += 1
+        assert counts.tolist() == np.histogram(value, edges)[0].tolist()

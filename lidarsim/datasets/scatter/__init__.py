@@ -36,7 +36,7 @@ __all__ = ["Placed", "Scatter", "clearance", "nearby", "scatter"]
 TRIES = 200
 """Number of places tried for an object."""
 
-MORE = 4
+MORE = 2
 """How many times as many places are tried at once as before, after none of those had room."""
 
 FULL = 50

@@ -130,10 +130,11 @@ class Obstacles:
 
     def near(self, outline: Outline, gap: float) -> npt.NDArray[np.bool_]:
         """Return whose boxes are nearer than the gap to that of an object at m places, shape (m, len(names))."""
-        room, box = np.array([gap, gap, 0.0]), outline.box[:, None]
-        apart = (self.boxes[:, 0] >= box[:, :, 1] + room) | (box[:, :, 0] >= self.boxes[:, 1] + room)
-        near: npt.NDArray[np.bool_] = ~apart.any(axis=2)
-        return near
+        apart = np.zeros((len(outline.box), len(self.names)), bool)
+        for axis, room in enumerate((gap, gap, 0.0)):
+            (low, high), (its_low, its_high) = outline.box[..., axis].T[..., None], self.boxes[..., axis].T
+            apart |= (its_low >= high + room) | (low >= its_high + room)
+        return ~apart
 
     def first_refusal(self, outline: Outline, gap: float) -> npt.NDArray[np.intp]:
         """Return which obstacle an object at m places is too near to, the first of several; -1 for none, shape (m,)."""
