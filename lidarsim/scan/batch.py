@@ -323,7 +323,7 @@ def _each(
 ) -> npt.NDArray[Any]:
     """Return `value`, one number or one for each row, as an array of shape (N,) of its own."""
     if dtype is np.float64:
-        return np.broadcast_to(one_or_each(name, value, rows), rows).copy()
+        return np.full(rows, one_or_each(name, value, rows))
     given = as_array(name, value, "integers")
     if given.dtype.kind not in "iu" and given.size:
         # NumPy makes floats of integers on both sides of 2⁶³, and objects of those beyond 2⁶⁴.
@@ -338,7 +338,7 @@ def _each(
         i = int(np.argmax(wrong))
         got = f"{name}[{i}] = {shown(int(given[i]))}" if given.ndim else shown(int(given))
         raise ArgumentValueError(name, f"integers from 0 to {at_most}", got)
-    return np.broadcast_to(given, rows).astype(dtype)
+    return np.full(rows, given, dtype)
 
 
 def _seeds(seed: npt.ArrayLike, rows: int) -> npt.NDArray[np.uint64]:
