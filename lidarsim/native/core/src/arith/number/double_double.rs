@@ -28,7 +28,7 @@ use super::lanes::{Lanes, OfRays, One};
 use super::running_error::{RunningErrors, interval, splat};
 use super::{Interval, Kinds, Number, PAD, Root, Stored, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::error_free::{fast_two_sum, two_product, two_sum};
-use crate::arith::simd::Floats;
+use crate::arith::simd::{Floats, operations};
 
 const PLUS: f64 = 4.0 * UNIT * UNIT;
 const TIMES: f64 = 5.0 * UNIT * UNIT;
@@ -43,6 +43,59 @@ const SMALL: f64 = f64::from_bits((1023 - 800) << 52);
 /// Squares of numbers between 2⁻⁴⁰⁰ and 2⁴⁰⁰ neither overflow nor underflow.
 const SHORT: f64 = f64::from_bits((1023 - 400) << 52);
 const LONG: f64 = f64::from_bits((1023 + 400) << 52);
+
+operations! {
+    /// DWPlusFP of two high parts and one low part.
+    fn dw_plus_fp(a: F, b: F, low: F) -> (F, F) {
+        let (sh, sl) = two_sum(a, b);
+        fast_two_sum(sh, sl.add(low))
+    }
+
+    /// AccurateDWPlusDW.
+    fn dw_plus_dw(a: [F; 2], b: [F; 2]) -> (F, F) {
+        let ([ah, al], [bh, bl]) = (a, b);
+        let ((sh, sl), (th, tl)) = (two_sum(ah, bh), two_sum(al, bl));
+        let (vh, vl) = fast_two_sum(sh, sl.add(th));
+        fast_two_sum(vh, tl.add(vl))
+    }
+
+    /// The bound of a sum, with the errors of its operands.
+    fn error_of_sum(high: F, operands: F) -> F {
+        operands.add(high.abs().mul(F::splat(PLUS))).mul(F::splat(PAD))
+    }
+
+    /// DWTimesFP3.
+    fn dw_times_fp(a: [F; 2], b: F) -> (F, F) {
+        let (ph, pl) = two_product(a[0], b);
+        fast_two_sum(ph, a[1].mul_add(b, pl))
+    }
+
+    /// DWTimesDW3.
+    fn dw_times_dw(a: [F; 2], b: [F; 2]) -> (F, F) {
+        let ([ah, al], [bh, bl]) = (a, b);
+        let (ph, pl) = two_product(ah, bh);
+        fast_two_sum(ph, pl.add(al.mul_add(bh, ah.mul_add(bl, al.mul(bl)))))
+    }
+
+    /// What a product of numbers of these sizes may lose: an exact zero stays exact.
+    fn underflow_of_product(a: F, b: F) -> F {
+        let zero = F::splat(0.0);
+        a.min(b).le_pick(zero, zero, F::splat(UNDERFLOW))
+    }
+
+    /// The bound of a product with an exact number, `a`; `error`: of the other.
+    fn error_of_exact_product(high: F, a: F, error: F, underflow: F) -> F {
+        let (pad, rounding) = (F::splat(PAD), high.abs().mul(F::splat(TIMES)));
+        a.abs().mul(error).mul(pad).add(rounding).mul(pad).add(underflow)
+    }
+
+    /// The bound of a product of two numbers, each with its error.
+    fn error_of_product(high: F, a: [F; 2], b: [F; 2], underflow: F) -> F {
+        let ([a, e], [b, f]) = (a, b);
+        let (pad, rounding) = (F::splat(PAD), high.abs().mul(F::splat(TIMES)));
+        a.abs().add(e).mul(f).add(b.abs().mul(e)).mul(pad).add(rounding).mul(pad).add(underflow)
+    }
+}
 
 /// One real number per lane, within `error` of `high + low`, with |low| ≤ ½ ulp(high).
 #[derive(Clone, Copy, Debug)]
@@ -151,51 +204,43 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
     #[inline(always)]
     fn sum(self, other: Self) -> Self {
         let lanes = self.lanes.or(other.lanes);
-        let (sh, sl) = two_sum(self.high, other.high);
         let (high, low) = match (self.low, other.low) {
-            (None, None) => return DoubleDoubles { high: sh, low: Some(sl), error: None, lanes },
-            (Some(low), None) | (None, Some(low)) => fast_two_sum(sh, sl.add(low)),
-            (Some(a), Some(b)) => {
-                let (th, tl) = two_sum(a, b);
-                let (vh, vl) = fast_two_sum(sh, sl.add(th));
-                fast_two_sum(vh, tl.add(vl))
+            (None, None) => {
+                let (high, low) = two_sum(self.high, other.high);
+                return DoubleDoubles { high, low: Some(low), error: None, lanes };
             }
+            (Some(low), None) | (None, Some(low)) => dw_plus_fp(self.high, other.high, low),
+            (Some(a), Some(b)) => dw_plus_dw([self.high, a], [other.high, b]),
         };
-        let rounding = high.abs().mul(splat::<L, N>(PLUS));
         let error = match (self.error, other.error) {
-            (None, None) => rounding,
-            (Some(e), None) | (None, Some(e)) => e.add(rounding),
-            (Some(e), Some(f)) => e.add(f).add(rounding),
+            (None, None) => high.abs().mul(splat::<L, N>(PLUS)).mul(splat::<L, N>(PAD)),
+            (Some(e), None) | (None, Some(e)) => error_of_sum(high, e),
+            (Some(e), Some(f)) => error_of_sum(high, e.add(f)),
         };
-        DoubleDoubles { high, low: Some(low), error: Some(error.mul(splat::<L, N>(PAD))), lanes }
+        DoubleDoubles { high, low: Some(low), error: Some(error), lanes }
     }
 
     /// 2Prod, DWTimesFP3 or DWTimesDW3, depending on which operands have low parts.
     #[inline(always)]
     fn product(self, other: Self) -> Self {
         let lanes = self.lanes.or(other.lanes);
-        // An exact zero stays exact.
-        let zero = splat::<L, N>(0.0);
-        let underflow = self.size().min(other.size()).le_pick(zero, zero, splat::<L, N>(UNDERFLOW));
-        let (ph, pl) = two_product(self.high, other.high);
+        let underflow = underflow_of_product(self.size(), other.size());
         let (high, low) = match (self.low, other.low) {
-            (None, None) => return DoubleDoubles { high: ph, low: Some(pl), error: Some(underflow), lanes },
-            (Some(low), None) => fast_two_sum(ph, low.mul_add(other.high, pl)),
-            (None, Some(low)) => fast_two_sum(ph, low.mul_add(self.high, pl)),
-            (Some(a), Some(b)) => {
-                fast_two_sum(ph, pl.add(a.mul_add(other.high, self.high.mul_add(b, a.mul(b)))))
+            (None, None) => {
+                let (high, low) = two_product(self.high, other.high);
+                return DoubleDoubles { high, low: Some(low), error: Some(underflow), lanes };
             }
+            (Some(low), None) => dw_times_fp([self.high, low], other.high),
+            (None, Some(low)) => dw_times_fp([other.high, low], self.high),
+            (Some(a), Some(b)) => dw_times_dw([self.high, a], [other.high, b]),
         };
-        let pad = splat::<L, N>(PAD);
-        let rounding = high.abs().mul(splat::<L, N>(TIMES));
-        let (a, b) = (self.high.abs(), other.high.abs());
         let error = match (self.error, other.error) {
-            (None, None) => rounding,
-            (Some(e), None) => b.mul(e).mul(pad).add(rounding),
-            (None, Some(f)) => a.mul(f).mul(pad).add(rounding),
-            (Some(e), Some(f)) => a.add(e).mul(f).add(b.mul(e)).mul(pad).add(rounding),
+            (None, None) => high.abs().mul(splat::<L, N>(TIMES)).mul(splat::<L, N>(PAD)).add(underflow),
+            (Some(e), None) => error_of_exact_product(high, other.high, e, underflow),
+            (None, Some(f)) => error_of_exact_product(high, self.high, f, underflow),
+            (Some(e), Some(f)) => error_of_product(high, [self.high, e], [other.high, f], underflow),
         };
-        DoubleDoubles { high, low: Some(low), error: Some(error.mul(pad).add(underflow)), lanes }
+        DoubleDoubles { high, low: Some(low), error: Some(error), lanes }
     }
 
     /// Out of line for a single ray, the rare case, to keep the code small.

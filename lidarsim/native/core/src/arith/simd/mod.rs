@@ -41,7 +41,49 @@ pub trait Floats<T, const N: usize>: Copy {
     fn smallest(self) -> T;
     /// `then` where self ≤ other, else `otherwise`.
     fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self;
+    /// Runs an operation. On x86 it is compiled for the instruction set by itself and then inlined.
+    #[inline(always)]
+    fn run<O: Operation>(operation: O) -> O::Output {
+        operation.run()
+    }
 }
+
+/// Steps on registers that many formulas have in common: an always inlined `run`.
+pub trait Operation {
+    type Output;
+    fn run(self) -> Self::Output;
+}
+
+/// Declares functions over registers `F` of N lanes, each as an [`Operation`]. The compiler simplifies it
+/// once and then inlines it; what is always inlined, it simplifies anew in each formula.
+macro_rules! operations {
+    ($(
+        $(#[$about:meta])*
+        $visibility:vis fn $name:ident($($input:ident: $of:ty),+) -> $output:ty $steps:block
+    )+) => {
+        $(
+            $(#[$about])*
+            #[inline(always)]
+            $visibility fn $name<F: Floats<f64, N>, const N: usize>($($input: $of),+) -> $output {
+                struct Inputs<F, const N: usize>($($of),+);
+
+                impl<F: Floats<f64, N>, const N: usize> $crate::arith::simd::Operation for Inputs<F, N> {
+                    type Output = $output;
+
+                    #[inline(always)]
+                    fn run(self) -> $output {
+                        let Inputs($($input),+) = self;
+                        $steps
+                    }
+                }
+
+                F::run(Inputs($($input),+))
+            }
+        )+
+    };
+}
+
+pub(crate) use operations;
 
 /// Bits of the integers that [`Isa::fraction`] converts.
 pub const FRACTION: u32 = 21;

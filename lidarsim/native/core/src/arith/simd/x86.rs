@@ -8,7 +8,7 @@
 
 use core::arch::x86_64::*;
 
-use super::{DISTANCE_MASK, FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE, Task};
+use super::{DISTANCE_MASK, FRACTION_MASK, Floats, Isa, LaneTask, ONE, Operation, PLACE, Task};
 
 #[derive(Clone, Copy)]
 struct Avx2;
@@ -60,6 +60,24 @@ pub unsafe fn run_avx512<T: Task>(task: T) -> T::Output {
 #[inline(never)]
 unsafe fn call_widest_avx512<T: LaneTask>(task: T) -> T::Output {
     task.run::<F64x8, 8>()
+}
+
+/// # Safety
+///
+/// As `run_avx2`.
+#[target_feature(enable = "avx2,fma")]
+#[inline]
+unsafe fn inline_avx2<O: Operation>(operation: O) -> O::Output {
+    operation.run()
+}
+
+/// # Safety
+///
+/// As `run_avx512`.
+#[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
+#[inline]
+unsafe fn inline_avx512<O: Operation>(operation: O) -> O::Output {
+    operation.run()
 }
 
 impl Isa for Avx2 {
@@ -519,7 +537,7 @@ fn pair_of_points(low: &[f64; 3], high: &[f64; 3]) -> __m512d {
 macro_rules! register {
     ($register:ty, $float:ty, $n:literal, $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident,
      $mul:ident, $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident,
-     $compare:ident, $le_pick:ident, $largest:ident, $smallest:ident) => {
+     $compare:ident, $le_pick:ident, $largest:ident, $smallest:ident, $inline:ident) => {
         impl Floats<$float, $n> for Register<$register> {
             #[inline(always)]
             fn splat(x: $float) -> Self {
@@ -609,6 +627,11 @@ macro_rules! register {
             #[inline(always)]
             fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self {
                 Register($le_pick!(self.0, other.0, then.0, otherwise.0))
+            }
+            #[inline(always)]
+            fn run<O: Operation>(operation: O) -> O::Output {
+                // SAFETY: as above.
+                unsafe { $inline(operation) }
             }
         }
     };
@@ -787,7 +810,8 @@ register!(
     compare_m256,
     le_pick_m256,
     largest_m256,
-    smallest_m256
+    smallest_m256,
+    inline_avx2
 );
 register!(
     __m256d,
@@ -808,7 +832,8 @@ register!(
     compare_m256d,
     le_pick_m256d,
     largest_m256d,
-    smallest_m256d
+    smallest_m256d,
+    inline_avx2
 );
 register!(
     __m512,
@@ -829,7 +854,8 @@ register!(
     compare_m512,
     le_pick_m512,
     largest_m512,
-    smallest_m512
+    smallest_m512,
+    inline_avx512
 );
 register!(
     __m512d,
@@ -850,7 +876,8 @@ register!(
     compare_m512d,
     le_pick_m512d,
     largest_m512d,
-    smallest_m512d
+    smallest_m512d,
+    inline_avx512
 );
 
 /// Two registers as one of twice as many lanes.
@@ -942,6 +969,11 @@ macro_rules! two {
             fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self {
                 let first = self.0.le_pick(other.0, then.0, otherwise.0);
                 Two(first, self.1.le_pick(other.1, then.1, otherwise.1))
+            }
+            #[inline(always)]
+            fn run<O: Operation>(operation: O) -> O::Output {
+                // SAFETY: as above.
+                unsafe { inline_avx2(operation) }
             }
         }
     };
