@@ -280,7 +280,11 @@ MUTANTS = [
         "error = self.error().div(high).mul(pad)",
         "error = self.error().div(high).mul(splat::<L, N>(0.5))",
     ),
-    Mutant("double-double product: both errors", "a.add(e).mul(f).add(b.mul(e))", "a.mul(f).add(b.mul(e))"),
+    Mutant(
+        "double-double product: both errors",
+        "a.abs().add(e).mul(f).add(b.abs().mul(e))",
+        "a.abs().mul(f).add(b.abs().mul(e))",
+    ),
     Mutant(
         "double-double: subnormal results",
         "normal = splat::<L, N>(f64::MIN_POSITIVE).le(size)",

@@ -249,7 +249,8 @@ class RustSources:
                 module = (*module, name)
             else:
                 for passed in self.passed_on.get(module, []):
-                    if passed[-1] == name:
+                    # A path of one name passes on a macro of the module itself.
+                    if passed[-1] == name and len(passed) > 1:
                         return self.resolve(module, [*passed[:-1], *path[k:]])
                 break
         while module not in self.sources:  # a module within a file
