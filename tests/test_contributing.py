@@ -150,7 +150,7 @@ def as_printed(*command: str) -> Edit:
 
     def edit(path: Path) -> None:
         copy, words = path.parents[1], [sys.executable, "-m", "lidarsim", *command]
-        environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = os.environ | {"PYTHONPATH": str(copy)}
         done = subprocess.run(words, cwd=copy, env=environment, capture_output=True, check=False)
         if done.returncode == 0:
             path.write_bytes(done.stdout)
@@ -268,7 +268,7 @@ class Copy:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        ignored = shutil.ignore_patterns("target", "*.so", "*.pyd", "__pycache__", ".*_cache", ".hypothesis")
+        ignored = shutil.ignore_patterns("target", "*.so", "*.pyd", ".*_cache", ".hypothesis")  # bytecode stays valid
         folder.mkdir(exist_ok=True)
         for name in ("lidarsim", "tests", "configs"):
             shutil.copytree(ROOT / name, folder / name, ignore=ignored)
@@ -300,7 +300,7 @@ class Copy:
 
     def run(self, *command: str) -> str:
         """Run Python there; return what it prints and how it ends."""
-        environment = os.environ | {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = os.environ | {"PYTHONPATH": str(self.folder)}
         done = subprocess.run(
             [sys.executable, *command], cwd=self.folder, env=environment, capture_output=True, text=True, check=False
         )
@@ -363,6 +363,8 @@ def test_toys_need_their_checklists_alone(files: tuple[str, ...], least: int, to
 
 
 def test_toys_are_used(toys: Copy) -> None:
+    source = (toys.folder / CORE / "core/src/shapes/mod.rs").read_text(encoding="utf-8")
+    assert len(re.findall(r"\b[bB]all\b", source)) >= 3
     script = (
         "import lidarsim as ls; print(ls.patterns.Cone(half_angle=0.3, scan_rate=80, pulse_rate=2e5, rate=10).shape)"
     )
@@ -391,12 +393,10 @@ def test_what_is_left_out_is_noticed(what: str, tmp_path: Path, slow: bool) -> N
         assert "exit code 0" not in said, file
 
 
-def test_a_shape_is_compiled(copy: Copy, slow: bool) -> None:
-    """With its own Rust in the core: minutes of compiling, so only if thorough tests are asked for."""
+@pytest.mark.slow
+def test_a_shape_is_compiled(copy: Copy) -> None:
+    """With its own Rust in the core, which takes minutes of compiling: its files suffice for the compiler, too."""
     copy.make(SHAPE)
-    source = (copy.folder / CORE / "core/src/shapes/mod.rs").read_text(encoding="utf-8")
-    assert len(re.findall(r"\b[bB]all\b", source)) >= 3
-    if slow:
-        copy.compile()
-        passed, failed = copy.test("tests/conformance", "tests/hard/test_cases.py", "-k", "ball or Ball")
-        assert (passed > 100, failed) == (True, 0)
+    copy.compile()
+    passed, failed = copy.test("tests/conformance", "tests/hard/test_cases.py", "-k", "ball or Ball")
+    assert (passed > 100, failed) == (True, 0)

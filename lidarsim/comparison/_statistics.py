@@ -333,7 +333,7 @@ def _total(units: list[Floats]) -> Floats:
 
 
 def _pad(unit: Floats, cells: int) -> Floats:
-    return np.pad(unit, ((0, cells - len(unit)), (0, 0)))
+    return unit if len(unit) == cells else np.pad(unit, ((0, cells - len(unit)), (0, 0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -446,14 +446,20 @@ def jensen_shannon(one: Floats, other: Floats) -> Floats:
 def _spread(resampled: Floats, units: Floats) -> Floats:
     """Return the standard deviation of each cell; of few units the bootstrap's variance is too small by (m − 1)/m."""
     inflation = np.sqrt(units / np.maximum(units - 1.0, 1.0))
-    return np.array([_deviation(column) for column in resampled.T]) * inflation
+    cells = np.ascontiguousarray(resampled.T)
+    spread = np.full(len(cells), np.nan)
+    whole = np.isfinite(cells).all(axis=1)
+    spread[whole] = _deviation(cells[whole])
+    for cell in np.flatnonzero(~whole):
+        known = cells[cell][np.isfinite(cells[cell])]
+        if len(known) > 1:
+            spread[cell] = _deviation(known)
+    return spread * inflation
 
 
-def _deviation(values: Floats) -> float:
-    known = values[np.isfinite(values)]
-    if len(known) < 2:
-        return math.nan
-    return float(known.std(ddof=1)) if np.ptp(known) > 0.0 else 0.0
+def _deviation(values: Floats) -> Any:
+    """Return the standard deviation along the last axis, exactly 0 of equal values."""
+    return np.where(np.ptp(values, axis=-1) > 0.0, values.std(axis=-1, ddof=1), 0.0)
 
 
 def critical(tests: int, units: Floats) -> Any:
