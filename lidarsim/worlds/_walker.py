@@ -109,16 +109,17 @@ def postures(height: float, phase: Floats, relative_speed: Floats) -> list[Float
     relative_speed : ndarray of float64, shape (n,)
         Speed over the height of the hips, 1/s, from 0 to `FASTEST`.
     """
-    chains = []
-    for side, shift in ((1.0, 0.0), (-1.0, 0.5)):
-        own = np.mod(phase + shift, 1.0)
-        hip, knee, ankle, elbow = (
-            np.radians(_flexion(points, own, relative_speed))
-            for points in (HIP_FLEXION, KNEE_FLEXION, ANKLE_FLEXION, ELBOW_FLEXION)
-        )
-        swing = SHOULDER_SWING * relative_speed
-        shoulder = np.radians(3 - swing / 2 - swing * np.cos(2 * np.pi * own))
-        chains.append(_chain(height, side, hip, knee, ankle, shoulder, elbow))
+    phases = np.mod([phase, phase + 0.5], 1.0)
+    flexions = [
+        np.radians(_flexion(points, phases, relative_speed))
+        for points in (HIP_FLEXION, KNEE_FLEXION, ANKLE_FLEXION, ELBOW_FLEXION)
+    ]
+    swing = SHOULDER_SWING * relative_speed
+    shoulders = np.radians(3 - swing / 2 - swing * np.cos(2 * np.pi * phases))
+    chains = [
+        _chain(height, side, hip, knee, ankle, shoulder, elbow)
+        for side, hip, knee, ankle, elbow, shoulder in zip((1.0, -1.0), *flexions, shoulders, strict=True)
+    ]
     ends = np.array([(*end, 1.0) for end in (HEEL, TOE)]).T * [[height], [height], [height], [1.0]]
     lowest = np.min([(chain[2][:, 2] @ ends).min(axis=1) for chain in chains], axis=0) - FOOT_RADIUS * height
     up = np.tile(np.eye(4), (len(phase), 1, 1))
@@ -178,14 +179,17 @@ def _turn(joint: tuple[float, float, float], angle: Floats) -> Floats:
     return poses
 
 
-def _flexion(points: Flexion, phase: Floats, relative_speed: Floats) -> Floats:
-    """Return an angle, degrees, at phases from 0 to 1: half waves of a cosine from each point to the next."""
+def _flexion(points: Flexion, phases: Floats, relative_speed: Floats) -> Floats:
+    """Return angles, degrees, at phases from 0 to 1: half waves of a cosine from each point to the next.
+
+    The phases are those of both sides, (2, n), at n speeds.
+    """
     speeds = [(np.broadcast_to(moment, len(SPEEDS)), angles) for moment, angles in points]
     moments, angles = (np.array([np.interp(relative_speed, SPEEDS, row[k]) for row in speeds]) for k in (0, 1))
     moments, angles = np.concatenate([moments - 1, moments, moments + 1]), np.tile(angles, (3, 1))
-    before = (phase >= moments).sum(axis=0) - 1  # of points at the same moment the last
-    each = np.arange(len(phase))
+    before = (phases >= moments[:, None]).sum(axis=0) - 1  # of points at the same moment the last
+    each = np.arange(len(relative_speed))
     start, end = moments[before, each], moments[before + 1, each]
-    share = (1 - np.cos(np.pi * (phase - start) / (end - start))) / 2
+    share = (1 - np.cos(np.pi * (phases - start) / (end - start))) / 2
     flexion: Floats = angles[before, each] + share * (angles[before + 1, each] - angles[before, each])
     return flexion

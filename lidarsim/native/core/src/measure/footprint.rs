@@ -8,6 +8,7 @@ use super::columns::{Entries, Rows, unused, write};
 use super::direction::beside;
 use super::echo::Echo;
 use super::effects::{Draws, Echoes, Pulses};
+use super::light::KeepLight;
 use super::scan::Scan;
 use super::scratch::Scratch;
 use super::single_ray::EightSurfaces;
@@ -15,8 +16,27 @@ use super::source::Source;
 use super::status::Status;
 use super::waveform::Waveform;
 use crate::arith::elementary::first_quadrant_angle;
-use crate::arith::simd::{Floats, Isa, lanes};
+use crate::arith::simd::{Floats, Isa, Task, lanes};
 use crate::geometry::point::{cross, dot};
+use crate::memory::resize;
+
+/// [`Scan::measure_pulses`], compiled once.
+struct MeasurePulses<'a, 'b, 'c, C> {
+    scan: &'a Scan<'b, C>,
+    pulses: Range<usize>,
+    wanted: &'a [u8],
+    scratch: &'a mut Scratch,
+    rows: &'a mut Rows<'c>,
+}
+
+impl<C: Caster> Task for MeasurePulses<'_, '_, '_, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        self.scan.measure_pulses::<I>(self.pulses, self.wanted, self.scratch, self.rows);
+    }
+}
 
 impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
@@ -26,18 +46,17 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        self.keep_light::<I>(scratch);
+        I::call(KeepLight { scan: self, of_further: false, scratch });
         let measurement = self.measurement;
         let is_plain = measurement.most_returns() == 1 && !measurement.effects.has_weather();
-        let Some(beam) = measurement.beam.as_ref().filter(|_| is_plain && scratch.ways.is_empty()) else {
-            self.measure_pulses::<I>(pulses, |_, _| true, scratch, rows);
-            return;
-        };
-        let mut others = std::mem::take(&mut scratch.others);
-        self.measure_only_echoes::<I>(beam, pulses.clone(), scratch, rows, &mut others);
-        let is_other = |_: &Scratch, pulse: usize| others[pulse / 8] >> (pulse % 8) & 1 != 0;
-        self.measure_pulses::<I>(pulses, is_other, scratch, rows);
-        scratch.others = others;
+        let mut wanted = std::mem::take(&mut scratch.wanted);
+        wanted.clear();
+        match measurement.beam.as_ref().filter(|_| is_plain && scratch.ways.is_empty()) {
+            Some(beam) => self.measure_only_echoes::<I>(beam, pulses.clone(), scratch, rows, &mut wanted),
+            None => resize(&mut wanted, pulses.len().div_ceil(8), u8::MAX),
+        }
+        I::call(MeasurePulses { scan: self, pulses, wanted: &wanted, scratch, rows });
+        scratch.wanted = wanted;
     }
 
     /// Measures the pulses of one echo or none, eight at a time. The others, of which it sets the bits by
@@ -53,7 +72,6 @@ impl<C: Caster> Scan<'_, C> {
     ) {
         let (indices, rays) = (std::mem::take(&mut scratch.indices), beam.len());
         let batch = self.frame.pulses(pulses.clone(), &indices);
-        others.clear();
         for part in 0..pulses.len().div_ceil(8) {
             // Past the last pulse it is repeated.
             let numbers = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| (8 * part + k).min(pulses.len() - 1));
@@ -89,16 +107,23 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        self.keep_light_of::<I>(|scratch, part| scratch.ways.touch(part), scratch);
-        self.measure_pulses::<I>(pulses, |scratch, pulse| !scratch.ways.of(pulse).is_empty(), scratch, rows);
+        I::call(KeepLight { scan: self, of_further: true, scratch });
+        let mut wanted = std::mem::take(&mut scratch.wanted);
+        wanted.clear();
+        resize(&mut wanted, pulses.len().div_ceil(8), 0);
+        for pulse in 0..pulses.len() {
+            wanted[pulse / 8] |= u8::from(!scratch.ways.of(pulse).is_empty()) << (pulse % 8);
+        }
+        I::call(MeasurePulses { scan: self, pulses, wanted: &wanted, scratch, rows });
+        scratch.wanted = wanted;
     }
 
-    /// Measures the pulses that `is_wanted` tells.
+    /// Measures the pulses whose bits are set, by eights.
     #[inline(always)]
     fn measure_pulses<I: Isa>(
         &self,
         pulses: Range<usize>,
-        is_wanted: impl Fn(&Scratch, usize) -> bool,
+        wanted: &[u8],
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
@@ -108,7 +133,7 @@ impl<C: Caster> Scan<'_, C> {
         let batch = self.frame.pulses(pulses.clone(), &indices);
         let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
         for pulse in 0..pulses.len() {
-            if !is_wanted(scratch, pulse) {
+            if wanted[pulse / 8] >> (pulse % 8) & 1 == 0 {
                 continue;
             }
             match beam {

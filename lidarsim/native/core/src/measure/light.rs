@@ -7,7 +7,7 @@ use super::direction::distance;
 use super::echo::Light;
 use super::scan::Scan;
 use super::scratch::{LightArrays, Scratch};
-use crate::arith::simd::{self, Floats, Isa, lanes};
+use crate::arith::simd::{self, Floats, Isa, Task, lanes};
 use crate::memory::resize;
 
 /// The light of eight rays; unspecified for misses.
@@ -18,6 +18,22 @@ pub(super) struct EightLights<F> {
     pub(super) squared_sine: F,
     /// In clear air.
     pub(super) intensity: F,
+}
+
+/// [`Scan::keep_light`], compiled once.
+pub(super) struct KeepLight<'a, 'b, C> {
+    pub(super) scan: &'a Scan<'b, C>,
+    pub(super) of_further: bool,
+    pub(super) scratch: &'a mut Scratch,
+}
+
+impl<C: Caster> Task for KeepLight<'_, '_, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        self.scan.keep_light::<I>(self.of_further, self.scratch);
+    }
 }
 
 impl<C: Caster> Scan<'_, C> {
@@ -94,19 +110,10 @@ impl<C: Caster> Scan<'_, C> {
         surfaces
     }
 
-    /// Keeps the light of all rays.
+    /// Keeps the light of all rays, or of the eights of rays of which any goes on; that of others is then
+    /// unspecified.
     #[inline(always)]
-    pub(super) fn keep_light<I: Isa>(&self, scratch: &mut Scratch) {
-        self.keep_light_of::<I>(|_, _| true, scratch);
-    }
-
-    /// Keeps the light of those eights of rays that `is_wanted` tells; that of others is unspecified.
-    #[inline(always)]
-    pub(super) fn keep_light_of<I: Isa>(
-        &self,
-        is_wanted: impl Fn(&Scratch, usize) -> bool,
-        scratch: &mut Scratch,
-    ) {
+    fn keep_light<I: Isa>(&self, of_further: bool, scratch: &mut Scratch) {
         let whole = scratch.hits.len();
         let LightArrays { range, cosine, intensity, transmission, received, power } = &mut scratch.light;
         for numbers in [range, cosine, intensity, received, power] {
@@ -115,7 +122,7 @@ impl<C: Caster> Scan<'_, C> {
         transmission.clear();
         resize(transmission, whole, 1.0);
         for part in 0..whole / 8 {
-            if !is_wanted(scratch, part) {
+            if of_further && !scratch.ways.touch(part) {
                 continue;
             }
             let lights = self.eight_lights::<I>(part, scratch);

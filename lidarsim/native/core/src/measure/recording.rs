@@ -11,7 +11,8 @@ use super::beam::HALF_SPEED_OF_LIGHT;
 use super::caster::Caster;
 use super::effects::Pulses;
 use super::frame::BadPulse;
-use super::scan::{Scan, share, with_scratch};
+use super::light::KeepLight;
+use super::scan::{Illuminate, Scan, share, with_scratch};
 use super::scratch::Scratch;
 use crate::arith::elementary::exp;
 use crate::arith::simd::{Isa, Task};
@@ -186,8 +187,8 @@ impl<C: Caster> Task for Recording<'_, '_, C> {
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
         let Recording { scan, recorder, open_fog, pulses, scratch, part } = self;
-        scan.illuminate::<I>(pulses.clone(), scratch)?;
-        scan.keep_light::<I>(scratch);
+        I::call(Illuminate { scan, pulses: pulses.clone(), scratch })?;
+        I::call(KeepLight { scan, of_further: false, scratch });
         let indices = std::mem::take(&mut scratch.indices);
         let batch = scan.frame.pulses(pulses, &indices);
         let (mut received, mut sums) = (Received::default(), Vec::new());

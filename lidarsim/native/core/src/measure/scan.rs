@@ -49,6 +49,22 @@ impl<C: Caster> Task for Batch<'_, '_, '_, C> {
     }
 }
 
+/// [`Scan::illuminate`], compiled once.
+pub(super) struct Illuminate<'a, 'b, C> {
+    pub(super) scan: &'a Scan<'b, C>,
+    pub(super) pulses: Range<usize>,
+    pub(super) scratch: &'a mut Scratch,
+}
+
+impl<C: Caster> Task for Illuminate<'_, '_, C> {
+    type Output = Result<(), BadPulse>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Self::Output {
+        self.scan.illuminate::<I>(self.pulses, self.scratch)
+    }
+}
+
 /// Does work with the memory that the last batch on this thread left.
 pub(super) fn with_scratch<R>(work: impl FnOnce(&mut Scratch) -> R) -> R {
     let mut scratch = SCRATCH.take();
@@ -99,11 +115,7 @@ impl<C: Caster> Scan<'_, C> {
 
     /// Fires a batch of pulses, and finds what their light meets.
     #[inline(always)]
-    pub(super) fn illuminate<I: Isa>(
-        &self,
-        pulses: Range<usize>,
-        scratch: &mut Scratch,
-    ) -> Result<(), BadPulse> {
+    fn illuminate<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch) -> Result<(), BadPulse> {
         self.fire::<I>(pulses.clone(), scratch)?;
         if self.measurement.receiver_offset != 0.0 {
             self.hide::<I>(pulses, self.measurement.receiver_offset, scratch);
@@ -123,7 +135,7 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) -> Result<(), BadPulse> {
-        self.illuminate::<I>(pulses.clone(), scratch)?;
+        I::call(Illuminate { scan: self, pulses: pulses.clone(), scratch })?;
         resize(&mut scratch.range_rate, rows.radial_velocity.len(), [0.0; 2]);
         if self.measurement.beam.is_none() && self.measurement.most_returns() == 1 {
             self.measure_single_rays::<I>(pulses, scratch, rows);

@@ -30,8 +30,8 @@ pub(super) struct Scratch {
     /// Per pulse: its number in the whole frame.
     pub(super) indices: Vec<u64>,
     pub(super) draws: Draws,
-    /// A bit for each pulse of a beam, by eights, that may have several echoes.
-    pub(super) others: Vec<u8>,
+    /// A bit for each pulse, by eights, that is measured one by one.
+    pub(super) wanted: Vec<u8>,
 }
 
 /// Rays in the world.
