@@ -124,7 +124,7 @@ def test_two_recipes_at_once(shared: Path, tmp_path: Path, slow: bool, two: list
     for seed in (7, 8):
         ls.generate(shared, tmp_path / f"whole{seed}", layout=layout, seed=seed, pictures=0)
         whole[seed] = files(tmp_path / f"whole{seed}")
-    for number in range(100 if slow else 2):
+    for number in range(100 if slow else 3):
         out = tmp_path / f"out{number}"
         for worker, seed in zip(two, (7, 8), strict=True):
             worker.tell(shared, out, layout=layout, seed=seed)
@@ -144,7 +144,7 @@ def test_one_recipe_at_once(
     """All of it twice, or parts that end together: each ends well, and whoever ends last leaves nothing over."""
     ls.generate(shared, tmp_path / "whole", layout=layout, shard_frames=6, pictures=0)
     whole = files(tmp_path / "whole")
-    for number in range(100 if slow else 2):
+    for number in range(100 if slow else 3):
         out = tmp_path / f"out{number}"
         for part, worker in enumerate(two):
             worker.tell(shared, out, layout=layout, shard_frames=6, part=(part % parts, parts))

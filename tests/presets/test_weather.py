@@ -23,7 +23,8 @@ AIR = {
 }
 """Bounds of the share of points in the air."""
 PULSES = 20_000
-"""Pulses of a frame that are fired, at most: a share is within 0.01 of that of all of them (three sigma)."""
+"""Pulses of a frame that are fired, at most: where half of them return, three standard deviations of a share of a fifth
+are 0.012."""
 
 
 @dataclass(frozen=True)
