@@ -268,7 +268,8 @@ class Copy:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        ignored = shutil.ignore_patterns("target", "*.so", "*.pyd", ".*_cache", ".hypothesis")  # bytecode stays valid
+        # Copies keep the times of their sources, so the bytecode is copied, too.
+        ignored = shutil.ignore_patterns("target", "*.so", "*.pyd", ".*_cache", ".hypothesis")
         folder.mkdir(exist_ok=True)
         for name in ("lidarsim", "tests", "configs"):
             shutil.copytree(ROOT / name, folder / name, ignore=ignored)
@@ -395,7 +396,7 @@ def test_what_is_left_out_is_noticed(what: str, tmp_path: Path, slow: bool) -> N
 
 @pytest.mark.slow
 def test_a_shape_is_compiled(copy: Copy) -> None:
-    """With its own Rust in the core, which takes minutes of compiling: its files suffice for the compiler, too."""
+    """The listed files of a shape with its own Rust suffice for the compiler, which takes minutes."""
     copy.make(SHAPE)
     copy.compile()
     passed, failed = copy.test("tests/conformance", "tests/hard/test_cases.py", "-k", "ball or Ball")

@@ -444,7 +444,10 @@ def jensen_shannon(one: Floats, other: Floats) -> Floats:
 
 
 def _spread(resampled: Floats, units: Floats) -> Floats:
-    """Return the standard deviation of each cell; of few units the bootstrap's variance is too small by (m − 1)/m."""
+    """Return the standard deviation of each cell, (cells,), over the rows of `resampled`, (samples, cells).
+
+    The bootstrap's variance over m units is too small by (m − 1)/m.
+    """
     inflation = np.sqrt(units / np.maximum(units - 1.0, 1.0))
     cells = np.ascontiguousarray(resampled.T)
     spread = np.full(len(cells), np.nan)

@@ -180,9 +180,9 @@ def _turn(joint: tuple[float, float, float], angle: Floats) -> Floats:
 
 
 def _flexion(points: Flexion, phases: Floats, relative_speed: Floats) -> Floats:
-    """Return angles, degrees, at phases from 0 to 1: half waves of a cosine from each point to the next.
+    """Return the angles of both sides, degrees, (2, n), at phases from 0 to 1, (2, n), and speeds, (n,).
 
-    The phases are those of both sides, (2, n), at n speeds.
+    From each point to the next they follow half a wave of a cosine.
     """
     speeds = [(np.broadcast_to(moment, len(SPEEDS)), angles) for moment, angles in points]
     moments, angles = (np.array([np.interp(relative_speed, SPEEDS, row[k]) for row in speeds]) for k in (0, 1))

@@ -15,9 +15,7 @@ from lidarsim.patterns import Description, describe
 
 NAMES = ls.Lidar.presets()
 
-DOCUMENTS: dict[str, dict[str, Any]] = {
-    name: yaml.load(preset_path(name).read_text(), yaml.CSafeLoader) for name in NAMES
-}
+DOCUMENTS: dict[str, dict[str, Any]] = {name: yaml.safe_load(preset_path(name).read_text()) for name in NAMES}
 
 preset = functools.cache(ls.Lidar.preset)
 

@@ -23,13 +23,12 @@ AIR = {
 }
 """Bounds of the share of points in the air."""
 PULSES = 20_000
-"""Pulses of a frame that are fired, at most: where half of them return, three standard deviations of a share of a fifth
-are 0.012."""
+"""Most pulses fired per frame. If half of them return, a share of 0.2 has three standard deviations of 0.012."""
 
 
 @dataclass(frozen=True)
 class Thinned:
-    """Pulses of a pattern, evenly drawn."""
+    """A random subset of the pulses of a pattern."""
 
     pattern: ls.patterns.Pattern
 

@@ -20,11 +20,10 @@ use crate::arith::simd::{Floats, Isa, Task, lanes};
 use crate::geometry::point::{cross, dot};
 use crate::memory::resize;
 
-/// [`Scan::measure_pulses`], compiled once.
+/// [`Scan::measure_pulses`], compiled once for its callers.
 struct MeasurePulses<'a, 'b, 'c, C> {
     scan: &'a Scan<'b, C>,
     pulses: Range<usize>,
-    wanted: &'a [u8],
     scratch: &'a mut Scratch,
     rows: &'a mut Rows<'c>,
 }
@@ -34,7 +33,7 @@ impl<C: Caster> Task for MeasurePulses<'_, '_, '_, C> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        self.scan.measure_pulses::<I>(self.pulses, self.wanted, self.scratch, self.rows);
+        self.scan.measure_pulses::<I>(self.pulses, self.scratch, self.rows);
     }
 }
 
@@ -49,18 +48,16 @@ impl<C: Caster> Scan<'_, C> {
         I::call(KeepLight { scan: self, of_further: false, scratch });
         let measurement = self.measurement;
         let is_plain = measurement.most_returns() == 1 && !measurement.effects.has_weather();
-        let mut wanted = std::mem::take(&mut scratch.wanted);
-        wanted.clear();
+        scratch.wanted.clear();
         match measurement.beam.as_ref().filter(|_| is_plain && scratch.ways.is_empty()) {
-            Some(beam) => self.measure_only_echoes::<I>(beam, pulses.clone(), scratch, rows, &mut wanted),
-            None => resize(&mut wanted, pulses.len().div_ceil(8), u8::MAX),
+            Some(beam) => self.measure_only_echoes::<I>(beam, pulses.clone(), scratch, rows),
+            None => resize(&mut scratch.wanted, pulses.len().div_ceil(8), u8::MAX),
         }
-        I::call(MeasurePulses { scan: self, pulses, wanted: &wanted, scratch, rows });
-        scratch.wanted = wanted;
+        I::call(MeasurePulses { scan: self, pulses, scratch, rows });
     }
 
-    /// Measures the pulses of one echo or none, eight at a time. The others, of which it sets the bits by
-    /// eights, get entries that are to be overwritten.
+    /// Measures the pulses of one echo or none, eight at a time. The others become `wanted`, and their
+    /// entries are to be overwritten.
     #[inline(always)]
     fn measure_only_echoes<I: Isa>(
         &self,
@@ -68,7 +65,6 @@ impl<C: Caster> Scan<'_, C> {
         pulses: Range<usize>,
         scratch: &mut Scratch,
         rows: &mut Rows,
-        others: &mut Vec<u8>,
     ) {
         let (indices, rays) = (std::mem::take(&mut scratch.indices), beam.len());
         let batch = self.frame.pulses(pulses.clone(), &indices);
@@ -76,7 +72,7 @@ impl<C: Caster> Scan<'_, C> {
             // Past the last pulse it is repeated.
             let numbers = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| (8 * part + k).min(pulses.len() - 1));
             let (surfaces, other) = scratch.only_echoes::<I>(beam, &numbers);
-            others.push(other);
+            scratch.wanted.push(other);
             let objects = self.measure_eight::<I>(&batch, part, &surfaces, &scratch.draws, rows);
             for (k, object) in objects.into_iter().enumerate() {
                 let (pulse, is_hit) = (8 * part + k, object >= 0);
@@ -108,32 +104,24 @@ impl<C: Caster> Scan<'_, C> {
         rows: &mut Rows,
     ) {
         I::call(KeepLight { scan: self, of_further: true, scratch });
-        let mut wanted = std::mem::take(&mut scratch.wanted);
-        wanted.clear();
-        resize(&mut wanted, pulses.len().div_ceil(8), 0);
+        scratch.wanted.clear();
+        resize(&mut scratch.wanted, pulses.len().div_ceil(8), 0);
         for pulse in 0..pulses.len() {
-            wanted[pulse / 8] |= u8::from(!scratch.ways.of(pulse).is_empty()) << (pulse % 8);
+            scratch.wanted[pulse / 8] |= u8::from(!scratch.ways.of(pulse).is_empty()) << (pulse % 8);
         }
-        I::call(MeasurePulses { scan: self, pulses, wanted: &wanted, scratch, rows });
-        scratch.wanted = wanted;
+        I::call(MeasurePulses { scan: self, pulses, scratch, rows });
     }
 
-    /// Measures the pulses whose bits are set, by eights.
+    /// Measures the `wanted` pulses one by one.
     #[inline(always)]
-    fn measure_pulses<I: Isa>(
-        &self,
-        pulses: Range<usize>,
-        wanted: &[u8],
-        scratch: &mut Scratch,
-        rows: &mut Rows,
-    ) {
+    fn measure_pulses<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch, rows: &mut Rows) {
         let (most, rays, beam) =
             (self.measurement.most_returns(), self.measurement.rays(), &self.measurement.beam);
         let indices = std::mem::take(&mut scratch.indices);
         let batch = self.frame.pulses(pulses.clone(), &indices);
         let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
         for pulse in 0..pulses.len() {
-            if wanted[pulse / 8] >> (pulse % 8) & 1 == 0 {
+            if scratch.wanted[pulse / 8] >> (pulse % 8) & 1 == 0 {
                 continue;
             }
             match beam {

@@ -20,9 +20,10 @@ pub(super) struct EightLights<F> {
     pub(super) intensity: F,
 }
 
-/// [`Scan::keep_light`], compiled once.
+/// [`Scan::keep_light`], compiled once for its callers.
 pub(super) struct KeepLight<'a, 'b, C> {
     pub(super) scan: &'a Scan<'b, C>,
+    /// Only of rays whose light goes on from the first surface.
     pub(super) of_further: bool,
     pub(super) scratch: &'a mut Scratch,
 }
@@ -110,8 +111,8 @@ impl<C: Caster> Scan<'_, C> {
         surfaces
     }
 
-    /// Keeps the light of all rays, or of the eights of rays of which any goes on; that of others is then
-    /// unspecified.
+    /// Stores the light of all rays; with `of_further`, only of eights in which the light of a ray goes on:
+    /// others are unspecified.
     #[inline(always)]
     fn keep_light<I: Isa>(&self, of_further: bool, scratch: &mut Scratch) {
         let whole = scratch.hits.len();

@@ -49,7 +49,7 @@ impl<C: Caster> Task for Batch<'_, '_, '_, C> {
     }
 }
 
-/// [`Scan::illuminate`], compiled once.
+/// [`Scan::illuminate`], compiled once for its callers.
 pub(super) struct Illuminate<'a, 'b, C> {
     pub(super) scan: &'a Scan<'b, C>,
     pub(super) pulses: Range<usize>,

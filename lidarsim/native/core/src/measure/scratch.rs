@@ -30,7 +30,7 @@ pub(super) struct Scratch {
     /// Per pulse: its number in the whole frame.
     pub(super) indices: Vec<u64>,
     pub(super) draws: Draws,
-    /// A bit for each pulse, by eights, that is measured one by one.
+    /// One bit per pulse, eight to a byte: whether it is measured one by one.
     pub(super) wanted: Vec<u8>,
 }
 

@@ -77,7 +77,7 @@ operations! {
         fast_two_sum(ph, pl.add(al.mul_add(bh, ah.mul_add(bl, al.mul(bl)))))
     }
 
-    /// What a product of numbers of these sizes may lose to underflow; nothing if one is an exact zero.
+    /// Bound of what a product of numbers of these sizes loses to underflow; 0 if one is exactly zero.
     fn underflow_of_product(a: F, b: F) -> F {
         let zero = F::splat(0.0);
         a.min(b).le_pick(zero, zero, F::splat(UNDERFLOW))
