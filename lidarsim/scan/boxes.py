@@ -524,6 +524,13 @@ _VIEWS: WeakKeyDictionary[Pulses, tuple[tuple[float, float], tuple[float, float]
 """The views of pulses: most patterns have the same pulses in every frame."""
 
 
+NARROW = math.radians(1.0)
+"""A gap between azimuths that limits no view."""
+
+SAMPLE = 2**12
+"""About as many pulses as are looked at first: if they leave no gap, all do not."""
+
+
 def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the view of a sensor: first azimuth and width, lowest and highest elevation, rad.
 
@@ -538,12 +545,20 @@ def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
         lowest, highest = np.arcsin(np.clip([z.min(), z.max()], -1.0, 1.0)).tolist()
         if highest - lowest > FIXED:
             elevations = lowest, highest
-        ordered = np.sort(pulses.azimuth)
-        gaps = np.diff(ordered, append=ordered[0] + math.tau)
-        last = int(gaps.argmax())
-        widest, gaps[last] = float(gaps[last]), 0.0
-        # Around a full turn, the widest gap is one of many between two columns. Else it is what the view leaves out.
-        if 2.0 * gaps.max() < widest < math.tau - FIXED:
-            azimuths = float(ordered[(last + 1) % len(ordered)]), math.tau - widest
+        x, y, _ = pulses.directions[:: 1 + len(pulses) // SAMPLE].T
+        if _gaps(np.sort(np.arctan2(y, x))).max() > NARROW:
+            ordered = np.sort(pulses.azimuth)
+            gaps = _gaps(ordered)
+            last = int(gaps.argmax())
+            widest, gaps[last] = float(gaps[last]), 0.0
+            # Around a full turn, the widest gap is one of many between two columns. Else the view leaves it out.
+            if max(NARROW, 2.0 * gaps.max()) < widest < math.tau - FIXED:
+                azimuths = float(ordered[(last + 1) % len(ordered)]), math.tau - widest
     made = _VIEWS[pulses] = azimuths, elevations
     return made
+
+
+def _gaps(azimuths: Floats) -> Floats:
+    """Return the gap after each of some azimuths, ascending, rad."""
+    gaps: Floats = np.diff(azimuths, append=azimuths[0] + math.tau)
+    return gaps

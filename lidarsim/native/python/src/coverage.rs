@@ -61,13 +61,13 @@ pub fn coverage<'py>(
         ));
     }
     let kernels = kernels(py)?;
+    let span = span(times).map(|time| (start + time).clamp(f64::MIN, f64::MAX));
+    let path = &path.path;
     let pulses =
-        NominalPulses { origins, directions, times, start, path: &path.path, first, return_counts, objects };
+        NominalPulses { origins, directions, times, start, span, path, first, return_counts, objects };
     let found = detached(py, || {
         whole.prepare();
         alone.prepare();
-        let span = if whole.moves() { span(times) } else { [0.0; 2] };
-        let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
         let casts = first.is_none_or(|first| first.contains(&UNKNOWN));
         let world = casts.then(|| whole.during(span));
         let asked = (&alone.during(span), instances_alone);

@@ -97,6 +97,20 @@ impl<L> Bvh<L> {
         &self.leaves
     }
 
+    /// The leaves with their boxes, which are off by a rounding of their coordinates.
+    pub fn boxes(&self) -> impl Iterator<Item = (&L, [Interval; 3])> {
+        let side = |node: &Node, axis: usize, k: usize| Interval {
+            low: self.frame.center[axis] + f64::from(node.low[axis][k]),
+            high: self.frame.center[axis] + f64::from(node.high[axis][k]),
+        };
+        self.nodes.iter().flat_map(move |node| {
+            let leaves = (0..node.children()).filter(|&k| node.child[k].is_leaf());
+            leaves.map(move |k| {
+                (&self.leaves[node.child[k].index()], [0, 1, 2].map(|axis| side(node, axis, k)))
+            })
+        })
+    }
+
     pub fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<Node>() + self.leaves.len() * size_of::<L>()
     }

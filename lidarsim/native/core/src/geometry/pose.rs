@@ -39,6 +39,12 @@ impl Pose {
             [x, y, z, self.translation[i]]
         })
     }
+
+    /// From the world to the sensor frame.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        Pose { rotation: IDENTITY, translation: [0.0; 3] }.relative_to(self)
+    }
 }
 
 impl<F: Copy> Pose<F> {

@@ -9,6 +9,7 @@ use crate::cast::{Cast, HitArrays, MeetInstances, NO_INSTANCE, pieces};
 use crate::geometry::origins::Origins;
 use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
+use crate::measure::culling::Windows;
 use crate::scene::{Rays, TRange, World};
 use crate::{memory, parallel};
 
@@ -20,6 +21,8 @@ pub struct NominalPulses<'a> {
     /// Since the start of the frame, s.
     pub times: &'a [f64],
     pub start: f64,
+    /// The first and the last moment at which one is fired, as the scene's clock shows, s.
+    pub span: [f64; 2],
     pub path: &'a Path,
     /// Per pulse, the object that its ray hits first, `MISS` or `UNKNOWN`; `None` if all are unknown.
     pub first: Option<&'a [i32]>,
@@ -120,6 +123,8 @@ impl Targets<'_> {
 pub struct CoverPiece<'a> {
     pulses: &'a NominalPulses<'a>,
     targets: Targets<'a>,
+    /// Where the instances may be seen; `None` for anywhere.
+    windows: Option<&'a Windows>,
     piece: Range<usize>,
 }
 
@@ -131,8 +136,12 @@ impl NominalPulses<'_> {
         work: impl Fn(CoverPiece) -> Vec<InstancePulses> + Sync,
     ) -> Vec<InstancePulses> {
         let total = Mutex::new(targets.no_pulses());
+        let (alone, instances) = targets.asked;
+        let windows = Windows::new(self.origins, self.path, self.span, alone, |id| {
+            instances[id as usize] != NO_INSTANCE
+        });
         parallel::share(pieces(self.directions, 1).into_iter(), |piece| {
-            let own = work(CoverPiece { pulses: self, targets, piece });
+            let own = work(CoverPiece { pulses: self, targets, windows: windows.as_ref(), piece });
             let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
             total.iter_mut().zip(&own).for_each(|(total, own)| total.add(own));
         });
@@ -145,10 +154,10 @@ impl Task for CoverPiece<'_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        let CoverPiece { pulses, targets: Targets { world, instances, asked, count, max_range }, piece } =
-            &self;
+        let CoverPiece { pulses, targets, windows, piece } = &self;
+        let Targets { world, instances, asked, count, max_range } = targets;
         let range = TRange { min: 0.0, max: *max_range };
-        let mut aimed = pulses.aim::<I>(piece.clone(), instances);
+        let mut aimed = pulses.aim::<I>(piece.clone(), *windows, instances);
         if let Some(world) = world
             && !aimed.unknown.is_empty()
         {
@@ -203,7 +212,7 @@ fn instance_of(object: i32, instances: &[u32]) -> u32 {
     usize::try_from(object).map_or(NO_INSTANCE, |object| instances[object])
 }
 
-/// The rays of a piece of the pulses, without known misses.
+/// The rays of a piece of the pulses, without those that can meet no instance.
 #[derive(Default)]
 struct AimedPulses {
     origins: Vec<Point>,
@@ -254,22 +263,23 @@ impl AimedPulses {
 }
 
 impl NominalPulses<'_> {
-    /// Aims the pulses of a piece, eight at a time, except known misses, which meet nothing at all.
+    /// Aims the pulses of a piece that may meet an instance, eight at a time: known misses meet nothing at
+    /// all.
     #[inline(always)]
-    fn aim<I: Isa>(&self, pulses: Range<usize>, instances: &[u32]) -> AimedPulses {
+    fn aim<I: Isa>(&self, piece: Range<usize>, windows: Option<&Windows>, instances: &[u32]) -> AimedPulses {
+        let first_hit = |i: usize| self.first.map_or(UNKNOWN, |first| first[i]);
+        let mut pulses = memory::with_capacity(piece.len());
+        pulses.extend(piece.filter(|&i| {
+            first_hit(i) != MISS && windows.is_none_or(|windows| windows.hold(&self.directions[i]))
+        }));
         let mut aimed = AimedPulses::with_capacity(pulses.len());
         let (mut fired, mut motions) = ([f64::NAN; 8], Motion::UNSET);
         if let Path::Still(pose) = self.path {
             motions.pose = Pose::splat(pose);
         }
-        let first_hit = |i: usize| self.first.map_or(UNKNOWN, |first| first[i]);
-        for start in pulses.clone().step_by(8) {
-            let end = pulses.end.min(start + 8);
-            if (start..end).all(|i| first_hit(i) == MISS) {
-                continue;
-            }
+        for some in pulses.chunks(8) {
             // Past the last pulse it is repeated.
-            let eight: [usize; 8] = std::array::from_fn(|k| (start + k).min(end - 1));
+            let eight: [usize; 8] = std::array::from_fn(|k| some[k.min(some.len() - 1)]);
             // Pulses of one time are fired from one pose.
             let moments = eight.map(|i| self.start + self.times[i]);
             if moments != fired && !matches!(self.path, Path::Still(_)) {
@@ -281,11 +291,8 @@ impl NominalPulses<'_> {
             let nominal = I::columns(eight.map(|i| &self.directions[i]));
             simd::store_points::<I>(pose.turn(nominal), &mut directions);
             let places = origins.as_chunks().0.iter().zip(directions.as_chunks().0);
-            for ((i, moment), (origin, direction)) in (start..end).zip(moments).zip(places) {
+            for ((&i, moment), (origin, direction)) in some.iter().zip(moments).zip(places) {
                 let first = first_hit(i);
-                if first == MISS {
-                    continue;
-                }
                 if first == UNKNOWN {
                     memory::push(&mut aimed.unknown, aimed.owners.len() as u32);
                 }

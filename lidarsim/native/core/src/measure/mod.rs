@@ -6,7 +6,8 @@
 //! of a beam (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the
 //! range gate last. `recording.rs` samples the waveforms themselves, where they are asked for. The rows of a
 //! scan are written to its columns (`columns.rs`), from which `returns.rs` and `points.rs` make a point
-//! cloud. `coverage.rs` tells how much of each instance pulses reach.
+//! cloud. `coverage.rs` tells how much of each instance pulses reach, without those
+//! that `culling.rs` finds to meet none.
 
 mod appearance;
 mod backscatter;
@@ -15,6 +16,7 @@ mod beyond;
 mod caster;
 mod columns;
 mod coverage;
+mod culling;
 mod direction;
 mod echo;
 mod effects;
