@@ -710,6 +710,12 @@ MUTANTS = [
         ("tests/test_measurement.py", "-k", "response"),
     ),
     Mutant(
+        "response: the curve of noisy intensities",
+        "if !self.curve.is_empty() {",
+        "if !self.curve.is_empty() && self.sigma == 0.0 {",
+        ("tests/test_measurement.py", "-k", "response"),
+    ),
+    Mutant(
         "texture: cells of each object",
         "[cell[0], cell[1], cell[2], object as u32]",
         "[cell[0], cell[1], cell[2], 0]",

@@ -568,7 +568,10 @@ def test_bits_are_the_same_for_threads_instruction_sets_and_subsets(
         measurement=ls.Measurement(
             beam=beam, detection=LIMIT, range_sigma=0.02, power_sigma=0.2, range_sigma_limit=0.1, azimuth_sigma=1e-3,
             returns=3 if beam else "strongest", dropout=0.1, near_threshold=near, false_returns=0.05,
-            response=ls.Response(range=[(1, 0.5), (9, 1)], exponent=0.8, sigma=0.1, ring_sigma=0.1, resolution=1e-4),
+            response=ls.Response(
+                range=[(1, 0.5), (9, 1)], exponent=0.8, sigma=0.1, ring_sigma=0.1, curve=[(0, 0), (0.1, 0.2), (9, 1)],
+                resolution=1e-4,
+            ),
         ),
         max_range=100.0,
         min_range=0.9,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -180,6 +181,29 @@ def test_spread_of_ring_factors_is_that_of_the_rings() -> None:
     _, comparison = ls.fit(clouds(of), start(of), ground=GROUND)
     spread = np.sqrt((true**2).sum() / (true.size * 6 / 8))
     assert comparison["response.ring_sigma"].real == pytest.approx(spread, rel=0.1)
+
+
+def test_a_curve_is_undone() -> None:
+    """Counts tell the light up to where the curve is flat; of what is brighter, only a sign is told apart."""
+    of = unit(6)
+    assert of.measurement.response is not None
+    curve = [(0.0, 0.0), (0.2, 0.15), (1.0, 0.392), (785.0, 1.0)]
+    response = replace(of.measurement.response, curve=curve, resolution=1 / 255, limit=1.0)
+    of = replace(of, measurement=replace(of.measurement, response=response))
+    begun = replace(start(of), measurement=ls.Measurement(response=ls.Response(curve=curve)))
+    made = scene()
+    made.add(ls.Box((2, 1, 2), (0, 9, 0)), material=ls.materials.SIGN_SHEETING)
+    made.add(ls.Box((4, 4, 3), (-8, -2, 0)), material=ls.Material(reflectivity=4.0))
+    fitted, comparison = ls.fit([scan.point_cloud() for scan in of.frames(made, None, FRAMES)], begun, ground=GROUND)
+    assert fitted.measurement.response is not None
+    assert fitted.measurement.response.curve == response.curve
+    assert comparison["response.sigma"].real == pytest.approx(response.sigma, rel=0.05)
+    assert comparison["response.ring_sigma"].real == pytest.approx(response.ring_sigma, rel=0.3)
+    ranges, factors = np.transpose(np.asarray(response.range))
+    assert fitted.measurement.response.limit == math.inf
+    for cell in comparison["response.range"].cells:
+        true = np.interp(float(cell.label.removesuffix(" m")), ranges, factors)
+        assert cell.real == pytest.approx(true, rel=3 * response.ring_sigma / math.sqrt(2)), cell.label
 
 
 def test_a_limit_shows_by_what_piles_up_at_it() -> None:

@@ -631,6 +631,23 @@ def test_a_response_is_its_formula(beam: ls.Beam | None) -> None:
     assert measured(before_wall(ranges), wall(0.0), beam=beam, response=response).intensity.max() == 0.0
 
 
+def test_a_response_has_a_curve() -> None:
+    ranges = np.linspace(0.5, 30.0, 600)
+    light = 2.0 * np.interp(ranges, [1.0, 20.0], [0.0, 4.0])
+    curve, factors = [(0.1, 0.05), (1.0, 0.4), (6.0, 1.0)], [(1.0, 0.0), (20.0, 4.0)]
+    response = ls.Response(range=factors, exponent=0.7, curve=curve, resolution=1 / 255, limit=0.99)
+    scan = measured(before_wall(ranges), wall(2.0), response=response)
+    expected = np.minimum(np.rint(np.interp(light**0.7, *np.transpose(curve)) * 255) / 255, 0.99)
+    assert np.allclose(scan.intensity[:, 0], expected, rtol=2.0**-23, atol=0)
+    # The noise is of the light: a fifth of that of 2 is seen where the curve rises by a fifth.
+    noisy = ls.Response(sigma=0.01, curve=[(0.0, 0.0), (1.5, 1.5), (9.0, 3.0)])
+    dim, bright = (
+        measured(before_wall(np.full(4000, 5.0)), wall(light), response=noisy).intensity for light in (1.0, 2.0)
+    )
+    for seen, spread in ((dim, 0.01), (bright, 0.02 / 5.0)):
+        assert seen.std() == pytest.approx(spread, rel=SIGMAS / math.sqrt(2 * 4000))
+
+
 def test_detection_and_noise_see_the_light_itself() -> None:
     noisy = {
         "detection": ls.Detection(0.1, 60.0),
@@ -687,6 +704,11 @@ def test_what_is_no_echo_has_a_response_too() -> None:
             "range: expected rising ranges, got 1.0 after 5.0 in row 1",
         ),
         (lambda: ls.Response(range=[(5.0, -1.0)]), "range: expected numbers >= 0, got range[0][1] = -1.0"),
+        (lambda: ls.Response(curve=[(0.0, 1.0)]), "curve: expected 2 or more rows (intensity, reported), got 1"),
+        (
+            lambda: ls.Response(curve=[(0.0, 0.0), (1.0, 1.0), (2.0, 1.0)]),
+            "curve: expected rising intensities, got 1.0 after 1.0 in row 2",
+        ),
         (lambda: ls.Response(exponent=0.0), "exponent: expected a finite number > 0, got 0.0"),
         (lambda: ls.Response(sigma=-0.1), "sigma: expected a finite number >= 0, got -0.1"),
         (lambda: ls.Response(limit=0.0), "limit: expected a real number > 0, got 0.0"),
@@ -1659,7 +1681,7 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"false_returns": -0.1}, "false_returns: expected a finite number from 0 to 1, got -0.1"),
         ({"extinction": -1.0}, "extinction: expected a finite number >= 0, got -1.0"),
         ({"range_sigma": []}, "range_sigma: expected shape (n, 2), got (0,)"),
-        ({"range_sigma": np.zeros((0, 2))}, "range_sigma: expected at least one row (range, sigma), got none"),
+        ({"range_sigma": np.zeros((0, 2))}, "range_sigma: expected 1 or more rows (range, sigma), got 0"),
         ({"range_sigma": [1.0, 2.0]}, "range_sigma: expected shape (n, 2), got (2,)"),
         ({"range_sigma": [(1.0, 0.1), (1.0, 0.2)]}, "range_sigma: expected rising ranges, got 1.0 after 1.0 in row 1"),
         ({"range_sigma": [(2.0, 0.1), (1.0, 0.2)]}, "range_sigma: expected rising ranges, got 1.0 after 2.0 in row 1"),

@@ -97,6 +97,8 @@ class Captures:
         self.missing: dict[str, str] = {}
         self.units = {name: Units() for name in SUMS}
         self.beams = Beams.of(sensor)
+        response = sensor.measurement.response
+        self._curve = None if response is None or response.curve is None else np.transpose(response.curve)
         rings = sensor.pattern.shape[0]
         self.equations = {name: np.zeros((BLOCKS, rings, 2 + rings)) for name in ("bias", "brightness")}
         """Normal equations of what rings have of their own; see `_normal_equations`."""
@@ -186,7 +188,7 @@ class Captures:
             power = np.log(np.maximum(self._intensity(shining, image.reach), 1e-9)) - 2.0 * np.log(image.reach)
             on = self._are_even(image, shining)
             with np.errstate(invalid="ignore", divide="ignore"):
-                brightness = np.log(shining) - np.log(image.planes.cosine)
+                brightness = np.log(self.light(shining)) - np.log(image.planes.cosine)
             self.equations["brightness"] += _normal_equations(image, brightness, on, self.lidar.pattern.shape[0])
             self._add_flicker(image, shining)
             self._last = image, shining
@@ -198,7 +200,7 @@ class Captures:
         cell = bin_of(np.where(np.isfinite(near), 0.5 * near, other)[agree], POWERS)
         lost = image.lost[:, 2:-2][agree].astype(np.float64)
         self._take("holes", Samples(cell, image.block[:, 2:-2][agree], lost))
-        self._add_ground(image, shining)
+        self._add_ground(image, self.light(shining))
 
     @property
     def _name(self) -> str:
@@ -241,8 +243,22 @@ class Captures:
         if response is None:
             return reported
         factor = 1.0 if response.range is None else np.interp(reach, *np.transpose(response.range))
-        intensity: Floats = reported ** (1.0 / response.exponent) / np.maximum(factor, 1e-6)
+        intensity: Floats = self.light(reported) ** (1.0 / response.exponent) / np.maximum(factor, 1e-6)
         return intensity
+
+    def light(self, reported: Floats) -> Floats:
+        """Return what the curve of the sensor's response makes the reported intensities."""
+        return reported if self._curve is None else np.interp(reported, self._curve[1], self._curve[0])
+
+    @property
+    def brightest(self) -> float:
+        """Greatest reported intensity, or the last before a curve is so flat that rounding leaves few differences."""
+        if self._curve is None:
+            return float(self.levels[-1])
+        light, reported = self._curve[:, 1:]
+        step = self.step_of_intensity
+        flat = light[:-1] * np.diff(reported) / np.diff(light) < FEWEST_STEPS * step
+        return float(min(self.levels[-1], reported[:-1][flat].min(initial=np.inf) - step))
 
     def _add_cuts(self, image: Image, ranges: Floats) -> None:
         """Add at which ranges surfaces that come nearer along a ring end, and at which they go on."""
@@ -268,7 +284,7 @@ class Captures:
             if still.sum() < 0.5 * np.isfinite(image.reach).sum():
                 return
             chosen = still & self._are_clear(shining) & image.planes.on & (np.minimum(shining, bright) > 0.0)
-            ratio = np.abs(np.log(shining[chosen] / bright[chosen])) / math.sqrt(2.0)
+            ratio = np.abs(np.log(self.light(shining[chosen]) / self.light(bright[chosen]))) / math.sqrt(2.0)
         zero, block = np.zeros(len(ratio), np.intp), image.block[chosen]
         self._take("flicker", Samples(zero, block, ratio))
         self._take("rounding", Samples(zero, block, 0.5 / shining[chosen] ** 2 + 0.5 / bright[chosen] ** 2))
@@ -294,7 +310,7 @@ class Captures:
         """
         guide = np.pad(0.5 * (shining[:, 2:] + shining[:, :-2]), ((0, 0), (1, 1)), constant_values=np.nan)
         with np.errstate(invalid="ignore"):
-            clear: Mask = (guide > STEPS_OF_NOISE * self.step_of_intensity) & (guide < BRIGHTEST * self.levels[-1])
+            clear: Mask = (guide > STEPS_OF_NOISE * self.step_of_intensity) & (guide < BRIGHTEST * self.brightest)
         return clear
 
     def _are_even(self, image: Image, shining: Floats) -> Mask:
@@ -307,7 +323,7 @@ class Captures:
         tile = _tiles(image)
         count = np.bincount(tile[on], minlength=tile.max() + 1)
         mean = np.bincount(tile[on], shining[on], len(count)) / np.maximum(count, 1)
-        even: Mask = (mean > FEWEST_STEPS * self.step_of_intensity) & (mean < BRIGHTEST * self.levels[-1])
+        even: Mask = (mean > FEWEST_STEPS * self.step_of_intensity) & (mean < BRIGHTEST * self.brightest)
         return on & even[tile]
 
     def _add_ground(self, image: Image, shining: Floats) -> None:

@@ -231,6 +231,8 @@ def _intensity_limit(fit: Fit) -> Found:
     """Greatest intensity, if more than three times as many points have it as any in the tenth below it."""
     count = _count_intensities(fit)
     most = float(fit.levels[-1])
+    if most > fit.brightest:
+        raise UntoldError("the curve is flat there, so that intensities pile up")
     top = fit.level_counts[-1]
     below = fit.level_counts[:-1][fit.levels[:-1] > 0.9 * most].max(initial=0)
     if top < 20 or top <= 3 * below:
@@ -356,7 +358,7 @@ def _factors(fit: Fit) -> Found:
     with np.errstate(invalid="ignore", divide="ignore"):
         bright = sums[:, 2] / sums[:, 0]
         told = (rates.value > RETURNING * (1.0 - fit.lidar.measurement.dropout)) & found.has(FEWEST)
-        told &= bright > FEWEST_STEPS * fit.step_of_intensity
+        told &= bright > fit.light(np.array(FEWEST_STEPS * fit.step_of_intensity))
     if not told.any():
         raise UntoldError(f"nowhere {FEWEST} pulses or more meet the ground and all return")
     response = fit.lidar.measurement.response or Response()

@@ -174,10 +174,10 @@ class Response(Immutable):
 
     Of an echo of intensity I from range R the sensor reports
 
-        I' = min(`limit`, round((I · f(R) · c)^`exponent` · (1 + `sigma`·g)))
+        I' = min(`limit`, round(h((I · f(R) · c)^`exponent` · (1 + `sigma`·g))))
 
-    with the factor f of `range`, a factor c of the channel and a standard normal g. Detection and range noise depend on
-    I itself.
+    with the factor f of `range`, a factor c of the channel, a standard normal g and the function h that is the `curve`.
+    Detection and range noise depend on I itself.
 
     Parameters
     ----------
@@ -191,6 +191,10 @@ class Response(Immutable):
     ring_sigma : float
         Standard deviation of the logarithm of c, the factor of a channel (ring), of mean 1. It depends on the seed, the
         sensor's name and the ring, and is the same in all frames.
+    curve : sequence of (intensity, reported), shape (n, 2), optional
+        h, the transfer curve. Velodyne's is [(0, 0), (1, 100/255), (785, 1)]: up to 100 of 255 counts for diffuse
+        targets, the rest for retro-reflectors. Linear between rows, constant before the first and after the last; both
+        numbers must increase. Default: the intensity itself.
     resolution : float
         Quantisation step, halves rounded to even; 0 for none. 1/255 for bytes, with 1 for 255.
     limit : float
@@ -199,7 +203,7 @@ class Response(Immutable):
     Raises
     ------
     TypeError, ValueError
-        If a number is out of its range, or the ranges do not increase.
+        If a number is out of its range, or those of a table do not increase.
 
     Examples
     --------
@@ -213,6 +217,7 @@ class Response(Immutable):
         "exponent": float,
         "sigma": float,
         "ring_sigma": float,
+        "curve": list[tuple[float, float]],
         "resolution": float,
         "limit": float,
     }
@@ -221,6 +226,7 @@ class Response(Immutable):
     exponent: float = 1.0
     sigma: float = 0.0
     ring_sigma: float = 0.0
+    curve: Pairs | None = None
     resolution: float = 0.0
     limit: float = math.inf
 
@@ -228,6 +234,8 @@ class Response(Immutable):
         """Check the arguments."""
         if self.range is not None:
             object.__setattr__(self, "range", _table("range", self.range, "factor"))
+        if self.curve is not None:
+            object.__setattr__(self, "curve", _table("curve", self.curve, "reported", at="intensity", columns=2))
         for name in ("sigma", "ring_sigma", "resolution"):
             object.__setattr__(self, name, real(name, getattr(self, name), at_least=0.0))
         object.__setattr__(self, "exponent", real("exponent", self.exponent, above=0.0))
@@ -466,19 +474,22 @@ def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]
     return table
 
 
-def _table(name: str, rows: object, value: str) -> tuple[tuple[float, float], ...]:
-    """Return the checked rows (range, `value`) of an argument."""
+def _table(
+    name: str, rows: object, value: str, *, at: str = "range", columns: int = 1
+) -> tuple[tuple[float, float], ...]:
+    """Return the checked rows (`at`, `value`) of an argument, of which so many columns must rise."""
     table = array(name, rows, ("n", 2))
-    if not len(table):
-        raise ArgumentValueError(name, f"at least one row (range, {value})", "none")
+    if len(table) < columns:
+        raise ArgumentValueError(name, f"{columns} or more rows ({at}, {value})", len(table))
     if (table < 0.0).any():
         i, j = np.argwhere(table < 0.0)[0]
         raise ArgumentValueError(name, "numbers >= 0", f"{name}[{i}][{j}] = {table[i, j]}")
-    falling = np.diff(table[:, 0]) <= 0.0
+    falling = np.diff(table[:, :columns], axis=0) <= 0.0
     if falling.any():
-        i = int(np.argmax(falling)) + 1
-        raise ArgumentValueError(name, "rising ranges", f"{table[i, 0]} after {table[i - 1, 0]} in row {i}")
-    return tuple((float(r), float(number)) for r, number in table)
+        i, j = np.argwhere(falling)[0]
+        expected = "rising ranges" if at == "range" else "rising intensities"
+        raise ArgumentValueError(name, expected, f"{table[i + 1, j]} after {table[i, j]} in row {i + 1}")
+    return tuple((float(x), float(number)) for x, number in table)
 
 
 def _crossover(value: object) -> tuple[float, float]:

@@ -288,7 +288,10 @@ MEASUREMENT = """
     receiver_offset_mm: -25
     near_threshold: 0.02
     near_range_m: 15
-    response: {range_m: [[1, 0.5], [5, 1]], exponent: 0.5, sigma: 0.02, ring_sigma: 0.1, resolution: 0.01, limit: 1}
+    response: {
+      range_m: [[1, 0.5], [5, 1]], exponent: 0.5, sigma: 0.02, ring_sigma: 0.1, curve: [[0, 0], [9, 1]],
+      resolution: 0.01, limit: 1
+    }
     extinction_per_m: 0.001
     false_returns: 0.01
     beam: {divergence_azimuth_mrad: 3, divergence_elevation_mrad: 1.5, pulse_length_ns: 6, rays: 7, separation_m: 1.5}
@@ -315,7 +318,13 @@ def test_every_effect_of_the_measurement() -> None:
         near_threshold=0.02,
         near_range=15.0,
         response=ls.Response(
-            range=[(1, 0.5), (5, 1)], exponent=0.5, sigma=0.02, ring_sigma=0.1, resolution=0.01, limit=1.0
+            range=[(1, 0.5), (5, 1)],
+            exponent=0.5,
+            sigma=0.02,
+            ring_sigma=0.1,
+            curve=[(0, 0), (9, 1)],
+            resolution=0.01,
+            limit=1.0,
         ),
         extinction=0.001,
         false_returns=0.01,

@@ -345,7 +345,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys(("Material.from_texture.image", "Texture.image"), lambda _: np.zeros((2, 2))),
     **dict.fromkeys(("Material.from_texture.interpolation", "Texture.interpolation"), lambda _: "nearest"),
-    "Response.range": lambda _: [(1.0, 0.5), (5.0, 1.0)],
+    **dict.fromkeys(("Response.range", "Response.curve"), lambda _: [(1.0, 0.5), (5.0, 1.0)]),
     "PointCloud.to_pandas.class_names": lambda _: True,
     **dict.fromkeys(("mujoco.World.pose.body", "mujoco.World.poses.body"), lambda _: None),
     **dict.fromkeys(("mujoco.World.pose.offset", "mujoco.World.poses.offset"), lambda _: None),

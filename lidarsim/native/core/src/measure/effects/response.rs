@@ -1,7 +1,7 @@
 //! The response: the number that a sensor reports for an intensity.
 //!
-//! I' = min(limit, round((I·f(R)·c)^e·(1 + σg))), with a factor f against range, a factor c of the channel,
-//! an exponent e, and a normal g. It comes last, so that noise and detection have seen I.
+//! I' = min(limit, round(h((I·f(R)·c)^e·(1 + σg)))), with a factor f against range, a factor c of the
+//! channel, an exponent e, a normal g, and a curve h. It comes last, so that noise and detection have seen I.
 
 use super::range_noise::interpolated;
 use super::{Echoes, Effect, Pulses};
@@ -17,6 +17,8 @@ pub(super) struct Response {
     exponent: f64,
     /// σ.
     sigma: f64,
+    /// (intensity, reported), both rising: linear between, constant outside. Empty: the intensity itself.
+    curve: Vec<[f64; 2]>,
     /// Standard deviation of the logarithm of the factor of a channel.
     ring_sigma: f64,
     /// 0: none.
@@ -53,13 +55,14 @@ impl Effect for Response {
         let Some(exponent) = parameters.optional_number("measurement.response.exponent")? else {
             return Ok(None);
         };
-        let range = match parameters.value("measurement.response.range")? {
-            Value::Nothing => Vec::new(),
-            Value::Rows(rows) => rows,
-            other => return Err(parameters.unexpected("measurement.response.range", other)),
+        let rows = |name| match parameters.value(name)? {
+            Value::Nothing => Ok(Vec::new()),
+            Value::Rows(rows) => Ok(rows),
+            other => Err(parameters.unexpected(name, other)),
         };
         Ok(Some(Response {
-            range,
+            range: rows("measurement.response.range")?,
+            curve: rows("measurement.response.curve")?,
             exponent,
             sigma: parameters.number("measurement.response.sigma")?,
             ring_sigma: parameters.number("measurement.response.ring_sigma")?,
@@ -115,6 +118,13 @@ impl Effect for Response {
             let factor = F::splat(1.0).add(F::splat(self.sigma).mul(normal));
             intensity = intensity.mul(factor.max(F::splat(0.0)));
         }
+        if !self.curve.is_empty() {
+            let mut reported = intensity.store();
+            for report in &mut reported {
+                *report = interpolated(&self.curve, *report);
+            }
+            intensity = F::load(&reported);
+        }
         if self.resolution > 0.0 {
             let mut counts = intensity.store();
             for count in &mut counts {
@@ -137,9 +147,10 @@ mod tests {
             range: vec![[1.0, 0.5], [3.0, 1.0]],
             exponent: 0.5,
             sigma: 0.0,
+            curve: vec![[0.0, 0.0], [1.0, 1.0], [9.0, 2.0]],
             ring_sigma: 0.0,
             resolution: 0.25,
-            limit: 1.5,
+            limit: 1.25,
         };
         let pulses = Pulses { stream: Stream::new(1, 2, 3), indices: &[0], rings: &[0], directions: &[] };
         let report = |range: f64, intensity: f64| {
@@ -147,10 +158,10 @@ mod tests {
             response.report(&pulses, &Drawn::default(), &mut echoes);
             echoes.intensity
         };
-        // √(0.5·0.5), √(0.75·1), √0.02, √9.
+        // √(0.5·0.5), √(0.75·1), √0.02, and of √9 and √121 the eighths beyond 1 at most.
         assert_eq!(report(0.5, 0.5), 0.5);
         assert_eq!(report(2.0, 1.0), 0.75);
         assert_eq!([report(9.0, 0.02), report(9.0, 0.0)], [0.25, 0.0]);
-        assert_eq!(report(9.0, 9.0), 1.5);
+        assert_eq!([report(9.0, 9.0), report(9.0, 121.0)], [1.25, 1.25]);
     }
 }
