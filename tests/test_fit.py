@@ -184,7 +184,7 @@ def test_spread_of_ring_factors_is_that_of_the_rings() -> None:
 
 
 def test_a_curve_is_undone() -> None:
-    """Counts tell the light up to where the curve is flat; of what is brighter, only a sign is told apart."""
+    """Counts tell the light up to where the curve is flat; of what is brighter, only a reflector is told apart."""
     of = unit(6)
     assert of.measurement.response is not None
     curve = [(0.0, 0.0), (0.2, 0.15), (1.0, 0.392), (785.0, 1.0)]
@@ -192,18 +192,21 @@ def test_a_curve_is_undone() -> None:
     of = replace(of, measurement=replace(of.measurement, response=response))
     begun = replace(start(of), measurement=ls.Measurement(response=ls.Response(curve=curve)))
     made = scene()
-    made.add(ls.Box((2, 1, 2), (0, 9, 0)), material=ls.materials.SIGN_SHEETING)
+    made.add(ls.Box((2, 1, 2), (0, 9, 0)), material=ls.Material(reflectivity=4000.0))
     made.add(ls.Box((4, 4, 3), (-8, -2, 0)), material=ls.Material(reflectivity=4.0))
-    fitted, comparison = ls.fit([scan.point_cloud() for scan in of.frames(made, None, FRAMES)], begun, ground=GROUND)
+    seen = [scan.point_cloud() for scan in of.frames(made, None, FRAMES)]
+    fitted, comparison = ls.fit(seen, begun, ground=GROUND)
     assert fitted.measurement.response is not None
     assert fitted.measurement.response.curve == response.curve
     assert comparison["response.sigma"].real == pytest.approx(response.sigma, rel=0.05)
     assert comparison["response.ring_sigma"].real == pytest.approx(response.ring_sigma, rel=0.3)
     ranges, factors = np.transpose(np.asarray(response.range))
-    assert fitted.measurement.response.limit == math.inf
+    assert fitted.measurement.response.limit == pytest.approx(1.0, rel=1e-6)
     for cell in comparison["response.range"].cells:
         true = np.interp(float(cell.label.removesuffix(" m")), ranges, factors)
         assert cell.real == pytest.approx(true, rel=3 * response.ring_sigma / math.sqrt(2)), cell.label
+    _, comparison = ls.fit([cloud[cloud.intensity < 0.393] for cloud in seen], begun)
+    assert comparison["response.limit"].why == "the curve is flat there, so that intensities pile up"
 
 
 def test_a_limit_shows_by_what_piles_up_at_it() -> None:

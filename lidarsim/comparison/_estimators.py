@@ -231,7 +231,8 @@ def _intensity_limit(fit: Fit) -> Found:
     """Greatest intensity, if more than three times as many points have it as any in the tenth below it."""
     count = _count_intensities(fit)
     most = float(fit.levels[-1])
-    if most > fit.brightest:
+    at, above = fit.light(np.array([most, most + fit.step_of_intensity]))
+    if most > fit.brightest and above > (1.0 + 1.0 / FEWEST_STEPS) * at:
         raise UntoldError("the curve is flat there, so that intensities pile up")
     top = fit.level_counts[-1]
     below = fit.level_counts[:-1][fit.levels[:-1] > 0.9 * most].max(initial=0)
