@@ -525,10 +525,10 @@ _VIEWS: WeakKeyDictionary[Pulses, tuple[tuple[float, float], tuple[float, float]
 
 
 NARROW = math.radians(1.0)
-"""A gap between azimuths that limits no view."""
+"""Widest gap between the azimuths of pulses, rad, that limits no view."""
 
 SAMPLE = 2**12
-"""About as many pulses as are looked at first: if they leave no gap, all do not."""
+"""Number of pulses, about, whose azimuths are looked at first: where they leave no gap, all pulses leave none."""
 
 
 def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
