@@ -247,12 +247,12 @@ class Captures:
         return intensity
 
     def light(self, reported: Floats) -> Floats:
-        """Return what the curve of the sensor's response makes the reported intensities."""
+        """Return intensities before the curve of the response, from reported ones of the same shape."""
         return reported if self._curve is None else np.interp(reported, self._curve[1], self._curve[0])
 
     @property
     def brightest(self) -> float:
-        """Greatest reported intensity, or the last before a curve is so flat that rounding leaves few differences."""
+        """Greatest reported intensity below the part of the curve that is so flat that rounding leaves few levels."""
         if self._curve is None:
             return float(self.levels[-1])
         light, reported = self._curve[:, 1:]

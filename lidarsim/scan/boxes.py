@@ -559,6 +559,6 @@ def _view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _gaps(azimuths: Floats) -> Floats:
-    """Return the gap after each of some azimuths, ascending, rad."""
+    """Return the gap after each of n ascending azimuths, shape (n,), rad."""
     gaps: Floats = np.diff(azimuths, append=azimuths[0] + math.tau)
     return gaps

@@ -477,7 +477,7 @@ def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]
 def _table(
     name: str, rows: object, value: str, *, at: str = "range", columns: int = 1
 ) -> tuple[tuple[float, float], ...]:
-    """Return the checked rows (`at`, `value`) of an argument, of which so many columns must rise."""
+    """Return the checked rows (`at`, `value`) of an argument; its first `columns` columns must rise."""
     table = array(name, rows, ("n", 2))
     if len(table) < columns:
         raise ArgumentValueError(name, f"{columns} or more rows ({at}, {value})", len(table))

@@ -97,7 +97,7 @@ impl<L> Bvh<L> {
         &self.leaves
     }
 
-    /// The leaves with their boxes, which are off by a rounding of their coordinates.
+    /// The leaves and their boxes, whose coordinates are rounded once.
     pub fn boxes(&self) -> impl Iterator<Item = (&L, [Interval; 3])> {
         let side = |node: &Node, axis: usize, k: usize| Interval {
             low: self.frame.center[axis] + f64::from(node.low[axis][k]),

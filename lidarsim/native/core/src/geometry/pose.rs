@@ -40,7 +40,7 @@ impl Pose {
         })
     }
 
-    /// From the world to the sensor frame.
+    /// The map from the world to the sensor frame.
     #[must_use]
     pub fn inverse(&self) -> Self {
         Pose { rotation: IDENTITY, translation: [0.0; 3] }.relative_to(self)

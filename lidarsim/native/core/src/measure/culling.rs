@@ -3,8 +3,8 @@
 //! Seen from the sensor in the middle of the frame, an object lies in a box. The ray of any pulse starts near
 //! the sensor and runs nearly as its direction says there, so that it can meet only the box widened by what
 //! the sensor moves and turns meanwhile. All pulses are then taken to start at one point, and each widened
-//! box is a window: a range of azimuths, and a range of slopes z/(|x| + |y|). Windows are joined in bins of
-//! azimuth, in one of which a pulse looks its slope up.
+//! box is a window: a range of azimuths, and a range of slopes z/(|x| + |y|). Each bin of azimuth has the
+//! range of the slopes of its windows, in which the slope of a pulse must lie.
 
 use crate::arith::number::{Interval, UNIT};
 use crate::bvh::Bvh;
@@ -50,10 +50,10 @@ impl Windows {
         let boxes = world.index.bounded.boxes().chain(world.movers().into_iter().flat_map(Bvh::boxes));
         for (_, bounds) in boxes.filter(|(id, _)| is_asked(**id)) {
             let seen = Dop::of_box(bounds).image(&view);
-            // With the middle pose M and that of the pulse, T, a point q of the box is s·d + o in the frame
-            // of T, with the direction d and the origin o of the pulse: s·d = T⁻¹M·q − o, where T⁻¹M turns by
-            // at most `turn` and moves by at most `travel`. Their allowance for rounded poses, relative to
-            // all lengths, is far more than what the box, its image and the ray of the pulse are rounded by.
+            // Let M be the middle pose, and T the pose of a pulse with origin o and direction d. If its ray
+            // meets a point q of the box, s·d = T⁻¹M·q − o for some s ≥ 0. T⁻¹M turns by at most
+            // `turn` and moves by at most `travel`. Both include an allowance for rounded poses, relative
+            // to all lengths, which far exceeds the rounding of the box, of its image and of the ray.
             let reach = length_above(seen.map(|side| side.low.abs().max(side.high.abs())));
             let wide = (travel + turn.min(2.0) * (reach + travel) + start) * (1.0 + 16.0 * UNIT);
             let window = seen.map(|side| Interval { low: side.low - wide, high: side.high + wide });
@@ -80,7 +80,7 @@ fn bin(place: f64, is_below: bool) -> usize {
     within.min(BINS - 1) + if is_below { BINS } else { 0 }
 }
 
-/// Adds a box; `None` if it has the z axis inside, or is not finite.
+/// Extends the slopes of the bins that a box covers; `None` if the z axis crosses it, or it is not finite.
 fn add(slopes: &mut [Interval], [x, y, z]: [Interval; 3]) -> Option<()> {
     let nearest = |side: Interval| side.low.max(0.0) - side.high.min(0.0);
     let most = |side: Interval| side.low.abs().max(side.high.abs());
@@ -88,7 +88,7 @@ fn add(slopes: &mut [Interval], [x, y, z]: [Interval; 3]) -> Option<()> {
     if !(near > 0.0 && (far + most(z)).is_finite()) {
         return None;
     }
-    // Four roundings each, here and where a pulse looks its own up.
+    // These and the slopes of pulses have at most four roundings each.
     let low = z.low / if z.low < 0.0 { near } else { far };
     let high = z.high / if z.high > 0.0 { near } else { far };
     let [low, high] = [low - 8.0 * UNIT * low.abs(), high + 8.0 * UNIT * high.abs()];
