@@ -88,6 +88,30 @@ def test_points_of_movers_are_smeared_unless_they_are_moved_along() -> None:
         assert boxes.contain(cloud.xyz)[own].mean() < 0.9
 
 
+def test_points_move_along_from_the_time_of_their_pulse() -> None:
+    """Beside the poses of `Trajectory`, point by point: neighbouring pulses, on different instances, differ in time."""
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -2.0))
+    motions = {}
+    for k in range(12):
+        motion = ls.Trajectory.from_twist(at(9, -3 + 0.5 * k, 0.1 * k), (20.0, 0.5 * k, 0), (0.1, 0, 2.0 - k))
+        number = scene.add(ls.Box((0.5, 0.25, 2.5)), motion=motion, instance=k + 1)
+        motions[number] = motion
+    scan = ls.Lidar.preset("velodyne-hdl64e-s3", noise="none").scan(scene, EGO, time=0.2)
+    raw, moved = (scan.point_cloud("world", deskew="end", deskew_movers=along) for along in (False, True))
+    expected, end, steps = raw.xyz.copy(), scan.time + 0.1, 0
+    for number, motion in motions.items():
+        own = raw.object_id == number
+        assert own.sum() > 50
+        expected[own] = (motion.at(end) * motion.at(scan.time + raw.time[own]).inv()).apply(raw.xyz[own])
+    for first in range(0, len(raw) - 8, 8):
+        steps += len(set(raw.object_id[first : first + 8].tolist()) & set(motions)) > 1
+    assert steps > 20
+    assert np.abs(expected).max() < 127
+    assert np.abs(expected - raw.xyz).max() > 0.5
+    np.testing.assert_allclose(moved.xyz, expected, rtol=0, atol=64 * 2.0**-46)  # some 60 roundings below 128 m
+
+
 def test_normals_move_along_with_points() -> None:
     scene = ls.Scene()
     scene.add(ls.Box((1, 1, 1)), motion=ls.Trajectory.from_twist(at(5, 0, 0), angular=(0, 0, 9.0)))

@@ -40,7 +40,6 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let scene = world.scene;
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let CastScratch { traversals, previous, batches, surfaces, ray_sort } = &mut *scratch;
-        batches.restart(scene);
         let mut source = PacketSource::new(world, rays, ray_sort);
         let mut traversals =
             traversals.each_mut().map(|scratch| Traversal::new(world, range, S::ANY, scratch));

@@ -97,11 +97,6 @@ impl HitBatches {
         HitBatches { batches: vec![empty; BATCHES], neighbors: empty, scratch }
     }
 
-    /// Restarts for another scene.
-    pub fn restart(&mut self, scene: &Scene) {
-        self.scratch.poses.restart(scene.moves());
-    }
-
     /// Adds a hit to its batch, and refines the batch once it is full.
     #[inline(always)]
     pub fn push<I: Isa>(&mut self, scene: &Scene, hit: &BoundedHit, hits: &mut (impl Sink + ?Sized)) {
@@ -179,7 +174,7 @@ impl HitBatch {
         let BatchScratch { poses, local, refined } = scratch;
         let object = &scene.objects()[self.root.object as usize];
         let slots = self.slots;
-        let then = object.motion().map(|_| poses.gather(scene, self.root.object, &self.time, slots));
+        let then = poses.gather::<I>(scene, self.root.object, &self.time, slots);
         let placements = Placements { first: object.inverse(), then };
         let world = WorldRays { origin: &self.origin, direction: &self.direction };
         refined.known = 0;

@@ -50,13 +50,13 @@ impl SurfaceIntersector {
         let scene = closest.scene();
         (hits.count, hits.unsure) = (0, mask);
         let object = &scene.objects()[id as usize];
-        let (alone, moves) = (mask & (mask - 1) == 0, object.motion().is_some());
+        let alone = mask & (mask - 1) == 0;
         let mut filtered = false;
-        if (!alone || moves)
+        if (!alone || object.motion().is_some())
             && let Geometry::Surface(shape) = &object.geometry
         {
             let t_min = closest.t_min();
-            let then = if moves { Some(poses.gather(scene, id, &rays.time, mask)) } else { None };
+            let then = poses.gather::<I>(scene, id, &rays.time, mask);
             let placements = Placements { first: object.inverse(), then };
             let world = WorldRays { origin: &rays.origin, direction: &rays.direction };
             filtered = if placements.is_identity() {

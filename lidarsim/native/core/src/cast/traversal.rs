@@ -158,7 +158,6 @@ impl<'a, 'b> Traversal<'a, 'b> {
         } = scratch;
         let scene = world.scene;
         let closest = ClosestHits::new(scene, range, any);
-        poses.restart(scene.moves());
         Traversal {
             state: PacketState {
                 scene,
@@ -477,7 +476,7 @@ impl<'a> PacketState<'a, '_> {
         self.pending = mask;
         if !object.is_untransformed() {
             let placed_rays = self.placed_rays.get_or_insert_with(|| Box::new(PlacedRays::new()));
-            then = object.motion().map(|_| self.poses.gather(self.scene, id, &self.rays.time, mask));
+            then = self.poses.gather::<I>(self.scene, id, &self.rays.time, mask);
             self.pending = placed_rays.gather::<I>(object, then, self.rays, mask);
             let mut alone = mask & !self.pending;
             while let Some(lane) = take(&mut alone) {

@@ -61,6 +61,19 @@ impl<F: Copy> Pose<F> {
         }
     }
 
+    /// From registers.
+    #[inline(always)]
+    fn store(&self) -> Pose<[f64; 8]>
+    where
+        F: Floats<f64, 8>,
+    {
+        let [x, y, z] = self.rotation;
+        Pose {
+            rotation: [lanes::store(x), lanes::store(y), lanes::store(z)],
+            translation: lanes::store(self.translation),
+        }
+    }
+
     /// A direction of the sensor frame in the world.
     #[inline(always)]
     pub fn turn<const N: usize>(&self, v: [F; 3]) -> [F; 3]
@@ -341,9 +354,26 @@ impl Path {
         I::call(Motions { path: self, times })
     }
 
+    /// `at` at eight times, with the same bits.
+    #[inline(always)]
+    pub fn poses<I: Isa>(&self, times: &[f64; 8]) -> Pose<[f64; 8]> {
+        I::call(Poses { path: self, times })
+    }
+
     /// `motion` in lanes; `None` if the times need different formulas.
     #[inline(always)]
     fn motion_in_lanes<I: Isa>(&self, time: I::F64x8) -> Option<Motion<I::F64x8>> {
+        match self {
+            Path::Mounted { body, mount } => {
+                Some(body.own_motion_in_lanes::<I>(time)?.of_mounted(&Pose::splat(mount)))
+            }
+            path => path.own_motion_in_lanes::<I>(time),
+        }
+    }
+
+    /// As `motion_in_lanes`, of a path that is not mounted.
+    #[inline(always)]
+    fn own_motion_in_lanes<I: Isa>(&self, time: I::F64x8) -> Option<Motion<I::F64x8>> {
         match self {
             Path::Twist { start, linear, angular, .. } => {
                 let still = *angular == [0.0; 3];
@@ -396,36 +426,38 @@ impl Task for Motions<'_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        let (path, mount) = match self.path {
-            Path::Mounted { body, mount } => (&**body, Some(mount)),
-            path => (path, None),
-        };
-        let Some(mut motion) = path.motion_in_lanes::<I>(I::F64x8::load(self.times)) else {
-            return Motion::gathered(&self.times.map(|time| self.path.motion(time)));
-        };
-        if let Some(mount) = mount {
-            motion = motion.of_mounted(&Pose::splat(mount));
-        }
-        let Motion {
-            pose: Pose { rotation: [x, y, z], translation },
-            velocity: Velocity { linear, angular },
-        } = motion;
-        Motion {
-            pose: Pose {
-                rotation: [lanes::store(x), lanes::store(y), lanes::store(z)],
-                translation: lanes::store(translation),
+        match self.path.motion_in_lanes::<I>(I::F64x8::load(self.times)) {
+            Some(Motion { pose, velocity: Velocity { linear, angular } }) => Motion {
+                pose: pose.store(),
+                velocity: Velocity { linear: lanes::store(linear), angular: lanes::store(angular) },
             },
-            velocity: Velocity { linear: lanes::store(linear), angular: lanes::store(angular) },
+            None => Motion::gathered(&self.times.map(|time| self.path.motion(time))),
+        }
+    }
+}
+
+/// [`Path::poses`]. The compiler leaves out the velocities, which nothing uses.
+struct Poses<'a> {
+    path: &'a Path,
+    times: &'a [f64; 8],
+}
+
+impl Task for Poses<'_> {
+    type Output = Pose<[f64; 8]>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Self::Output {
+        match self.path.motion_in_lanes::<I>(I::F64x8::load(self.times)) {
+            Some(motion) => motion.pose.store(),
+            None => Pose::gathered(&self.times.map(|time| self.path.at(time))),
         }
     }
 }
 
 impl Motion<[f64; 8]> {
     /// A value to start with.
-    pub const UNSET: Self = Motion {
-        pose: Pose { rotation: [[[0.0; 8]; 3]; 3], translation: [[0.0; 8]; 3] },
-        velocity: Velocity { linear: [[0.0; 8]; 3], angular: [[0.0; 8]; 3] },
-    };
+    pub const UNSET: Self =
+        Motion { pose: Pose::UNSET, velocity: Velocity { linear: [[0.0; 8]; 3], angular: [[0.0; 8]; 3] } };
 
     /// In registers.
     #[inline(always)]
@@ -447,13 +479,9 @@ impl Motion<[f64; 8]> {
 
     #[cold]
     fn gathered(motions: &[Motion; 8]) -> Self {
-        let mut all = Self::UNSET;
-        for (k, Motion { pose, velocity }) in motions.iter().enumerate() {
+        let mut all = Self { pose: Pose::gathered(&motions.map(|motion| motion.pose)), ..Self::UNSET };
+        for (k, Motion { velocity, .. }) in motions.iter().enumerate() {
             for axis in 0..3 {
-                for row in 0..3 {
-                    all.pose.rotation[row][axis][k] = pose.rotation[row][axis];
-                }
-                all.pose.translation[axis][k] = pose.translation[axis];
                 all.velocity.linear[axis][k] = velocity.linear[axis];
                 all.velocity.angular[axis][k] = velocity.angular[axis];
             }
@@ -463,6 +491,23 @@ impl Motion<[f64; 8]> {
 }
 
 impl Pose<[f64; 8]> {
+    /// A value to start with.
+    pub const UNSET: Self = Pose { rotation: [[[0.0; 8]; 3]; 3], translation: [[0.0; 8]; 3] };
+
+    #[cold]
+    fn gathered(poses: &[Pose; 8]) -> Self {
+        let mut all = Self::UNSET;
+        for (k, pose) in poses.iter().enumerate() {
+            for axis in 0..3 {
+                for row in 0..3 {
+                    all.rotation[row][axis][k] = pose.rotation[row][axis];
+                }
+                all.translation[axis][k] = pose.translation[axis];
+            }
+        }
+        all
+    }
+
     /// In registers.
     #[inline(always)]
     pub fn load<F: Floats<f64, 8>>(&self) -> Pose<F> {
@@ -471,6 +516,13 @@ impl Pose<[f64; 8]> {
             rotation: [lanes::part(x, 0), lanes::part(y, 0), lanes::part(z, 0)],
             translation: lanes::part(&self.translation, 0),
         }
+    }
+
+    /// The columns of the homogeneous matrices; the last is the translation.
+    #[inline(always)]
+    pub fn columns(&self) -> [[[f64; 8]; 3]; 4] {
+        let [x, y, z] = self.rotation;
+        [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]], self.translation]
     }
 
     /// The pose in one of the lanes.
@@ -674,13 +726,15 @@ mod tests {
                     let times = std::array::from_fn(|k| f64::min(first + step * k as f64, 2.5));
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                         let motions = dispatch(level, Motions { path: &path, times: &times });
+                        let poses = dispatch(level, Poses { path: &path, times: &times });
                         for (k, time) in times.into_iter().enumerate() {
-                            let same = bits(motions.lane(k)) == bits(path.motion(time));
+                            let of_pose = Motion { pose: poses.lane(k), ..motions.lane(k) };
+                            let motion = bits(path.motion(time));
+                            let same = [motions.lane(k), of_pose].into_iter().all(|of| bits(of) == motion);
                             assert!(same, "{path:?} at {time}, {level:?}");
                         }
                     }
-                    let body = if let Path::Mounted { body, .. } = &path { body } else { &path };
-                    let alike = body.motion_in_lanes::<Portable>(times).is_some();
+                    let alike = path.motion_in_lanes::<Portable>(times).is_some();
                     *if alike { &mut in_lanes } else { &mut one_by_one } += 1;
                 }
             }

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use crate::arith::simd::{self, Isa, Task};
 use crate::cast::{Cast, HitArrays, MeetInstances, NO_INSTANCE, pieces};
 use crate::geometry::origins::Origins;
-use crate::geometry::pose::{Motion, Path, Pose};
+use crate::geometry::pose::{Path, Pose};
 use crate::geometry::vector::Point;
 use crate::measure::culling::Windows;
 use crate::scene::{Rays, TRange, World};
@@ -273,9 +273,9 @@ impl NominalPulses<'_> {
             first_hit(i) != MISS && windows.is_none_or(|windows| windows.hold(&self.directions[i]))
         }));
         let mut aimed = AimedPulses::with_capacity(pulses.len());
-        let (mut fired, mut motions) = ([f64::NAN; 8], Motion::UNSET);
+        let (mut fired, mut poses) = ([f64::NAN; 8], Pose::UNSET);
         if let Path::Still(pose) = self.path {
-            motions.pose = Pose::splat(pose);
+            poses = Pose::splat(pose);
         }
         for some in pulses.chunks(8) {
             // Past the last pulse it is repeated.
@@ -283,9 +283,9 @@ impl NominalPulses<'_> {
             // Pulses of one time are fired from one pose.
             let moments = eight.map(|i| self.start + self.times[i]);
             if moments != fired && !matches!(self.path, Path::Still(_)) {
-                (fired, motions) = (moments, self.path.motions::<I>(&moments));
+                (fired, poses) = (moments, self.path.poses::<I>(&moments));
             }
-            let pose = motions.pose.load::<I::F64x8>();
+            let pose = poses.load::<I::F64x8>();
             let (mut origins, mut directions) = ([0.0; 24], [0.0; 24]);
             simd::store_points::<I>(pose.place(self.origins.of_these::<I>(&eight)), &mut origins);
             let nominal = I::columns(eight.map(|i| &self.directions[i]));

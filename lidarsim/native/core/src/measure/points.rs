@@ -4,8 +4,9 @@ use std::mem::MaybeUninit;
 
 use super::returns::{Field, ReturnPiece, Writer};
 use crate::arith::simd::{self, Floats, Isa, Task, lanes};
+use crate::bvh::{Mask, take};
 use crate::geometry::origins::Origins;
-use crate::geometry::pose::{Motion, Path, Pose};
+use crate::geometry::pose::{Path, Pose};
 use crate::geometry::vector::Point;
 use crate::memory::split_off;
 
@@ -31,23 +32,39 @@ pub struct Movers<'a> {
 }
 
 impl Movers<'_> {
-    /// The poses of the object of a row, in the frame: at a time and at the moment. Points of one object and
-    /// time are close to each other, so the poses of few are kept.
+    /// Moves those of eight points that are on moving objects, and turns their normals. `times`: when their
+    /// pulses were fired.
     #[inline(always)]
-    fn poses<'k>(&self, row: usize, time: f64, kept: &'k mut [Kept; KEPT]) -> Option<&'k [Pose; 2]> {
-        let object = usize::try_from(self.objects[row]).ok()?;
-        let (path, then) = self.motions[object].as_ref()?;
-        let kept = &mut kept[object % KEPT];
-        match kept {
-            Some((of, at, _)) if (*of, *at) == (object, time) => {}
-            _ => *kept = Some((object, time, [path.at(time).relative_to(&self.frame), *then])),
+    fn carry<I: Isa>(
+        &self,
+        rows: &[usize; 8],
+        times: &[f64; 8],
+        points: &mut [I::F64x8; 3],
+        mut normals: Option<&mut [I::F64x8; 3]>,
+    ) {
+        let objects = rows.map(|row| self.objects[row]);
+        let mut left = 0xff;
+        while let Some(k) = take(&mut left) {
+            let motion = usize::try_from(objects[k]).ok().and_then(|object| self.motions[object].as_ref());
+            let Some((path, then)) = motion else { continue };
+            // Those on the same object, which are mostly all. Of the other lanes nothing is used.
+            let mut lanes = 0;
+            for (i, object) in objects.iter().enumerate() {
+                lanes |= u32::from(*object == objects[k]) << i;
+            }
+            left &= !Mask::from(lanes);
+            let times = std::array::from_fn(|i| if lanes >> i & 1 == 1 { times[i] } else { times[k] });
+            let from = path.poses::<I>(&times).load().relative_to(&Pose::splat(&self.frame));
+            let to = Pose::splat(then);
+            let moved = to.place(from.place_back(*points));
+            *points = std::array::from_fn(|axis| I::pick(lanes, moved[axis], points[axis]));
+            if let Some(normals) = &mut normals {
+                let turned = to.turn(from.turn_back(**normals));
+                **normals = std::array::from_fn(|axis| I::pick(lanes, turned[axis], normals[axis]));
+            }
         }
-        kept.as_ref().map(|(.., poses)| poses)
     }
 }
-
-type Kept = Option<(usize, f64, [Pose; 2])>;
-const KEPT: usize = 64;
 
 /// The arrays from which points and normals are computed.
 #[derive(Clone, Copy)]
@@ -137,12 +154,11 @@ impl Task for WritePoints<'_, '_> {
     fn run<I: Isa>(self) {
         let PointSource { path, times, start, movers, .. } = self.source;
         let (rows, pulses) = self.piece.rows_and_pulses();
-        let (mut fired, mut motions) = ([f64::NAN; 8], Motion::UNSET);
+        let (mut fired, mut poses) = ([f64::NAN; 8], Pose::UNSET);
         if let Path::Still(pose) = path {
-            motions.pose = Pose::splat(pose);
+            poses = Pose::splat(pose);
         }
         let mut normals = self.normals.chunks_mut(8);
-        let mut kept = [const { None }; KEPT];
         for (first, points) in (0..rows.len()).step_by(8).zip(self.points.chunks_mut(8)) {
             // Past the last return it is repeated.
             let last = rows.len() - 1;
@@ -151,20 +167,22 @@ impl Task for WritePoints<'_, '_> {
             let then = of_pulses.map(|pulse| start + times[pulse]);
             // Pulses of one time were fired from one pose.
             if then != fired && !matches!(path, Path::Still(_)) {
-                (fired, motions) = (then, path.motions::<I>(&then));
+                (fired, poses) = (then, path.poses::<I>(&then));
+            }
+            let mut point = self.source.points::<I>(&poses, &eight, &of_pulses);
+            let places = normals.next();
+            let mut normal = places.is_some().then(|| self.source.normals::<I>(&poses, &eight));
+            if let Some(movers) = movers {
+                movers.carry::<I>(&eight, &then, &mut point, normal.as_mut());
             }
             let mut numbers = [0.0; 24];
-            simd::store_points::<I>(self.source.points::<I>(&motions.pose, &eight, &of_pulses), &mut numbers);
-            for (k, (place, &point)) in points.iter_mut().zip(numbers.as_chunks().0).enumerate() {
-                let moves = movers.and_then(|movers| movers.poses(eight[k], then[k], &mut kept));
-                let point = moves.map_or(point, |[from, to]| to.place(from.place_back(point)));
+            simd::store_points::<I>(point, &mut numbers);
+            for (place, &point) in points.iter_mut().zip(numbers.as_chunks().0) {
                 *place = point.map(MaybeUninit::new);
             }
-            if let Some(normals) = normals.next() {
-                simd::store_points::<I>(self.source.normals::<I>(&motions.pose, &eight), &mut numbers);
-                for (k, (place, &normal)) in normals.iter_mut().zip(numbers.as_chunks().0).enumerate() {
-                    let moves = movers.and_then(|movers| movers.poses(eight[k], then[k], &mut kept));
-                    let normal = moves.map_or(normal, |[from, to]| to.turn(from.turn_back(normal)));
+            if let (Some(places), Some(normal)) = (places, normal) {
+                simd::store_points::<I>(normal, &mut numbers);
+                for (place, &normal) in places.iter_mut().zip(numbers.as_chunks().0) {
                     *place = normal.map(|x: f64| MaybeUninit::new(x as f32));
                 }
             }

@@ -151,7 +151,9 @@ fn copy_rising<T: Copy>(places: &mut [MaybeUninit<T>], indices: &[usize], values
             && last - first == RUN - 1
             && let Some(values) = values[*first..].first_chunk::<RUN>()
         {
-            *places = values.map(MaybeUninit::new);
+            for (place, value) in places.iter_mut().zip(values) {
+                place.write(*value);
+            }
             continue;
         }
         for (place, &i) in places.iter_mut().zip(indices) {

@@ -353,11 +353,12 @@ pub struct Affines<const M: usize>([[[f64; M]; 3]; 4]);
 impl<const M: usize> Affines<M> {
     pub const UNSET: Self = Affines([[[0.0; M]; 3]; 4]);
 
+    /// Sets the maps from 8·part on.
     #[inline(always)]
-    pub fn set(&mut self, i: usize, columns: &[Point; 4]) {
-        for (kept, column) in self.0.iter_mut().zip(columns) {
-            for (kept, x) in kept.iter_mut().zip(column) {
-                kept[i] = *x;
+    pub fn set(&mut self, part: usize, poses: &Pose<[f64; 8]>) {
+        for (kept, column) in self.0.iter_mut().zip(poses.columns()) {
+            for (kept, eight) in kept.iter_mut().zip(column) {
+                kept[8 * part..][..8].copy_from_slice(&eight);
             }
         }
     }
