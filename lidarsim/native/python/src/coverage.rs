@@ -63,8 +63,7 @@ pub fn coverage<'py>(
     let kernels = kernels(py)?;
     let span = span(times).map(|time| (start + time).clamp(f64::MIN, f64::MAX));
     let path = &path.path;
-    let pulses =
-        NominalPulses { origins, directions, times, start, span, path, first, return_counts, objects };
+    let pulses = NominalPulses { origins, directions, times, start, path, first, return_counts, objects };
     let found = detached(py, || {
         whole.prepare();
         alone.prepare();

@@ -9,8 +9,8 @@ use crate::cast::{Cast, HitArrays, MeetInstances, NO_INSTANCE, pieces};
 use crate::geometry::origins::Origins;
 use crate::geometry::pose::{Path, Pose};
 use crate::geometry::vector::Point;
-use crate::measure::culling::Windows;
-use crate::scene::{Rays, TRange, World};
+use crate::measure::culling::{Windows, boxes_of_instances};
+use crate::scene::{Rays, TRange, World, span};
 use crate::{memory, parallel};
 
 /// The nominal pulses of a frame, of one ray each, and what a scan found of them.
@@ -21,8 +21,6 @@ pub struct NominalPulses<'a> {
     /// Since the start of the frame, s.
     pub times: &'a [f64],
     pub start: f64,
-    /// The first and the last moment at which one is fired, as the scene's clock shows, s.
-    pub span: [f64; 2],
     pub path: &'a Path,
     /// Per pulse, the object that its ray hits first, `MISS` or `UNKNOWN`; `None` if all are unknown.
     pub first: Option<&'a [i32]>,
@@ -30,6 +28,10 @@ pub struct NominalPulses<'a> {
     pub return_counts: &'a [u8],
     pub objects: &'a [i32],
 }
+
+/// Most instances for which each piece of the pulses has windows of its own. They hold fewer pulses than
+/// those of a whole frame, in which the sensor moves farther, but take time for each instance and piece.
+const FEW: usize = 128;
 
 /// A pulse whose ray hits nothing in range.
 const MISS: i32 = -1;
@@ -123,8 +125,7 @@ impl Targets<'_> {
 pub struct CoverPiece<'a> {
     pulses: &'a NominalPulses<'a>,
     targets: Targets<'a>,
-    /// Where the instances may be seen; `None` for anywhere.
-    windows: Option<&'a Windows>,
+    windows: &'a Windows,
     piece: Range<usize>,
 }
 
@@ -137,11 +138,22 @@ impl NominalPulses<'_> {
     ) -> Vec<InstancePulses> {
         let total = Mutex::new(targets.no_pulses());
         let (alone, instances) = targets.asked;
-        let windows = Windows::new(self.origins, self.path, self.span, alone, |id| {
-            instances[id as usize] != NO_INSTANCE
-        });
+        let boxes = boxes_of_instances(alone, instances, targets.count);
+        let windows = |pulses: Range<usize>| {
+            let span = span(&self.times[pulses.clone()]);
+            let span = span.map(|time| (self.start + time).clamp(f64::MIN, f64::MAX));
+            Windows::new(self.origins.part(pulses), self.path, span, &boxes)
+        };
+        let of_all = (boxes.len() > FEW).then(|| windows(0..self.times.len()));
         parallel::share(pieces(self.directions, 1).into_iter(), |piece| {
-            let own = work(CoverPiece { pulses: self, targets, windows: windows.as_ref(), piece });
+            let of_piece;
+            let windows = if let Some(all) = &of_all {
+                all
+            } else {
+                of_piece = windows(piece.clone());
+                &of_piece
+            };
+            let own = work(CoverPiece { pulses: self, targets, windows, piece });
             let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
             total.iter_mut().zip(&own).for_each(|(total, own)| total.add(own));
         });
@@ -157,7 +169,8 @@ impl Task for CoverPiece<'_> {
         let CoverPiece { pulses, targets, windows, piece } = &self;
         let Targets { world, instances, asked, count, max_range } = targets;
         let range = TRange { min: 0.0, max: *max_range };
-        let mut aimed = pulses.aim::<I>(piece.clone(), *windows, instances);
+        let mut own = self.targets.no_pulses();
+        let mut aimed = pulses.aim::<I>(piece.clone(), windows, instances, &mut own);
         if let Some(world) = world
             && !aimed.unknown.is_empty()
         {
@@ -167,28 +180,23 @@ impl Task for CoverPiece<'_> {
             let rays = unknown.rays(world);
             I::call(Cast { world, rays, range, hits: &mut hits.columns() });
             for (ray, object) in aimed.unknown.iter().zip(&hits.object) {
-                aimed.owners[*ray as usize] = instance_of(*object, instances);
+                let owner = instance_of(*object, instances);
+                aimed.owners[*ray as usize] = owner;
+                note_first(&mut own, owner, aimed.ticks[*ray as usize]);
             }
         }
         let (alone, instances_alone) = *asked;
         let (rays, known, mut pairs) = (aimed.rays(alone), &aimed.owners, Vec::new());
-        let (count, mut own) = (*count, self.targets.no_pulses());
         let instances_met = MeetInstances {
             world: alone,
             rays,
             range,
             instances: instances_alone,
-            count,
+            count: *count,
             known,
             pairs: &mut pairs,
         };
         I::call(instances_met);
-        for (owner, ticks) in known.iter().zip(&aimed.ticks) {
-            if *owner != NO_INSTANCE {
-                own[*owner as usize].reached += 1;
-                own[*owner as usize].covering.note(*ticks);
-            }
-        }
         for (ray, instance) in pairs {
             own[instance as usize].covering.note(aimed.ticks[ray as usize]);
         }
@@ -203,6 +211,15 @@ impl Task for CoverPiece<'_> {
             }
         }
         own
+    }
+}
+
+/// Notes a pulse for the instance that it hits first, if any.
+#[inline(always)]
+fn note_first(own: &mut [InstancePulses], owner: u32, ticks: i64) {
+    if owner != NO_INSTANCE {
+        own[owner as usize].reached += 1;
+        own[owner as usize].covering.note(ticks);
     }
 }
 
@@ -263,14 +280,23 @@ impl AimedPulses {
 }
 
 impl NominalPulses<'_> {
-    /// Aims the pulses of a piece that may meet an instance, eight at a time: known misses meet nothing at
-    /// all.
+    /// Aims the pulses of a piece that may meet an instance besides that which they are known to hit first,
+    /// eight at a time, and notes those for the latter. Known misses meet nothing at all.
     #[inline(always)]
-    fn aim<I: Isa>(&self, piece: Range<usize>, windows: Option<&Windows>, instances: &[u32]) -> AimedPulses {
+    fn aim<I: Isa>(
+        &self,
+        piece: Range<usize>,
+        windows: &Windows,
+        instances: &[u32],
+        own: &mut [InstancePulses],
+    ) -> AimedPulses {
         let first_hit = |i: usize| self.first.map_or(UNKNOWN, |first| first[i]);
         let mut pulses = memory::with_capacity(piece.len());
         pulses.extend(piece.filter(|&i| {
-            first_hit(i) != MISS && windows.is_none_or(|windows| windows.hold(&self.directions[i]))
+            let first = first_hit(i);
+            let owner = instance_of(first, instances);
+            note_first(own, owner, ticks_of(self.times[i]));
+            first != MISS && windows.hold(&self.directions[i], owner)
         }));
         let mut aimed = AimedPulses::with_capacity(pulses.len());
         let (mut fired, mut poses) = ([f64::NAN; 8], Pose::UNSET);

@@ -1,13 +1,14 @@
-//! View culling: the pulses of a frame that cannot meet some objects, found without a cast.
+//! View culling: the pulses that cannot meet some instances, found without a cast.
 //!
-//! Seen from the sensor in the middle of the frame, an object lies in a box. The ray of any pulse starts near
-//! the sensor and runs nearly as its direction says there, so that it can meet only the box widened by what
-//! the sensor moves and turns meanwhile. All pulses are then taken to start at one point, and each widened
-//! box is a window: a range of azimuths, and a range of slopes z/(|x| + |y|). Each bin of azimuth has the
-//! range of the slopes of its windows, in which the slope of a pulse must lie.
+//! Seen from the sensor in the middle of a short span of time, an instance lies in a box. The ray of any
+//! pulse starts near the sensor and runs nearly as its direction says there, so that it can meet only the box
+//! widened by what the sensor moves and turns meanwhile. All pulses are then taken to start at one point, and
+//! each widened box is a window. In each bin of azimuth that the box covers, it has a range of slopes
+//! z/(|x| + |y|), in which the slope of a pulse must lie.
 
 use crate::arith::number::{Interval, UNIT};
 use crate::bvh::Bvh;
+use crate::cast::NO_INSTANCE;
 use crate::geometry::affine::Affine;
 use crate::geometry::dop::Dop;
 use crate::geometry::origins::Origins;
@@ -19,58 +20,142 @@ use crate::scene::World;
 /// The bins of half a turn.
 const BINS: usize = 512;
 
-/// The directions in the sensor frame in which some objects may be met.
+const ANY: Interval = Interval { low: f64::NEG_INFINITY, high: f64::INFINITY };
+const NONE: Interval = Interval { low: f64::INFINITY, high: f64::NEG_INFINITY };
+
+/// The box of each instance, around all of its objects. `instances` has the instance of each object of the
+/// world, or `NO_INSTANCE`; `count` is the number of instances.
+pub fn boxes_of_instances(world: &World, instances: &[u32], count: usize) -> Vec<(u32, [Interval; 3])> {
+    let mut boxes = Vec::new();
+    memory::resize(&mut boxes, count, [NONE; 3]);
+    let unbounded = world.index.unbounded.iter().map(|id| (id, [ANY; 3]));
+    let movers = world.movers().into_iter().flat_map(Bvh::boxes);
+    for (id, bounds) in unbounded.chain(world.index.bounded.boxes()).chain(movers) {
+        let instance = instances[*id as usize];
+        if instance != NO_INSTANCE {
+            let all = &mut boxes[instance as usize];
+            *all = [0, 1, 2].map(|axis| hull(all[axis], bounds[axis]));
+        }
+    }
+    let there = |(instance, bounds): (u32, [Interval; 3])| {
+        (bounds[0].low <= bounds[0].high).then_some((instance, bounds))
+    };
+    (0..).zip(boxes).filter_map(there).collect()
+}
+
+fn hull(a: Interval, b: Interval) -> Interval {
+    Interval { low: a.low.min(b.low), high: a.high.max(b.high) }
+}
+
+/// The directions in the sensor frame in which some instances may be met.
 pub struct Windows {
-    /// By bin, the range of slopes: of half a turn from the x axis to its negative, and then of the other
-    /// half, again from the x axis.
-    slopes: Vec<Interval>,
+    /// By bin, instances and their ranges of slopes: of half a turn from the x axis to its negative, and
+    /// then of the other half, again from the x axis.
+    bins: Vec<Vec<(u32, Interval)>>,
 }
 
 impl Windows {
-    /// The windows of the objects of a world that `is_asked` tells, for pulses from these origins, in the
-    /// sensor frame, along a path within a span of time; `None` if some may be met in any direction.
+    /// The windows of boxes in the world, for pulses from these origins, in the sensor frame, along a path
+    /// within a span of time.
     pub fn new(
         origins: Origins,
         path: &Path,
         [first, last]: [f64; 2],
-        world: &World,
-        is_asked: impl Fn(u32) -> bool,
-    ) -> Option<Self> {
+        boxes: &[(u32, [Interval; 3])],
+    ) -> Self {
         let view = Affine::from(path.at(first + 0.5 * (last - first)).inverse());
         let [travel, turn] = path.drift([first, last]);
-        let start = match origins {
-            Origins::One(origin) => length_above(origin),
-            Origins::Each(origins) => length_above(farthest(origins)),
+        let starts = match origins {
+            Origins::One(origin) => origin.map(Interval::point),
+            Origins::Each(origins) => box_around(origins),
         };
-        let (mut slopes, none) = (Vec::new(), Interval { low: f64::INFINITY, high: f64::NEG_INFINITY });
-        memory::resize(&mut slopes, 2 * BINS, none);
-        if world.index.unbounded.iter().any(|&id| is_asked(id)) {
-            return None;
-        }
-        let boxes = world.index.bounded.boxes().chain(world.movers().into_iter().flat_map(Bvh::boxes));
-        for (_, bounds) in boxes.filter(|(id, _)| is_asked(**id)) {
-            let seen = Dop::of_box(bounds).image(&view);
+        let middle = starts.map(Interval::middle);
+        let aside = 0.5 * length_above(starts.map(|side| side.high - side.low));
+        let mut windows = Windows { bins: Vec::new() };
+        memory::resize(&mut windows.bins, 2 * BINS, Vec::new());
+        for (instance, bounds) in boxes {
+            let seen = Dop::of_box(*bounds).image(&view);
             // Let M be the middle pose, and T the pose of a pulse with origin o and direction d. If its ray
             // meets a point q of the box, s·d = T⁻¹M·q − o for some s ≥ 0. T⁻¹M turns by at most
             // `turn` and moves by at most `travel`. Both include an allowance for rounded poses, relative
-            // to all lengths, which far exceeds the rounding of the box, of its image and of the ray.
-            let reach = length_above(seen.map(|side| side.low.abs().max(side.high.abs())));
-            let wide = (travel + turn.min(2.0) * (reach + travel) + start) * (1.0 + 16.0 * UNIT);
-            let window = seen.map(|side| Interval { low: side.low - wide, high: side.high + wide });
-            add(&mut slopes, window)?;
+            // to all lengths, which far exceeds the rounding of the box, of its image, of the ray, and of
+            // `middle`, from which o is at most `aside` away.
+            let reach = length_above(seen.map(farthest)) + length_above(middle);
+            let wide = (travel + turn.min(2.0) * (reach + travel) + aside) * (1.0 + 16.0 * UNIT);
+            let side = |axis: usize| Interval {
+                low: seen[axis].low - middle[axis] - wide,
+                high: seen[axis].high - middle[axis] + wide,
+            };
+            windows.add(*instance, [0, 1, 2].map(side));
         }
-        Some(Windows { slopes })
+        windows
     }
 
-    /// Whether a pulse may meet any of the objects.
+    /// Whether a pulse may meet an instance other than `known`.
     #[inline(always)]
-    pub fn hold(&self, [x, y, z]: &Point) -> bool {
+    pub fn hold(&self, [x, y, z]: &Point, known: u32) -> bool {
         let level = x.abs() + y.abs();
         let (bin, slope) = (bin(x / level, *y < 0.0), z / level);
-        let Interval { low, high } = self.slopes[bin];
+        let may_meet = |(instance, slopes): &(u32, Interval)| {
+            (*instance != known) & (slopes.low <= slope) & (slope <= slopes.high)
+        };
         // A vertical direction has no azimuth.
-        low <= slope && slope <= high || level == 0.0
+        self.bins[bin].iter().any(may_meet) || level == 0.0
     }
+
+    /// Adds a window: of any direction, if the z axis crosses the box or it is not finite.
+    fn add(&mut self, instance: u32, [x, y, z]: [Interval; 3]) {
+        let (near, far) = (nearest(x) + nearest(y), farthest(x) + farthest(y));
+        if !(near > 0.0 && (far + farthest(z)).is_finite()) {
+            self.bins.iter_mut().for_each(|bin| memory::push(bin, (instance, ANY)));
+            return;
+        }
+        let halves = [
+            (y.high >= 0.0, Interval { low: y.low.max(0.0), ..y }),
+            (y.low <= 0.0, Interval { high: y.high.min(0.0), ..y }),
+        ];
+        for (half, (is_met, y)) in halves.into_iter().enumerate() {
+            if !is_met {
+                continue;
+            }
+            // Of a rectangle on one side of the x axis, corners have the extreme azimuths; one bin more at
+            // either end, as quotients are rounded.
+            let corners = [[x.low, y.low], [x.low, y.high], [x.high, y.low], [x.high, y.high]];
+            let bins = corners.map(|[x, y]| bin(x / (x.abs() + y.abs()), false));
+            let [from, to] =
+                bins.into_iter().fold([usize::MAX, 0], |[from, to], bin| [from.min(bin), to.max(bin)]);
+            for bin in from.saturating_sub(1)..=(to + 1).min(BINS - 1) {
+                let slopes = slopes_within(bin, [x, y, z]);
+                memory::push(&mut self.bins[half * BINS + bin], (instance, slopes));
+            }
+        }
+    }
+}
+
+/// The slopes in a bin of half a turn that a box on one side of the x axis covers.
+///
+/// At a distance t, a point (x, y) has |x| + |y| = t, and |x|/t is that of the bin, or of those beside it, as
+/// quotients are rounded.
+fn slopes_within(bin: usize, [x, y, z]: [Interval; 3]) -> Interval {
+    let place = |end: f64| (1.0 - 2.0 * end / BINS as f64).clamp(-1.0, 1.0);
+    let across = Interval { low: place(bin as f64 + 2.0), high: place(bin as f64 - 1.0) };
+    let (least, most) = (nearest(across), farthest(across));
+    let near = (nearest(x) / most).max(nearest(y) / (1.0 - least)).max(nearest(x) + nearest(y));
+    let far = (farthest(x) / least).min(farthest(y) / (1.0 - most)).min(farthest(x) + farthest(y));
+    // These and the slopes of pulses have at most four roundings each.
+    let low = z.low / if z.low < 0.0 { near } else { far };
+    let high = z.high / if z.high > 0.0 { near } else { far };
+    Interval { low: low - 8.0 * UNIT * low.abs(), high: high + 8.0 * UNIT * high.abs() }
+}
+
+/// The least magnitude in an interval.
+fn nearest(side: Interval) -> f64 {
+    side.low.max(0.0) - side.high.min(0.0)
+}
+
+/// The greatest magnitude in an interval.
+fn farthest(side: Interval) -> f64 {
+    side.low.abs().max(side.high.abs())
 }
 
 /// The bin of x/(|x| + |y|), which falls from 1 to −1 in half a turn from the x axis on.
@@ -80,50 +165,24 @@ fn bin(place: f64, is_below: bool) -> usize {
     within.min(BINS - 1) + if is_below { BINS } else { 0 }
 }
 
-/// Extends the slopes of the bins that a box covers; `None` if the z axis crosses it, or it is not finite.
-fn add(slopes: &mut [Interval], [x, y, z]: [Interval; 3]) -> Option<()> {
-    let nearest = |side: Interval| side.low.max(0.0) - side.high.min(0.0);
-    let most = |side: Interval| side.low.abs().max(side.high.abs());
-    let (near, far) = (nearest(x) + nearest(y), most(x) + most(y));
-    if !(near > 0.0 && (far + most(z)).is_finite()) {
-        return None;
-    }
-    // These and the slopes of pulses have at most four roundings each.
-    let low = z.low / if z.low < 0.0 { near } else { far };
-    let high = z.high / if z.high > 0.0 { near } else { far };
-    let [low, high] = [low - 8.0 * UNIT * low.abs(), high + 8.0 * UNIT * high.abs()];
-    let halves = [(y.high >= 0.0, y.low.max(0.0), y.high), (y.low <= 0.0, y.low, y.high.min(0.0))];
-    for (half, (is_met, first, last)) in halves.into_iter().enumerate() {
-        if !is_met {
-            continue;
-        }
-        // Of a rectangle on one side of the x axis, corners have the extreme azimuths; one bin more at either
-        // end, as quotients are rounded.
-        let corners = [[x.low, first], [x.low, last], [x.high, first], [x.high, last]];
-        let bins = corners.map(|[x, y]| bin(x / (x.abs() + y.abs()), half == 1));
-        let [from, to] =
-            bins.into_iter().fold([usize::MAX, 0], |[from, to], bin| [from.min(bin), to.max(bin)]);
-        let [from, to] = [from.saturating_sub(1).max(half * BINS), (to + 1).min((half + 1) * BINS - 1)];
-        for slope in &mut slopes[from..=to] {
-            *slope = Interval { low: slope.low.min(low), high: slope.high.max(high) };
-        }
-    }
-    Some(())
-}
-
-/// The greatest magnitudes of the coordinates of points. Eight points at a time, which vectorizes.
-fn farthest(points: &[Point]) -> Point {
-    let (mut most, (eights, others)) = ([0.0_f64; 24], points.as_flattened().as_chunks::<24>());
+/// Eight points at a time, which vectorizes.
+fn box_around(points: &[Point]) -> [Interval; 3] {
+    let ([mut low, mut high], (eights, others)) =
+        ([[f64::INFINITY; 24], [f64::NEG_INFINITY; 24]], points.as_flattened().as_chunks::<24>());
     for eight in eights {
-        for (most, x) in most.iter_mut().zip(eight) {
-            *most = if x.abs() > *most { x.abs() } else { *most };
+        for k in 0..24 {
+            low[k] = if eight[k] < low[k] { eight[k] } else { low[k] };
+            high[k] = if eight[k] > high[k] { eight[k] } else { high[k] };
         }
     }
-    for (most, x) in most.iter_mut().zip(others) {
-        *most = most.max(x.abs());
+    for (k, x) in others.iter().enumerate() {
+        (low[k], high[k]) = (low[k].min(*x), high[k].max(*x));
     }
-    let point = |axis: usize| most.iter().skip(axis).step_by(3).fold(0.0, |most: f64, x| most.max(*x));
-    [0, 1, 2].map(point)
+    let all = |axis: usize| {
+        let each = (axis..24).step_by(3).map(|k| Interval { low: low[k], high: high[k] });
+        each.fold(NONE, hull)
+    };
+    [0, 1, 2].map(all)
 }
 
 #[cfg(test)]
@@ -141,7 +200,7 @@ mod tests {
     #[test]
     fn windows_hold_all_pulses_that_meet_a_ball_and_few_others() {
         let mut number = numbers();
-        let (mut met, mut held, mut count, mut anywhere) = (0, 0, 0, 0);
+        let (mut met, mut alone, mut held, mut count, mut anywhere) = (0, 0, 0, 0, 0);
         for round in 0..120 {
             let mut within = |most: f64| [(); 3].map(|()| most * (2.0 * number() - 1.0));
             let [speed, spin, aside] = [[30.0, 0.01, 0.01], [0.01, 3.0, 0.01], [0.01, 0.01, 2.0]][round % 3];
@@ -168,7 +227,10 @@ mod tests {
             };
             let scene = Scene::new(balls.iter().map(object).collect());
             let times: Vec<f64> = (0..500).map(|i| f64::from(i) * 2e-4).collect();
-            let origins: Vec<Point> = times.iter().map(|_| within(aside)).collect();
+            // Pulses start beside the frame of the sensor, too.
+            let mount = within(3.0);
+            let origin = |from: Point| std::array::from_fn(|k| mount[k] + from[k]);
+            let origins: Vec<Point> = times.iter().map(|_| origin(within(aside))).collect();
             let (mut directions, mut others) = (Vec::new(), Vec::new());
             for (i, (time, origin)) in times.iter().zip(&origins).enumerate() {
                 let (motion, Sphere { center, radius }) = &balls[i % balls.len()];
@@ -182,19 +244,61 @@ mod tests {
                 others.push(within(1.0));
             }
             let span = [0.5, 0.5 + times[times.len() - 1]];
-            let found = Windows::new(Origins::Each(&origins), &path, span, &scene.during(span), |_| true);
-            let Some(windows) = found else {
+            let instances = [0, 1, 2, NO_INSTANCE];
+            let boxes = boxes_of_instances(&scene.during(span), &instances, 3);
+            assert_eq!(boxes.len(), 3);
+            let windows = Windows::new(Origins::Each(&origins), &path, span, &boxes);
+            if windows.bins[0].iter().any(|(_, slopes)| slopes.low == ANY.low) {
                 anywhere += 1;
                 continue;
-            };
-            for direction in &directions {
-                assert!(windows.hold(direction), "{round} {direction:?}");
-                met += 1;
             }
-            held += others.iter().filter(|direction| windows.hold(direction)).count();
+            for (direction, instance) in directions.iter().zip(instances.into_iter().cycle()) {
+                if instance != NO_INSTANCE {
+                    let other = (instance + 1) % 3;
+                    assert!(windows.hold(direction, NO_INSTANCE), "{round} {direction:?}");
+                    assert!(windows.hold(direction, other), "{round} {direction:?}");
+                    alone += usize::from(!windows.hold(direction, instance));
+                    met += 1;
+                }
+            }
+            held += others.iter().filter(|direction| windows.hold(direction, NO_INSTANCE)).count();
             count += others.len();
         }
-        assert!(met > 30_000 && anywhere < 60, "{met} {anywhere}");
+        assert!(met > 20_000 && anywhere < 60, "{met} {anywhere}");
+        assert!(alone > met / 2, "{alone} of {met}");
         assert!(held * 4 < count && held > 0, "{held} of {count}");
+    }
+
+    #[test]
+    fn slopes_of_bins_hold_those_of_the_points_of_a_box() {
+        let mut number = numbers();
+        let (mut narrow, mut count) = (0, 0);
+        for round in 0..3000 {
+            let mut side = |low: f64, high: f64| {
+                let [a, b] = [(); 2].map(|()| low + (high - low) * number());
+                Interval { low: a.min(b), high: a.max(b) }
+            };
+            let size = [0.1, 1.0, 10.0][round % 3];
+            let bounds = [side(-size, size), side(0.0, 2.0), side(-2.0, 1.0)];
+            let [x, y, z] = bounds;
+            let (near, far) = (nearest(x) + nearest(y), farthest(x) + farthest(y));
+            let least = z.low / if z.low < 0.0 { near } else { far };
+            for k in 0..40 {
+                let place = |axis: usize, x: f64| {
+                    let Interval { low, high } = bounds[axis];
+                    if k < 8 { [low, high][k >> axis & 1] } else { (low + (high - low) * x).min(high) }
+                };
+                let [x, y, z] = [0, 1, 2].map(|axis| place(axis, number()));
+                let level = x.abs() + y.abs();
+                let (found, slope) = (bin(x / level, false), z / level);
+                for beside in found.saturating_sub(1)..=(found + 1).min(BINS - 1) {
+                    let Interval { low, high } = slopes_within(beside, bounds);
+                    assert!(low <= slope && slope <= high, "{bounds:?} {x} {y} {z}");
+                    narrow += usize::from(low - least > 0.1 * least.abs());
+                    count += 1;
+                }
+            }
+        }
+        assert!(narrow * 4 > count, "{narrow} of {count}");
     }
 }
