@@ -228,7 +228,7 @@ mod tests {
             let scene = Scene::new(balls.iter().map(object).collect());
             let times: Vec<f64> = (0..500).map(|i| f64::from(i) * 2e-4).collect();
             // Pulses start beside the frame of the sensor, too.
-            let mount = within(3.0);
+            let mount = within(12.0);
             let origin = |from: Point| std::array::from_fn(|k| mount[k] + from[k]);
             let origins: Vec<Point> = times.iter().map(|_| origin(within(aside))).collect();
             let (mut directions, mut others) = (Vec::new(), Vec::new());
