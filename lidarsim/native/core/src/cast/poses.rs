@@ -13,7 +13,8 @@ impl<const M: usize> Poses<M> {
         Poses(Affines::UNSET)
     }
 
-    /// The maps of an object at the times of the rays of `mask`; those of the other rays mean nothing.
+    /// The maps of an object at the times of the rays of `mask`, s; `None` if it does not move. Maps of other
+    /// rays are unspecified.
     #[inline(always)]
     pub fn gather<I: Isa>(
         &mut self,
@@ -26,7 +27,7 @@ impl<const M: usize> Poses<M> {
         for (part, eight) in times.as_chunks::<8>().0.iter().enumerate() {
             let lanes = mask >> (8 * part) & 0xff;
             if lanes != 0 {
-                // A ray of the mask stands in for those beside it, whose times may be anything.
+                // Lanes outside of the mask get the time of one in it, as theirs may be anything.
                 let first = eight[lanes.trailing_zeros() as usize];
                 let times = std::array::from_fn(|k| if lanes >> k & 1 == 1 { eight[k] } else { first });
                 self.0.set(part, &path.poses::<I>(&times));

@@ -280,8 +280,8 @@ impl AimedPulses {
 }
 
 impl NominalPulses<'_> {
-    /// Aims the pulses of a piece that may meet an instance besides that which they are known to hit first,
-    /// eight at a time, and notes those for the latter. Known misses meet nothing at all.
+    /// Notes the pulses of a piece for the instances that they are known to hit first, and aims those that may
+    /// meet another, eight at a time. Known misses meet none.
     #[inline(always)]
     fn aim<I: Isa>(
         &self,

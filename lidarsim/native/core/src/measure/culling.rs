@@ -55,8 +55,8 @@ pub struct Windows {
 }
 
 impl Windows {
-    /// The windows of boxes in the world, for pulses from these origins, in the sensor frame, along a path
-    /// within a span of time.
+    /// The windows of boxes in the world. `origins`, in the sensor frame, are those of the pulses, which are
+    /// fired along the path within a span of time, s.
     pub fn new(
         origins: Origins,
         path: &Path,
@@ -134,8 +134,8 @@ impl Windows {
 
 /// The slopes in a bin of half a turn that a box on one side of the x axis covers.
 ///
-/// At a distance t, a point (x, y) has |x| + |y| = t, and |x|/t is that of the bin, or of those beside it, as
-/// quotients are rounded.
+/// A point (x, y) at a distance t = |x| + |y| is in the bin by x/t. As that quotient is rounded, the range of
+/// x/t is widened by a bin at either end.
 fn slopes_within(bin: usize, [x, y, z]: [Interval; 3]) -> Interval {
     let place = |end: f64| (1.0 - 2.0 * end / BINS as f64).clamp(-1.0, 1.0);
     let across = Interval { low: place(bin as f64 + 2.0), high: place(bin as f64 - 1.0) };
