@@ -280,8 +280,8 @@ impl AimedPulses {
 }
 
 impl NominalPulses<'_> {
-    /// Notes the pulses of a piece for the instances that they are known to hit first, and aims those that may
-    /// meet another, eight at a time. Known misses meet none.
+    /// Notes the pulses of a piece for the instances that they are known to hit first, and aims those that
+    /// may meet another, eight at a time. Known misses meet none.
     #[inline(always)]
     fn aim<I: Isa>(
         &self,

@@ -47,7 +47,7 @@ impl Movers<'_> {
         while let Some(k) = take(&mut left) {
             let motion = usize::try_from(objects[k]).ok().and_then(|object| self.motions[object].as_ref());
             let Some((path, then)) = motion else { continue };
-            // The lanes on the same object: mostly all eight. Others get a time of these, and no result is used.
+            // The lanes on the same object: mostly all eight. Results of other lanes are not used.
             let mut lanes = 0;
             for (i, object) in objects.iter().enumerate() {
                 lanes |= u32::from(*object == objects[k]) << i;
