@@ -234,6 +234,7 @@ impl Majority {
     }
 }
 
+/// The box around two boxes.
 pub fn union(a: [Interval; 3], b: [Interval; 3]) -> [Interval; 3] {
     std::array::from_fn(|i| Interval { low: a[i].low.min(b[i].low), high: a[i].high.max(b[i].high) })
 }

@@ -61,7 +61,7 @@ impl<F: Copy> Pose<F> {
         }
     }
 
-    /// From registers.
+    /// The poses as an array of lanes.
     #[inline(always)]
     fn store(&self) -> Pose<[f64; 8]>
     where
@@ -436,7 +436,7 @@ impl Task for Motions<'_> {
     }
 }
 
-/// [`Path::poses`]. The compiler leaves out the velocities, which nothing uses.
+/// [`Path::poses`]. The compiler removes the unused velocities.
 struct Poses<'a> {
     path: &'a Path,
     times: &'a [f64; 8],

@@ -29,8 +29,8 @@ pub struct NominalPulses<'a> {
     pub objects: &'a [i32],
 }
 
-/// Most instances for which each piece of the pulses has windows of its own. They hold fewer pulses than
-/// those of a whole frame, in which the sensor moves farther, but take time for each instance and piece.
+/// Most instances for which each piece of the pulses has windows of its own. These hold fewer pulses than the
+/// windows of a whole frame, in which the sensor moves farther, but take time per instance and piece.
 const FEW: usize = 128;
 
 /// A pulse whose ray hits nothing in range.

@@ -1,13 +1,13 @@
 //! View culling: the pulses that cannot meet some instances, found without a cast.
 //!
-//! Seen from the sensor in the middle of a short span of time, an instance lies in a box. The ray of any
-//! pulse starts near the sensor and runs nearly as its direction says there, so that it can meet only the box
-//! widened by what the sensor moves and turns meanwhile. All pulses are then taken to start at one point, and
-//! each widened box is a window. In each bin of azimuth that the box covers, it has a range of slopes
-//! z/(|x| + |y|), in which the slope of a pulse must lie.
+//! The box of an instance is given in the sensor frame at the middle of a short span of time. It is widened
+//! by how far the sensor moves and turns in that span, and by how far apart pulses start. All pulses of the
+//! span are then taken to start at one point, and each widened box is a window: in each bin of azimuth that
+//! it covers, a range of slopes z/(|x| + |y|). A pulse can meet the instance only if its slope is in that
+//! range.
 
 use crate::arith::number::{Interval, UNIT};
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, union};
 use crate::cast::NO_INSTANCE;
 use crate::geometry::affine::Affine;
 use crate::geometry::dop::Dop;
@@ -34,23 +34,16 @@ pub fn boxes_of_instances(world: &World, instances: &[u32], count: usize) -> Vec
         let instance = instances[*id as usize];
         if instance != NO_INSTANCE {
             let all = &mut boxes[instance as usize];
-            *all = [0, 1, 2].map(|axis| hull(all[axis], bounds[axis]));
+            *all = union(*all, bounds);
         }
     }
-    let there = |(instance, bounds): (u32, [Interval; 3])| {
-        (bounds[0].low <= bounds[0].high).then_some((instance, bounds))
-    };
-    (0..).zip(boxes).filter_map(there).collect()
-}
-
-fn hull(a: Interval, b: Interval) -> Interval {
-    Interval { low: a.low.min(b.low), high: a.high.max(b.high) }
+    (0..).zip(boxes).filter(|(_, bounds)| bounds[0].low <= bounds[0].high).collect()
 }
 
 /// The directions in the sensor frame in which some instances may be met.
 pub struct Windows {
-    /// By bin, instances and their ranges of slopes: of half a turn from the x axis to its negative, and
-    /// then of the other half, again from the x axis.
+    /// Per bin: instances and their ranges of slopes. The first `BINS` go from the x axis to its negative
+    /// where y ≥ 0, the others where y < 0.
     bins: Vec<Vec<(u32, Interval)>>,
 }
 
@@ -103,7 +96,7 @@ impl Windows {
         self.bins[bin].iter().any(may_meet) || level == 0.0
     }
 
-    /// Adds a window: of any direction, if the z axis crosses the box or it is not finite.
+    /// Adds the window of a box, which has all directions if the z axis crosses the box or it is not finite.
     fn add(&mut self, instance: u32, [x, y, z]: [Interval; 3]) {
         let (near, far) = (nearest(x) + nearest(y), farthest(x) + farthest(y));
         if !(near > 0.0 && (far + farthest(z)).is_finite()) {
@@ -165,7 +158,7 @@ fn bin(place: f64, is_below: bool) -> usize {
     within.min(BINS - 1) + if is_below { BINS } else { 0 }
 }
 
-/// Eight points at a time, which vectorizes.
+/// The box around points. It takes eight at a time, which vectorizes.
 fn box_around(points: &[Point]) -> [Interval; 3] {
     let ([mut low, mut high], (eights, others)) =
         ([[f64::INFINITY; 24], [f64::NEG_INFINITY; 24]], points.as_flattened().as_chunks::<24>());
@@ -178,11 +171,8 @@ fn box_around(points: &[Point]) -> [Interval; 3] {
     for (k, x) in others.iter().enumerate() {
         (low[k], high[k]) = (low[k].min(*x), high[k].max(*x));
     }
-    let all = |axis: usize| {
-        let each = (axis..24).step_by(3).map(|k| Interval { low: low[k], high: high[k] });
-        each.fold(NONE, hull)
-    };
-    [0, 1, 2].map(all)
+    let at = |k: usize| [0, 1, 2].map(|axis| Interval { low: low[3 * k + axis], high: high[3 * k + axis] });
+    (0..8).map(at).fold([NONE; 3], union)
 }
 
 #[cfg(test)]

@@ -32,8 +32,8 @@ pub struct Movers<'a> {
 }
 
 impl Movers<'_> {
-    /// Moves those of eight points that are on moving objects, and turns their normals. `times`: when their
-    /// pulses were fired.
+    /// Moves eight points and their normals along with the objects that they are on, if these move. `times`:
+    /// when the pulses were fired, s.
     #[inline(always)]
     fn carry<I: Isa>(
         &self,
