@@ -1,4 +1,4 @@
-"""Options and profiles of the tests: fast by default, thorough with ``--slow``."""
+"""Options and profiles of the tests: fast by default, also slow ones with ``-m slow``, thorough with ``--slow``."""
 
 from __future__ import annotations
 
@@ -33,10 +33,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what is marked as slow, unless the thorough run was asked for."""
-    if not config.slow:
-        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("slow")])
-        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+    """Leave out what is marked as slow, unless it or the thorough run was asked for."""
+    marked = {item: marker for item in items if (marker := item.get_closest_marker("slow"))}
+    if unexplained := [item.nodeid for item, marker in marked.items() if not marker.args]:
+        raise pytest.UsageError(f"slow: expected what the test guards, got none at {unexplained[0]}")
+    if not config.slow and not config.option.markexpr:
+        config.hook.pytest_deselected(items=list(marked))
+        items[:] = [item for item in items if item not in marked]
 
 
 def available(isa: str) -> bool:

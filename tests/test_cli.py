@@ -997,6 +997,7 @@ def test_no_error_controls_the_terminal(text: str, capsys: pytest.CaptureFixture
     assert printed.err[:-1].isprintable()
 
 
+@pytest.mark.slow("a process whose streams close, fill up or know few characters ends in one line")
 @pytest.mark.skipif(sys.platform == "win32", reason="no shell of this kind")
 @pytest.mark.parametrize("command", ["--help", "check run.yaml", "check gone.yaml"])
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
@@ -1007,6 +1008,7 @@ def test_closed_streams(command: str, closed: str) -> None:
     assert done.stderr == ("lidarsim: gone.yaml: cannot read the file: No such file or directory\n" if heard else "")
 
 
+@pytest.mark.slow("a process whose streams close, fill up or know few characters ends in one line")
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
 @pytest.mark.parametrize("command", ["--help", "check run.yaml", "bench --help"])
 def test_a_full_disk_behind_stdout(command: str) -> None:
@@ -1027,6 +1029,7 @@ def test_a_full_disk_behind_the_output(name: str, capsys: pytest.CaptureFixture[
     assert Path(name).is_symlink()
 
 
+@pytest.mark.slow("a process whose streams close, fill up or know few characters ends in one line")
 @pytest.mark.skipif(sys.platform == "win32", reason="no shell of this kind")
 @pytest.mark.parametrize("command", ["--help", "sensors"])
 def test_a_pipe_that_nobody_reads(command: str) -> None:
@@ -1034,6 +1037,7 @@ def test_a_pipe_that_nobody_reads(command: str) -> None:
     assert (done.returncode, done.stderr) == (141, "")
 
 
+@pytest.mark.slow("a process whose streams close, fill up or know few characters ends in one line")
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_terminals_without_unicode(encoding: str) -> None:
     Path("ö.yaml").write_text(CONFIG.replace("label: 7", "label: 7, name: 道路ö"), encoding="utf-8")

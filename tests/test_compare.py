@@ -786,6 +786,7 @@ def test_what_does_not_overlap_is_not_paired(real: list[ls.PointCloud], again: l
         assert "do not overlap" in comparison[name].why
 
 
+@pytest.mark.slow("every kind of argument and odd numbers are taken")
 def test_strange_numbers_are_no_burden(real: list[ls.PointCloud]) -> None:
     cloud = changed(real[0], ring=np.full(len(real[0]), 60_000))
     assert "have rings up to 60,000" in ls.compare(cloud, real)["points by ring"].why
@@ -800,6 +801,7 @@ def test_strange_numbers_are_no_burden(real: list[ls.PointCloud]) -> None:
 # what is given
 
 
+@pytest.mark.slow("every kind of argument and odd numbers are taken")
 def test_files_folders_bags_and_scans_are_taken(tmp_path: Path) -> None:
     lidar = ls.Lidar.preset("velodyne-vlp16", noise="datasheet")
     scans = list(lidar.frames(scene(), None, 3))

@@ -1,7 +1,8 @@
 """The checklists of `.github/CONTRIBUTING.md`, applied to toys in a copy of the tree.
 
-A toy is a copy of an existing shape, pattern or preset under another name, or a small format or output of a run. It
-needs exactly the files of its checklist: the tests of the copy must pass with all of them, and fail if any is missing.
+A toy is a copy of an existing shape, effect, pattern or preset under another name, or a small column, format, packet
+format, layout or output of a run. It needs exactly the files of its checklist: the tests of the copy must pass with all
+of them, and fail if any is missing.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ WHOLE = (
     "tests/config/test_loader.py",
     "tests/config/test_schema.py",
     "tests/conformance/test_completeness.py",
+    "tests/datasets/test_layouts.py",
+    "tests/io/packets/test_udp.py",
+    "tests/io/packets/test_acme.py",
     "tests/presets/test_presets.py",
 )
 """Quick files of tests of what toys are added to. They pass as a whole."""
@@ -35,6 +39,7 @@ CASES = (
     "tests/conformance",
     "tests/hard/test_cases.py",
     "tests/patterns",
+    "tests/test_compare.py",
     "tests/test_house.py",
     "tests/test_pickling.py",
     "tests/test_run.py",
@@ -42,7 +47,7 @@ CASES = (
     "lidarsim/patterns/cone.py",
     "lidarsim/world/shapes/ball.py",
     "-k",
-    "ball or Ball or cone or tally or every_public or forgotten or loaded or docstrings or as_a_whole",
+    "ball or cone or tally or farthest or page_names or every_public or forgotten or loaded or docstring or as_a_whole",
 )
 """Slow files, whose cases follow from the samples: those of the toys, and tests of the package as a whole."""
 COMMAND = "from lidarsim.cli import main; main()"
@@ -182,7 +187,7 @@ SHAPE = Toy(
         "tests/test_pages.py",
         "tests/conformance/test_completeness.py",
         "-k",
-        "ball or Ball or hidden or loaded or section",
+        "ball or hidden or loaded or section",
     ),
 )
 PATTERN = Toy(
@@ -249,18 +254,194 @@ class Tally(Output):
 OUTPUT = Toy(
     "tally",
     {
-        "lidarsim/run/tally.py": as_new(TALLY),
-        "lidarsim/run/__init__.py": instead("import bags,", "import tally, bags,"),
         "tests/test_run.py": at_end(
             "def test_tally(tmp_path):\n    run = ls.config.load(Path(__file__).parents[1] / 'configs/demo.yaml')\n"
             "    run.write(tmp_path / 'a.tally')\n"
             "    counts = [sum(int(x.return_count.sum()) for x in scans.values()) for scans in run.scans()]\n"
             "    assert (tmp_path / 'a.tally').read_text().split() == [*map(str, counts)]"
         ),
+        "lidarsim/run/tally.py": as_new(TALLY),
+        "lidarsim/run/__init__.py": instead("import bags,", "import tally, bags,"),
     },
     ("tests/test_run.py", "-k", "tally"),
 )
-TOYS = {"shape": SHAPE, "pattern": PATTERN, "format": FORMAT, "preset": PRESET, "output of a run": OUTPUT}
+ACME = '''"""Ranges of ACME's sensors, a packet a frame."""
+
+import numpy as np
+
+from lidarsim.io.packets._format import Packet, PacketFormat, register
+
+
+class Encoder:
+    def __init__(self, start, port):
+        self.start, self.port = start, port
+
+    def packets(self, scan):
+        moment = self.start + round((scan.time + scan.pulses.time[-1]) * 1e9)
+        yield Packet(moment, self.port, scan.range[:, 0].astype("<f4").tobytes())
+
+    def rest(self):
+        return iter(())
+
+    def companions(self):
+        return {}
+
+
+def encoder(lidar, *, start, port, variant):
+    return Encoder(start, port)
+
+
+register(PacketFormat("acme", {"acme-one": "a packet a frame"}, ("ranges",), 2400, encoder))
+'''
+ACME_TEST = '''"""A frame is a packet."""
+
+import numpy as np
+
+import lidarsim as ls
+
+
+def test_ranges_are_those_of_the_scan():
+    lidar, scene = ls.Lidar(ls.patterns.Grid([0.0, 0.1], [0.0], rate=10.0), model="acme-one"), ls.Scene()
+    scene.add(ls.Sphere((5, 0, 0), 1.0))
+    scan = lidar.scan(scene)
+    (packet,) = ls.io.packets.encoders({"": lidar})[""].packets(scan)
+    np.testing.assert_array_equal(np.frombuffer(packet.payload, "<f4"), scan.range[:, 0].astype("f4"))
+'''
+PACKETS = Toy(
+    "acme",
+    {
+        "tests/io/packets/test_acme.py": as_new(ACME_TEST),
+        "lidarsim/io/packets/acme.py": as_new(ACME),
+        "lidarsim/io/packets/__init__.py": instead("import _pcap, hesai,", "import _pcap, acme, hesai,"),
+        "lidarsim/io/README.md": after("| Velodyne VLP-16,", "| ACME acme-one | `ranges` | | none |"),
+    },
+    ("tests/io/packets/test_acme.py", "tests/test_pages.py", "-k", "acme or loaded or row"),
+)
+PLAIN = '''"""Coordinates alone, a file a frame."""
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from lidarsim.datasets.layouts._layout import SampleFiles, number_name, root
+
+
+class Plain(SampleFiles):
+    """Coordinates."""
+
+    columns: ClassVar[tuple[str, ...] | None] = ()
+    top: ClassVar[tuple[str, ...]] = ("points",)
+
+    type: Literal["plain"]
+
+    def contents(self, record, sample):
+        return {self._name(record): sample.cloud.xyz.tobytes()}
+
+    def read(self, store, record):
+        with store.reading(self._name(record)) as path:
+            return {"xyz": np.fromfile(path).reshape(-1, 3)}
+
+    def finish(self, files, summary):
+        pass
+
+    @staticmethod
+    def _name(record):
+        return f"{root(record.sensor)}points/{number_name(record)}.bin"
+'''
+LAYOUT = Toy(
+    "plain",
+    {
+        "tests/datasets/test_layouts.py": at_end(
+            "def test_plain(recipe, tmp_path):\n    make(recipe, tmp_path / 'out', 'plain')\n"
+            "    frame = ls.datasets.load(tmp_path / 'out')[0]\n    assert len(frame.cloud.xyz) > 10\n"
+            "    points = np.fromfile(tmp_path / 'out' / 'points' / '000000.bin').reshape(-1, 3)\n"
+            "    np.testing.assert_array_equal(frame.cloud.xyz, points)"
+        ),
+        "lidarsim/datasets/layouts/plain.py": as_new(PLAIN),
+        "lidarsim/datasets/layouts/__init__.py": in_turn(
+            after("from lidarsim.datasets.layouts.openpcdet", "from lidarsim.datasets.layouts.plain import Plain"),
+            after('    "openpcdet": ', '    "plain": Plain,'),
+        ),
+        "lidarsim/cli/keys.py": after('    "openpcdet": ', '    "plain": "{type: plain}",'),
+        "configs/REFERENCE.md": REFERENCE,
+    },
+    ("tests/test_pages.py", "tests/datasets/test_layouts.py", "-k", "plain or section or prints"),
+)
+DROPOUT = ("dropout", "lapse"), ("Dropout", "Lapse")
+EFFECT = Toy(
+    "lapse",
+    {
+        "tests/test_measurement.py": at_end(
+            "def test_lapse():\n    lost = {}\n    for name in ('lapse', 'dropout'):\n"
+            "        scan = measured(before_wall(np.full(1000, 5.0)), wall(), **{name: 0.5})\n"
+            "        lost[name] = scan.status == ls.Status.dropped\n"
+            "        assert abs(lost[name].mean() - 0.5) < 5 * 0.5 / 1000**0.5\n"
+            "    assert (lost['lapse'] != lost['dropout']).any()"
+        ),
+        f"{CORE}/core/src/measure/effects/lapse.rs": twin(
+            f"{CORE}/core/src/measure/effects/dropout.rs", *DROPOUT, ("2", "12")
+        ),
+        f"{CORE}/core/src/measure/effects/mod.rs": beside(*DROPOUT),
+        "lidarsim/sensor/measurement.py": in_turn(
+            instead("    dropout : float\n", "    lapse : float\n        Another, 0 to 1.\n    dropout : float\n"),
+            after('        "dropout": float,', '        "lapse": float,'),
+            after("    dropout: float = ", "    lapse: float = 0.0"),
+            after('    "dropout": 1.0,', '    "lapse": 1.0,'),
+        ),
+        "configs/REFERENCE.md": REFERENCE,
+    },
+    ("tests/test_pages.py", "tests/test_house.py", "-k", "row or prints or docstrings"),
+)
+COLUMN = Toy(
+    "slant",
+    {
+        "tests/test_scan.py": at_end(
+            "def test_slant():\n    scan = lidar().scan(room())\n    assert np.isfinite(scan.slant).sum() > 100\n"
+            "    np.testing.assert_array_equal(scan.slant, -scan.incidence)"
+        ),
+        f"{CORE}/core/src/measure/columns.rs": after(
+            "                incidence: ", "                slant: f32 = f32::NAN, always, copied;"
+        ),
+        f"{CORE}/core/src/measure/single_ray.rs": after(
+            "                incidence,", "                slant: incidence.map(|x| -x),"
+        ),
+        f"{CORE}/core/src/measure/footprint.rs": after(
+            "                incidence: [", "                slant: [-incidence as f32],"
+        ),
+        "lidarsim/scan/columns.py": after("    incidence: F32", '    slant: F32 = declare("Minus the angle", "rad")'),
+    },
+    ("tests/test_scan.py", "-k", "columns_are or slant"),
+)
+MEASURE = Toy(
+    "farthest",
+    {
+        "tests/test_compare.py": at_end(
+            "def test_farthest():\n    (cloud,) = frames(count=1)\n"
+            "    (cell,) = ls.compare(cloud, cloud)['range of points'].cells\n"
+            "    assert cell.real == pytest.approx(np.linalg.norm(cloud.xyz, axis=1).mean())"
+        ),
+        "lidarsim/comparison/_measures.py": at_end(
+            '@measure("range of points", "m", Mean(), ONE, least=0.1)\ndef farthest(frame: Frame) -> Samples:\n'
+            '    """Mean range."""\n    return Samples(np.zeros(len(frame), int), frame.block, frame.reach)'
+        ),
+        "lidarsim/comparison/README.md": after("| `density-aware", "| `range of points` | mean range | | 0.1 m |"),
+    },
+    ("tests/test_compare.py", "-k", "page_names"),
+)
+TOYS = {
+    "shape": SHAPE,
+    "pattern": PATTERN,
+    "format": FORMAT,
+    "packets": PACKETS,
+    "preset": PRESET,
+    "output of a run": OUTPUT,
+    "layout": LAYOUT,
+    "measure": MEASURE,
+    "effect": EFFECT,
+    "column": COLUMN,
+}
+OF_THE_CORE = {"shape": SHAPE, "effect": EFFECT, "column": COLUMN}
+"""Toys with Rust of their own."""
 
 
 class Copy:
@@ -328,7 +509,7 @@ def copy(tmp_path: Path) -> Copy:
     return Copy(tmp_path)
 
 
-def borrowed(path: Path) -> None:
+def borrow(path: Path) -> None:
     """Let the toy shape be the core's sphere, so that the core need not be compiled."""
     path.write_text(
         path.read_text(encoding="utf-8").replace('self._set("Ball"', 'self._set("Sphere"'), encoding="utf-8"
@@ -340,29 +521,25 @@ def test_the_guide_lists_the_files_of_a_toy(what: str) -> None:
     assert TOYS[what].files == checklist(what)
 
 
-@pytest.mark.parametrize("what", ["effect", "column", "layout"])
-def test_the_guide_lists_files_that_exist(what: str) -> None:
-    files = checklist(what)
-    assert len(files) >= 3
-    assert [file for file in files if "NAME" not in file and not (ROOT / file).exists()] == []
-
-
 @pytest.fixture(scope="module")
 def toys(tmp_path_factory: pytest.TempPathFactory) -> Copy:
-    """A copy with all toys, which do not know of each other."""
+    """A copy with all toys that need no compiler; they do not know of each other."""
     copy = Copy(tmp_path_factory.mktemp("toys"))
     for toy in TOYS.values():
-        copy.make(toy)
-    borrowed(copy.folder / "lidarsim/world/shapes/ball.py")
+        if toy not in (EFFECT, COLUMN):
+            copy.make(toy)
+    borrow(copy.folder / "lidarsim/world/shapes/ball.py")
     return copy
 
 
-@pytest.mark.parametrize(("files", "least"), [(WHOLE, 800), (CASES, 150)], ids=["whole files", "cases"])
+@pytest.mark.slow("the lists of the guide are true")
+@pytest.mark.parametrize(("files", "least"), [(WHOLE, 1000), (CASES, 150)], ids=["whole files", "cases"])
 def test_toys_need_their_checklists_alone(files: tuple[str, ...], least: int, toys: Copy) -> None:
     passed, failed = toys.test(*files)
     assert (passed > least, failed) == (True, 0)
 
 
+@pytest.mark.slow("the lists of the guide are true")
 def test_toys_are_used(toys: Copy) -> None:
     source = (toys.folder / CORE / "core/src/shapes/mod.rs").read_text(encoding="utf-8")
     assert len(re.findall(r"\b[bB]all\b", source)) >= 3
@@ -379,25 +556,43 @@ def test_toys_are_used(toys: Copy) -> None:
     assert ".tally" in toys.run("-c", COMMAND, "scan", "configs/demo.yaml", "-o", "demo.other")
 
 
-@pytest.mark.parametrize("what", TOYS)
+def files_that_are_noticed(toy: Toy) -> list[str]:
+    """The files of a toy without the tests that nothing asks for: those of what is tested by its own test alone."""
+    files = [*toy.edits]
+    return files[1:] if toy in (PACKETS, OUTPUT, LAYOUT, MEASURE, EFFECT, COLUMN) else files
+
+
+@pytest.mark.slow("the lists of the guide are true")
+@pytest.mark.parametrize("what", [what for what in TOYS if what != "column"])
 def test_what_is_left_out_is_noticed(what: str, tmp_path: Path, slow: bool) -> None:
     """Each file in turn if thorough tests are asked for, else the last one alone."""
     toy = TOYS[what]
-    files = [file for file in toy.edits if file != "tests/test_run.py"]  # where no test asks for that of a new output
+    files = files_that_are_noticed(toy)
     for number, file in enumerate(files if slow else files[-1:]):
         copy = Copy(tmp_path / str(number))
         copy.make(toy, without=file)
         if what == "shape" and file != "lidarsim/world/shapes/ball.py":
-            borrowed(copy.folder / "lidarsim/world/shapes/ball.py")
+            borrow(copy.folder / "lidarsim/world/shapes/ball.py")
         said = copy.run("-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *toy.tests)
         assert re.search(r"\d+ (failed|error)|Error", said), f"{file}: {said[-2000:]}"
         assert "exit code 0" not in said, file
 
 
-@pytest.mark.slow
-def test_a_shape_is_compiled(copy: Copy) -> None:
-    """The listed files of a shape with its own Rust suffice for the compiler, which takes minutes."""
-    copy.make(SHAPE)
+@pytest.mark.slow("the lists of the guide for what has Rust of its own are true")
+def test_toys_of_the_core_are_compiled(copy: Copy) -> None:
+    """The listed files of a shape, an effect and a column suffice for the compiler, and are used."""
+    for toy in OF_THE_CORE.values():
+        copy.make(toy)
     copy.compile()
-    passed, failed = copy.test("tests/conformance", "tests/hard/test_cases.py", "-k", "ball or Ball")
+    passed, failed = copy.test("tests/conformance", "tests/hard/test_cases.py", "-k", "ball")
     assert (passed > 100, failed) == (True, 0)
+    whole = ("tests/test_measurement.py", "tests/test_scan.py", "tests/test_batch.py", "tests/test_pages.py")
+    passed, failed = copy.test(*whole)
+    assert (passed > 900, failed) == (True, 0)
+    for toy in (EFFECT, COLUMN):
+        (file,) = [file for file in toy.edits if file.endswith(".py") and not file.startswith("tests/")]
+        text = (copy.folder / file).read_text(encoding="utf-8")
+        shutil.copy(ROOT / file, copy.folder / file)
+        _, failed = copy.test(*whole[:2], "-k", f"columns_are or {toy.name}")
+        assert failed > 0
+        (copy.folder / file).write_text(text, encoding="utf-8")

@@ -39,6 +39,7 @@ def test_there_are_examples() -> None:
     assert len(PAGES) > 10
 
 
+@pytest.mark.slow("every example, command and code block of a page, and the notebook, runs as it stands")
 @pytest.mark.parametrize("path", [path for path in EXAMPLES if path.stem != "reality"], ids=lambda path: path.stem)
 def test_example_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -87,6 +88,7 @@ def test_a_page_is_in_the_index_and_has_the_parts_of_one(name: str) -> None:
     assert len(TEXTS[name].split()) < 550
 
 
+@pytest.mark.slow("every example, command and code block of a page, and the notebook, runs as it stands")
 @pytest.mark.parametrize("name", TEXTS)
 def test_the_commands_and_code_of_a_page_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One after another, in a folder with the configurations; scripts have tests of their own."""
@@ -113,6 +115,7 @@ def test_the_commands_and_code_of_a_page_run(name: str, tmp_path: Path, monkeypa
                 assert file.exists() or list(tmp_path.glob(f"{file.stem}_*{file.suffix}")), words  # one a frame
 
 
+@pytest.mark.slow("every example, command and code block of a page, and the notebook, runs as it stands")
 def test_the_notebook_shows_what_it_makes(tmp_path: Path) -> None:
     notebook = nbformat.read(ROOT / "examples" / "notebook.ipynb", as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells)  # pages are large

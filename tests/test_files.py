@@ -172,6 +172,7 @@ def test_links_that_lead_nowhere(tmp_path: Path) -> None:
         PointCloud.load(loop)
 
 
+@pytest.mark.slow("a process that is ended leaves no half-written file")
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
 @pytest.mark.parametrize("suffix", [".npz", ".laz", ".mcap", ".db3"])
 def test_the_command_line_leaves_nothing_at_sigterm(suffix: str, tmp_path: Path) -> None:

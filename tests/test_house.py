@@ -394,6 +394,7 @@ def test_readme_has_two_set_up_commands() -> None:
     assert "pytest" in commands[1]
 
 
+@pytest.mark.slow("the README shows what its example draws, and its commands run")
 def test_the_readme_shows_what_its_example_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer colours and pixels move the means of blocks by up to 3 of 255; an object that is missing, by tens."""
     monkeypatch.chdir(tmp_path)
@@ -408,6 +409,7 @@ def test_the_readme_shows_what_its_example_draws(tmp_path: Path, monkeypatch: py
     assert pictures.difference(drawn, shown) > 20
 
 
+@pytest.mark.slow("the README shows what its example draws, and its commands run")
 def test_the_commands_that_the_readme_names_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     named = [shlex.split(text) for text in re.findall(r"`(lidarsim [^`]+)`", README)]

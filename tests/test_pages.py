@@ -15,6 +15,7 @@ from lidarsim.config.schema import Config
 from lidarsim.datasets.layouts import LAYOUTS
 from lidarsim.datasets.recipe import Settings
 from lidarsim.errors import ConfigError
+from lidarsim.io import packets
 from lidarsim.scan.formats import FORMATS
 
 ROOT = Path(__file__).parents[1]
@@ -96,7 +97,14 @@ def test_each_format_has_its_row() -> None:
     assert FORMATS.keys() - named == set()
 
 
-@pytest.mark.parametrize("package", ["world/shapes", "patterns", "io", "io/vendors", "io/trajectories"])
+def test_each_variant_of_packets_has_its_row() -> None:
+    table = FILES.partition("| models | variants |")[2].partition("\n\n")[0]
+    named = {name for row in table.splitlines()[2:] for name in re.findall(r"`([^`]+)`", row.split(" | ")[1])}
+    assert len(packets.variants()) > 5
+    assert set(packets.variants()) - named == set()
+
+
+@pytest.mark.parametrize("package", ["world/shapes", "patterns", "io", "io/packets", "io/vendors", "io/trajectories"])
 def test_each_module_is_loaded_so_that_it_registers_itself(package: str) -> None:
     code = "import lidarsim, sys; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

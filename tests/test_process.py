@@ -246,6 +246,7 @@ def changed(work: Callable[[int], object]) -> set[str]:
     return {name for name in before if after[name] != before[name]}
 
 
+@pytest.mark.slow("no call changes the state of its process while others run")
 @pytest.mark.parametrize("kind", WORK)
 @pytest.mark.usefixtures("ready")
 def test_six_threads_leave_the_process_as_it_was(kind: str, tmp_path: Path) -> None:
@@ -254,6 +255,7 @@ def test_six_threads_leave_the_process_as_it_was(kind: str, tmp_path: Path) -> N
     assert changed(lambda number: WORK[kind](tmp_path / str(number))) == set()
 
 
+@pytest.mark.slow("no call changes the state of its process while others run")
 @pytest.mark.usefixtures("ready")
 def test_six_threads_that_read_leave_the_process_as_it_was(tmp_path: Path) -> None:
     """Every sound file whose mutations are read, which include one at least of each kind that is registered."""

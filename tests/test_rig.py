@@ -361,6 +361,7 @@ def resident() -> int:
     return psutil.Process().memory_info().rss
 
 
+@pytest.mark.slow("memory does not grow with frames")
 @pytest.mark.parametrize("together", [False, True])
 def test_frames_take_the_memory_of_one(together: bool) -> None:
     """However many frames are scanned: a sequence of any length takes the memory of a frame."""

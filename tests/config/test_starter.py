@@ -41,6 +41,7 @@ def test_the_packaged_configurations_are_those_of_the_repository() -> None:
         assert (starter.STARTER / file).read_bytes() == (CONFIGS / file).read_bytes(), file
 
 
+@pytest.mark.slow("a new project has all that its notes and names promise")
 def test_every_command_of_the_notes_runs_in_a_new_project(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,6 +97,7 @@ def test_a_project_that_cannot_be_finished_is_removed(there: bool, monkeypatch: 
     assert list(Path().rglob("*")) == [Path("project")] * there
 
 
+@pytest.mark.slow("a new project has all that its notes and names promise")
 def test_names_stand_for_packaged_configurations(capsys: pytest.CaptureFixture[str]) -> None:
     assert list(starter.names()) == ["ahead", "demo", "detection", "segmentation"]
     assert lidarsim("check", "demo") == 0

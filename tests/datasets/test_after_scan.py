@@ -104,6 +104,7 @@ def test_the_cloud_that_is_returned_is_written(recipe: Path, tmp_path: Path) -> 
     assert [record["points"] for record in records] == [len(some) for some in half]
 
 
+@pytest.mark.slow("functions after the scan leave the bytes to the recipe alone")
 def test_an_unchanged_cloud_gives_the_same_files(
     recipe: Path, tmp_path: Path, tree: Callable[[Path], dict[str, str]]
 ) -> None:
@@ -135,6 +136,7 @@ def test_all_columns_are_given(tmp_path: Path) -> None:
     ls.generate(scenes, tmp_path / "out", layout="kitti", after_scan=check, pictures=0)
 
 
+@pytest.mark.slow("functions after the scan leave the bytes to the recipe alone")
 def test_files_are_the_same_for_any_number_of_workers(
     named: Path, tmp_path: Path, tree: Callable[[Path], dict[str, str]]
 ) -> None:

@@ -211,6 +211,7 @@ def test_a_function_is_a_recipe(tmp_path: Path, tree: Tree) -> None:
     assert {name: first[name] for name in clouds} == {name: second[name] for name in clouds}
 
 
+@pytest.mark.slow("a cluster whose parts die leaves a data set that can be finished")
 def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
     out = tmp_path / "out"
     arguments = ["generate", recipe, "-o", out, "--workers", "2", *of(DRIVE), "--pictures", "0"]
@@ -261,6 +262,7 @@ def test_workers_that_cannot_start_are_not_waited_for_forever(
         ls.generate(recipe, tmp_path / "out", overrides=DRIVE, pictures=0, client=client)
 
 
+@pytest.mark.slow("a cluster whose parts die leaves a data set that can be finished")
 def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
     out = tmp_path / "out"
 
@@ -327,6 +329,7 @@ def test_workers_continue_their_sequences(recipe: Path) -> None:
     assert choice.next(None, []) == 0
 
 
+@pytest.mark.slow("a cluster whose parts die leaves a data set that can be finished")
 def test_ctrl_c_ends_the_workers(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
     """On a terminal it goes to all processes of the group."""
     out = tmp_path / "out"

@@ -15,6 +15,7 @@ from scipy.spatial.transform import RigidTransform
 
 import lidarsim as ls
 from lidarsim.config.document import dump, parse, plain
+from lidarsim.datasets.layouts import LAYOUTS
 from lidarsim.datasets.recipe import load, noise_seed
 from lidarsim.errors import ConfigError
 
@@ -198,7 +199,7 @@ def test_a_function_deskews(tmp_path: Path) -> None:
         ls.generate(drives, tmp_path / "end", layout="semantickitti", pictures=0)
 
 
-@pytest.mark.parametrize("layout", ["semantickitti", "nuscenes", "shards", "bags"])
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_function_may_return_a_rigid_transform(layout: str, tmp_path: Path) -> None:
     stands = RigidTransform.from_translation([0.0, 0.0, 1.5])
 

@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
+from lidarsim.datasets.layouts import LAYOUTS
 from lidarsim.datasets.recipe import load
 from lidarsim.viewers._colors import QUALITATIVE
 
@@ -419,7 +420,6 @@ def placed(transform: Any) -> RigidTransform:
     )
 
 
-LAYOUTS = ("semantickitti", "kitti", "nuscenes", "shards", "bags")
 GRID = ls.Lidar(ls.patterns.Grid([0.0, 0.1], [0.0, 0.1], rate=10.0))
 
 
@@ -469,6 +469,7 @@ def test_a_later_rig_with_such_a_name(tmp_path: Path, layout: str) -> None:
     assert not list((tmp_path / "out").rglob("x*"))
 
 
+@pytest.mark.slow("sensors may have the names of notes of a data set")
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_names_of_sensors_that_notes_have(tmp_path: Path, layout: str) -> None:
     """No name is reserved: notes are told from files of sensors by their exact names."""

@@ -211,7 +211,7 @@ def test_rigs(tmp_path: Path) -> None:
     path = write(tmp_path, "shards")
     text = path.read_text()
     path.write_text(text.replace("sensor: {preset: velodyne-vlp16}", RIG))
-    for layout in ("kitti", "openpcdet", "mmdetection3d", "nuscenes", "semantickitti", "shards", "bags"):
+    for layout in LAYOUTS:
         out = tmp_path / layout
         ls.generate(path, out, layout=layout, pictures=0)
         frames = ls.datasets.load(out)

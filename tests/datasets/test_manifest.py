@@ -172,6 +172,7 @@ def test_what_is_no_regular_file_is_not_read(out: Path, tmp_path: Path) -> None:
     assert "got a file that cannot be read" in ls.datasets.verify(out)[0]
 
 
+@pytest.mark.slow("damaged or endless notes of a data set end in documented errors")
 def test_a_file_that_grows_without_end_is_not_read_to_it(out: Path) -> None:
     file = out / "sequences/00/velodyne/000000.bin"
     os.truncate(file, 1 << 42)  # a hole that takes no place
@@ -402,6 +403,7 @@ def mutated(data: st.DataObject, value: Any) -> Any:
     return data.draw(json_values)
 
 
+@pytest.mark.slow("damaged or endless notes of a data set end in documented errors")
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_damaged_notes_end_in_nothing_but_documented_errors(
     layout: str, tmp_path_factory: pytest.TempPathFactory

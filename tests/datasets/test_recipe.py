@@ -166,6 +166,7 @@ def test_a_function_that_returns_something_else(result: object, message: str, tm
 RECIPES = sorted((Path(__file__).parents[2] / "configs" / "recipes").glob("*.yaml"))
 
 
+@pytest.mark.slow("packaged recipes make data sets")
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
 def test_the_recipes_that_come_along(path: Path, tmp_path: Path, slow: bool) -> None:
     """One sequence; more draws of each if thorough tests are asked for."""
@@ -182,6 +183,7 @@ def test_there_are_recipes() -> None:
     assert len(RECIPES) == 6
 
 
+@pytest.mark.slow("packaged recipes make data sets")
 def test_the_recipe_for_a_detector(tmp_path: Path) -> None:
     path = next(path for path in RECIPES if path.stem == "detection")
     ls.generate(path, tmp_path / "out", sequences=4, frames=1, pictures=0)

@@ -14,12 +14,12 @@ import pytest
 import lidarsim as ls
 from lidarsim.cli import main
 from lidarsim.datasets import engine
+from lidarsim.datasets.layouts import LAYOUTS
 from lidarsim.datasets.sampling import samples
 from lidarsim.errors import LidarsimError
 
 Tree = Callable[[Path], dict[str, str]]
 
-LAYOUTS = ("bags", "kitti", "nuscenes", "semantickitti", "shards")
 SPLITS = {"train": [0, 1], "val": [2]}
 
 
@@ -35,6 +35,7 @@ def alter(path: Path) -> None:
     path.write_bytes(data)
 
 
+@pytest.mark.slow("every kind of file that is lost or damaged is made again")
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_each_kind_of_file_comes_back(recipe: Path, tmp_path: Path, tree: Tree, layout: str) -> None:
     out = tmp_path / "out"

@@ -351,6 +351,7 @@ def test_outlines_that_are_points_are_apart_only_where_they_are() -> None:
     assert point.apart(there, 1.0)
 
 
+@pytest.mark.slow("places do not depend on how many are tried at once")
 def test_places_do_not_depend_on_how_many_are_tried_at_once(recipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One at a time is what the description says: the first place that has room."""
     streets = CONFIGS / "recipes" / "street.yaml"
@@ -391,6 +392,7 @@ def test_a_group_ends_when_there_is_no_room(recipe: Path, monkeypatch: pytest.Mo
 PACKAGED = sorted((CONFIGS / "recipes").glob("*.yaml"))
 
 
+@pytest.mark.slow("packaged recipes have all of their groups")
 @pytest.mark.parametrize("path", PACKAGED, ids=lambda path: path.stem)
 def test_each_group_of_each_packaged_recipe_appears(path: Path, slow: bool) -> None:
     source = load(path).source

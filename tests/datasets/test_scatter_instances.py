@@ -523,6 +523,7 @@ def test_what_is_said_to_be_apart_is_apart_within_each_step() -> None:
     assert near > 40
 
 
+@pytest.mark.slow("crowds of hundreds never meet")
 def test_traffic_of_two_hundred_instances() -> None:
     """The town: its instances are apart at moments within its steps, and one instance each."""
     source = load(CONFIGS / "recipes" / "traffic.yaml").source

@@ -56,6 +56,7 @@ ls.Polygon(zigzag(3))
 """
 
 
+@pytest.mark.slow("Ctrl-C and handlers of signals end each kind of work")
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no such alarms on this system")
 @pytest.mark.parametrize("work", WORK)
 def test_a_handler_of_signals_ends_the_work(work: str) -> None:
@@ -84,6 +85,7 @@ def test_a_handler_of_signals_ends_the_work(work: str) -> None:
     assert output(code, setup=SETUP) == "True"
 
 
+@pytest.mark.slow("Ctrl-C and handlers of signals end each kind of work")
 @pytest.mark.parametrize("place", ["callback", "except", "nowhere"])
 def test_a_ctrl_c_that_is_dropped_in_the_command_line_comes_again(place: str) -> None:
     """Python drops exceptions in callbacks of weak references, which each import has, and libraries in `except:`."""

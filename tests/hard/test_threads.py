@@ -94,6 +94,7 @@ def test_eight_threads_on_shared_and_growing_scenes() -> None:
     assert output(code) == "True True"
 
 
+@pytest.mark.slow("the interpreter ends beside daemon threads")
 @pytest.mark.parametrize("work", ["cast", "build", "scan"])
 def test_the_interpreter_ends_while_daemon_threads_work(work: str) -> None:
     code = """

@@ -665,6 +665,7 @@ BOMBS = (
 )
 
 
+@pytest.mark.slow("what small files name again and again is counted")
 @pytest.mark.parametrize("bomb", BOMBS)
 def test_what_a_scene_names_again_is_counted(bomb: Callable[[Gltf], None], tmp_path: Path) -> None:
     file = Gltf()

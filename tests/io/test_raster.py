@@ -271,6 +271,7 @@ def test_a_stride_leaves_two_rows(tmp_path: Path) -> None:
         ls.TriangleMesh.from_raster(path, stride=0)
 
 
+@pytest.mark.slow("windows of rasters are covered by the fewest nodes")
 @pytest.mark.parametrize("south_up", [False, True])
 @pytest.mark.parametrize("stride", [1, 3])
 def test_windows_are_covered_by_the_fewest_nodes(stride: int, south_up: bool, tmp_path: Path) -> None:

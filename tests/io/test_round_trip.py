@@ -288,6 +288,7 @@ def test_a_dtype_that_a_format_cannot_hold(suffix: str, dtype: str, tmp_path: Pa
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow("memory of each format is bounded")
 @pytest.mark.parametrize(
     "suffix", [*FORMATS, ".las", ".laz", ".csv", ".xyz", ".pts", ".ptx", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"]
 )

@@ -39,6 +39,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return Run(printed.getvalue(), place / "reality.png", names["results"])
 
 
+@pytest.mark.slow("the table of the page is what its example prints")
 def test_page_has_the_table_of_the_example(run: Run) -> None:
     _, _, rest = PAGE.read_text(encoding="utf-8").partition("<!-- reality: begin, written by examples/reality.py -->\n")
     table, end, _ = rest.partition("<!-- reality: end -->")

@@ -52,6 +52,7 @@ def street() -> ls.Scene:
     return ls.config.load(ROOT / "configs" / "demo.yaml").scene
 
 
+@pytest.mark.slow("the air has its share of the points of every preset")
 @pytest.mark.parametrize("noise", ["datasheet", "measured"])
 @pytest.mark.parametrize("name", [name for name in ls.Lidar.presets() if not name.startswith(STILL)])
 def test_the_air_has_its_share_of_points(name: str, noise: str, street: ls.Scene) -> None:

@@ -20,6 +20,7 @@ ONE_OF_EACH = {type(pattern): name for name, pattern in FAMILIES.items()}.values
 """Beside them come those with a footprint of another kind."""
 
 
+@pytest.mark.slow("every family of patterns is drawn")
 @pytest.mark.parametrize("name", [*ONE_OF_EACH, "vlp16", "hokuyo", "vq780"])
 def test_every_family_is_drawn(tmp_path: Path, name: str) -> None:
     path = tmp_path / "pattern.png"
