@@ -397,18 +397,18 @@ COLUMN = Toy(
     {
         "tests/test_scan.py": at_end(
             "def test_slant():\n    scan = lidar().scan(room())\n    assert np.isfinite(scan.slant).sum() > 100\n"
-            "    np.testing.assert_array_equal(scan.slant, -scan.incidence)"
+            "    np.testing.assert_array_equal(scan.slant, -scan.range.astype('f4'))"
         ),
         f"{CORE}/core/src/measure/columns.rs": after(
             "                incidence: ", "                slant: f32 = f32::NAN, always, copied;"
         ),
         f"{CORE}/core/src/measure/single_ray.rs": after(
-            "                incidence,", "                slant: incidence.map(|x| -x),"
+            "                range: range", "                slant: range.store().map(|x| -x as f32),"
         ),
         f"{CORE}/core/src/measure/footprint.rs": after(
-            "                incidence: [", "                slant: [-incidence as f32],"
+            "                range: [", "                slant: [-range as f32],"
         ),
-        "lidarsim/scan/columns.py": after("    incidence: F32", '    slant: F32 = declare("Minus the angle", "rad")'),
+        "lidarsim/scan/columns.py": after("    incidence: F32", '    slant: F32 = declare("Minus the range", "m")'),
     },
     ("tests/test_scan.py", "-k", "columns_are or slant"),
 )
@@ -588,7 +588,7 @@ def test_toys_of_the_core_are_compiled(copy: Copy) -> None:
     assert (passed > 100, failed) == (True, 0)
     whole = ("tests/test_measurement.py", "tests/test_scan.py", "tests/test_batch.py", "tests/test_pages.py")
     passed, failed = copy.test(*whole)
-    assert (passed > 900, failed) == (True, 0)
+    assert (passed > 650, failed) == (True, 0)
     for toy in (EFFECT, COLUMN):
         (file,) = [file for file in toy.edits if file.endswith(".py") and not file.startswith("tests/")]
         text = (copy.folder / file).read_text(encoding="utf-8")
