@@ -62,6 +62,7 @@ def checked(tool: str, *paths: Path) -> list[str]:
     return [line for line in said.splitlines() if ".py:" in line and "error" in line]
 
 
+@pytest.mark.slow("type checkers find the mistakes in a script of a user, and no others")
 @pytest.mark.parametrize("tool", ["mypy", "basedpyright", "pyright"])
 def test_a_script_is_checked(tool: str, tmp_path: Path) -> None:
     if tool == "mypy":

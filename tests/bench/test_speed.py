@@ -30,6 +30,8 @@ from lidarsim.bench import (
 from lidarsim.bench.exact import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
 
+pytestmark = pytest.mark.slow("the bench measures every scene and peer")
+
 PLAN = Plan(
     triangles=2000,
     shapes=60,
@@ -66,7 +68,6 @@ def rows(results: dict[str, Any], **wanted: Any) -> list[dict[str, Any]]:
     return [row for row in results["speed"] if all(row[key] == value for key, value in wanted.items())]
 
 
-@pytest.mark.slow("the bench measures every scene")
 def test_every_scene_has_its_rays_and_threads(results: dict[str, Any]) -> None:
     cells = {(row["scene"], row["rays"], row["threads"]) for row in rows(results, method="lidarsim")}
     expected = {

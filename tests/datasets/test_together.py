@@ -22,6 +22,8 @@ from lidarsim.errors import LidarsimError
 LAYOUTS = ("semantickitti", "nuscenes", "shards", "bags")
 """Those with files of a sample, of a sequence, of a shard, and with tables over all of them."""
 
+pytestmark = pytest.mark.slow("processes that write one data set at the same time lose and damage nothing")
+
 WORKER = """
 import json, sys
 import lidarsim as ls
@@ -80,7 +82,6 @@ def files(folder: Path) -> dict[str, bytes | None]:
     }  # fmt: skip
 
 
-@pytest.mark.slow("processes that write one data set at the same time, and are killed, lose and damage nothing")
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_killed_at_random_moments(shared: Path, tmp_path: Path, slow: bool, layout: str) -> None:
     options: dict[str, Any] = {"layout": layout, "shard_frames": 1}
@@ -117,7 +118,6 @@ def wait_for(out: Path, count: int) -> None:
         assert time.monotonic() < until
 
 
-@pytest.mark.slow("processes that write one data set at the same time, and are killed, lose and damage nothing")
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_two_recipes_at_once(shared: Path, tmp_path: Path, slow: bool, two: list[Worker], layout: str) -> None:
     """One of them is refused, before it has written anything."""
@@ -137,7 +137,6 @@ def test_two_recipes_at_once(shared: Path, tmp_path: Path, slow: bool, two: list
         assert files(out) == whole[winner]
 
 
-@pytest.mark.slow("processes that write one data set at the same time, and are killed, lose and damage nothing")
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("parts", [1, 2], ids=["the same", "parts"])
 def test_one_recipe_at_once(
@@ -156,7 +155,6 @@ def test_one_recipe_at_once(
         assert files(out) == whole
 
 
-@pytest.mark.slow("processes that write one data set at the same time, and are killed, lose and damage nothing")
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_one_of_two_is_killed(shared: Path, tmp_path: Path, slow: bool, layout: str) -> None:
     """The other is not held up by it, and removes what it left."""
@@ -179,7 +177,6 @@ def test_one_of_two_is_killed(shared: Path, tmp_path: Path, slow: bool, layout: 
         assert files(out) == whole
 
 
-@pytest.mark.slow("processes that write one data set at the same time, and are killed, lose and damage nothing")
 def test_late_writers(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another call completes the data set and tidies up between any two steps of this one."""
     from lidarsim.datasets import engine, manifest, run

@@ -18,6 +18,9 @@ PAGE = ROOT / "lidarsim" / "presets" / "README.md"
 Figures = list[tuple[dict[str, str], float, float, float]]
 
 
+pytestmark = pytest.mark.slow("the example about reality finds what its page says, within the spread of real units")
+
+
 @dataclass(frozen=True)
 class Run:
     """What the example prints, draws and finds: row of the captures, real, simulated as measured, as the data sheet."""
@@ -39,7 +42,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return Run(printed.getvalue(), place / "reality.png", names["results"])
 
 
-@pytest.mark.slow("the table of the page is what its example prints")
 def test_page_has_the_table_of_the_example(run: Run) -> None:
     _, _, rest = PAGE.read_text(encoding="utf-8").partition("<!-- reality: begin, written by examples/reality.py -->\n")
     table, end, _ = rest.partition("<!-- reality: end -->")
