@@ -15,8 +15,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import nbclient
-import nbformat
 import numpy as np
 import pictures
 import pytest
@@ -117,6 +115,7 @@ def test_the_commands_and_code_of_a_page_run(name: str, tmp_path: Path, monkeypa
 
 @pytest.mark.slow("every example, command and code block of a page, and the notebook, runs as it stands")
 def test_the_notebook_shows_what_it_makes(tmp_path: Path) -> None:
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     notebook = nbformat.read(ROOT / "examples" / "notebook.ipynb", as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells)  # pages are large
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": tmp_path}}).execute()
