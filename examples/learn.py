@@ -58,7 +58,7 @@ def real(sequence: Path | str) -> list[LabelledFrame]:
     return frames
 
 
-def varied(rng: np.random.Generator, channels: Images, classes: Classes) -> tuple[Images, Classes]:
+def augment(rng: np.random.Generator, channels: Images, classes: Classes) -> tuple[Images, Classes]:
     """Return part of a frame turned, mirrored, scaled and tilted at random, with more noise and more gaps."""
     rows, columns = classes.shape
     turn, mirror = rng.integers(columns), rng.choice([-1, 1])
@@ -139,7 +139,7 @@ def train(groups: list[list[LabelledFrame]], steps: int, seed: int) -> Any:
     images = [[image(frame) for frame in frames] for frames in groups]
     for step in range(steps):
         frames = [of[rng.integers(len(of))] for of in (images[k % len(images)] for k in range(BATCH))]
-        channels, classes = map(np.stack, zip(*(varied(rng, *frame) for frame in frames), strict=True))
+        channels, classes = map(np.stack, zip(*(augment(rng, *frame) for frame in frames), strict=True))
         loss = loss_of(net(torch.from_numpy(features(channels))), torch.from_numpy(classes).long())
         optimizer.zero_grad()
         loss.backward()
@@ -150,7 +150,7 @@ def train(groups: list[list[LabelledFrame]], steps: int, seed: int) -> Any:
     return net
 
 
-def found(net: Any, channels: Images) -> npt.NDArray[np.int64]:
+def classify(net: Any, channels: Images) -> npt.NDArray[np.int64]:
     """Return the class of each pixel by the mean of four views: also mirrored, and moved by half a patch."""
     import torch
 
@@ -170,7 +170,7 @@ def confusion(net: Any, frames: list[LabelledFrame]) -> npt.NDArray[np.int64]:
     net.eval()
     for channels, classes in map(image, frames):
         known = classes != OTHER
-        np.add.at(count, (classes[known], found(net, channels)[known]), 1)
+        np.add.at(count, (classes[known], classify(net, channels)[known]), 1)
     return count
 
 

@@ -37,7 +37,7 @@ def painted_yard() -> trimesh.Trimesh:
     return yard
 
 
-def colored(mesh: trimesh.Trimesh, name: str, color: tuple[int, int, int]) -> trimesh.Trimesh:
+def paint(mesh: trimesh.Trimesh, name: str, color: tuple[int, int, int]) -> trimesh.Trimesh:
     """Give a mesh a material of one colour."""
     mesh.visual = TextureVisuals(material=PBRMaterial(name=name, baseColorFactor=(*color, 255)))
     return mesh
@@ -54,23 +54,23 @@ def courtyard() -> trimesh.Scene:
     """Return the scene."""
     create, scene = trimesh.creation, trimesh.Scene()
     add(scene, "yard", np.eye(4), {"ground": painted_yard()})
-    wall = colored(create.box((24, 6, 7)), "plaster", (200, 190, 170))
+    wall = paint(create.box((24, 6, 7)), "plaster", (200, 190, 170))
     add(scene, "house", translation_matrix((0, 15, 3.5)), {"wall": wall})
     for number, (x, y) in enumerate([(-13, -9), (-9, -10), (13, -8)]):
-        trunk = colored(create.cylinder(0.2, 2.4), "bark", (90, 70, 50))
-        crown = colored(create.icosphere(3, 1.4), "leaves", (60, 120, 50)).apply_translation((0, 0, 2.2))
+        trunk = paint(create.cylinder(0.2, 2.4), "bark", (90, 70, 50))
+        crown = paint(create.icosphere(3, 1.4), "leaves", (60, 120, 50)).apply_translation((0, 0, 2.2))
         add(scene, f"tree_{number}", translation_matrix((x, y, 1.2)), {"trunk": trunk, "crown": crown})
     for number, (x, color) in enumerate([(-10.7, (150, 20, 20)), (-5.5, (220, 220, 225)), (4.9, (25, 25, 30))]):
         parts = {
-            "body": colored(create.box((1.8, 4.2, 0.7)), "paint", color).apply_translation((0, 0, 0.65)),
-            "cabin": colored(create.box((1.6, 2.2, 0.6)), "glass", (40, 45, 50)).apply_translation((0, -0.2, 1.3)),
+            "body": paint(create.box((1.8, 4.2, 0.7)), "paint", color).apply_translation((0, 0, 0.65)),
+            "cabin": paint(create.box((1.6, 2.2, 0.6)), "glass", (40, 45, 50)).apply_translation((0, -0.2, 1.3)),
         }
         across = rotation_matrix(np.pi / 2, (0, 1, 0))
         for wheel, (dx, dy) in enumerate([(-0.8, 1.3), (0.8, 1.3), (-0.8, -1.3), (0.8, -1.3)]):
-            tire = colored(create.cylinder(0.32, 0.2, transform=across), "rubber", (20, 20, 20))
+            tire = paint(create.cylinder(0.32, 0.2, transform=across), "rubber", (20, 20, 20))
             parts[f"wheel_{wheel}"] = tire.apply_translation((dx, dy, 0.32))
         add(scene, f"car_{number}", translation_matrix((x, 7.5, 0)), parts)
-    marker = colored(create.box((1, 1, 1)), "marker", (255, 0, 255))
+    marker = paint(create.box((1, 1, 1)), "marker", (255, 0, 255))
     add(scene, "helper", translation_matrix((0, 0, 2)), {"pivot": marker})
     return scene
 

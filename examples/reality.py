@@ -42,7 +42,7 @@ def edges(lidar: ls.Lidar, jump: float, material: ls.Material) -> ls.Comparison:
     return ls.compare(*[both.scan(scene, seed=1)] * 2)
 
 
-def simulated(row: dict[str, str], noise: str) -> float:
+def simulate(row: dict[str, str], noise: str) -> float:
     """Return the figure of a row of captures.csv for a preset with this noise."""
     lidar, x, quantity = ls.Lidar.preset(row["preset"], noise=noise), float(row["x"]), row["quantity"]
     roughness = float(row["roughness"] or 0.0) if noise == "measured" else 0.0  # data sheets: Lambert's law
@@ -78,7 +78,7 @@ def simulated(row: dict[str, str], noise: str) -> float:
 
 
 rows = list(csv.DictReader(Path(__file__).with_name("captures.csv").read_text(encoding="utf-8").splitlines()))
-results = [(row, float(row["real"]), simulated(row, "measured"), simulated(row, "datasheet")) for row in rows]
+results = [(row, float(row["real"]), simulate(row, "measured"), simulate(row, "datasheet")) for row in rows]
 print("| preset | quantity | real | measured | data sheet | real unit |\n|---|---|---|---|---|---|")
 for row, *figures in results:
     what, form = WHAT[row["quantity"]]

@@ -18,7 +18,7 @@ FRAMES, SPEED = 80, 9.0  # m/s
 draw = np.random.default_rng(4)
 
 
-def placed(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> RigidTransform:
+def pose_at(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> RigidTransform:
     """Return a pose."""
     return RigidTransform.from_components((x, y, z), Rotation.from_euler("z", yaw))
 
@@ -30,7 +30,7 @@ for side in (-1, 1):
     x = -30.0
     while x < 110.0:
         width, depth, height = draw.uniform((6, 6, 4), (18, 12, 15))
-        place = placed(x + width / 2, side * (draw.uniform(13, 19) + depth / 2), height / 2, draw.uniform(-0.2, 0.2))
+        place = pose_at(x + width / 2, side * (draw.uniform(13, 19) + depth / 2), height / 2, draw.uniform(-0.2, 0.2))
         scene.add(ls.Box((width, depth, height)), name="house", transform=place)
         x += width + draw.uniform(0.5, 8)
     for x in draw.uniform(-30, 110, 20):
@@ -43,7 +43,7 @@ for side in (-1, 1):
 times = np.arange(0.0, FRAMES / 10 + 0.2, 0.1)
 yaw = 0.3 * np.sin(0.8 * times)
 x, y = (np.cumsum(SPEED * 0.1 * along) for along in (np.cos(yaw), np.sin(yaw)))
-poses = RigidTransform.concatenate([placed(*at, 1.8, turn) for *at, turn in zip(x, y, yaw, strict=True)])
+poses = RigidTransform.concatenate([pose_at(*at, 1.8, turn) for *at, turn in zip(x, y, yaw, strict=True)])
 drive = ls.Trajectory(times, poses, interpolation="spline")
 lidar = ls.Lidar.preset("ouster-os1-64", noise="datasheet")
 scans = list(lidar.frames(scene, drive, FRAMES, seed=1))

@@ -25,7 +25,7 @@ def table(rng: np.random.Generator, number: int) -> tuple[ls.Scene, ls.Lidar, Ri
     return scene, LIDAR, RigidTransform.from_components((0, 0, rng.uniform(1.0, 1.4)), down)
 
 
-def chosen(xyz: np.ndarray, label: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+def sample(xyz: np.ndarray, label: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Return a random sample of POINTS points of a cloud, so that clouds form batches."""
     index = np.random.default_rng(number).choice(len(xyz), POINTS)
     return xyz[index].astype(np.float32), label[index].astype(np.int64)
@@ -42,7 +42,7 @@ class FromFiles:
 
     def __getitem__(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         cloud = self.frames[number].cloud
-        return chosen(cloud.xyz, cloud.label, number)
+        return sample(cloud.xyz, cloud.label, number)
 
 
 class OnTheFly:
@@ -54,7 +54,7 @@ class OnTheFly:
     def __getitem__(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         scene, lidar, pose = table(np.random.default_rng([SEED, number]), number)
         cloud = lidar.scan(scene, pose, seed=number).point_cloud()
-        return chosen(cloud.xyz, cloud.label, number)
+        return sample(cloud.xyz, cloud.label, number)
 
 
 def batches(dataset: Any, size: int = 4) -> Iterable[tuple[Any, Any]]:

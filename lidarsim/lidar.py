@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from lidarsim._base.files import check_regular
-from lidarsim._base.names import named
-from lidarsim._base.validation import Instances, Transform, frames, integer, items, shown
+from lidarsim._base.names import explain_arguments
+from lidarsim._base.validation import Instances, Transform, frames, integer, items, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.scan import scan as _scan
 from lidarsim.scan.batch import Poses, ScanBatch, scan_many
@@ -50,7 +50,7 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
     _readers[name] = recognise, read
 
 
-@named
+@explain_arguments
 class Lidar(Sensor):
     """A lidar sensor.
 
@@ -80,7 +80,7 @@ class Lidar(Sensor):
         If an argument has the wrong type or is out of its range.
     """
 
-    @named
+    @explain_arguments
     def scan(
         self,
         scene: Scene,
@@ -345,7 +345,7 @@ class Lidar(Sensor):
                 for name, value in options.items():
                     if name not in known:
                         expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
-                        raise ArgumentTypeError(name, expected, shown(value))
+                        raise ArgumentTypeError(name, expected, short_repr(value))
                 return read(path, **options)
         raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
 
@@ -369,7 +369,7 @@ def preset_path(name: str) -> Path:
         If there is no preset of that name.
     """
     if not isinstance(name, str):
-        raise ArgumentTypeError("preset", "the name of a sensor", shown(name))
+        raise ArgumentTypeError("preset", "the name of a sensor", short_repr(name))
     known = Lidar.presets()
     if name not in known:
         bare = {preset.replace("-", ""): preset for preset in known}

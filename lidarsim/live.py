@@ -85,13 +85,13 @@ def stream(
     the sensor, since Rerun uses float32; the property ``origin`` of ``world`` tells them.
     """
     if not isinstance(scene, Scene | None):
-        raise ArgumentTypeError("scene", "a Scene", validation.shown(scene))
+        raise ArgumentTypeError("scene", "a Scene", validation.short_repr(scene))
     if class_names is not None:
         class_names = validation.named_labels("class_names", class_names)
     boxes, surfaces = validation.flag("boxes", boxes), validation.flag("surfaces", surfaces)
     expose = validation.flag("expose", expose)
     if each is not None and not callable(each):
-        raise ArgumentTypeError("each", "a function of the number of frames", validation.shown(each))
+        raise ArgumentTypeError("each", "a function of the number of frames", validation.short_repr(each))
     if isinstance(what, Run):
         scene = what.scene if scene is None else scene
         what.check_coverage()

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._base import names
 from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angle, array, as_array, freeze, in_order, one_of, real, shown
+from lidarsim._base.validation import Floats, angle, array, as_array, freeze, in_order, one_of, real, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = [
@@ -180,7 +180,7 @@ class Texture(Value):
         return {"values": self.values, "wrap": self.wrap, "interpolation": self.interpolation}
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         return cls(**contents)
 
 
@@ -188,7 +188,7 @@ def _wrap(value: object) -> tuple[Wrap, Wrap]:
     """Return the checked argument `wrap` of a texture, for u and v."""
     pair = tuple(value) if isinstance(value, (tuple, list)) else (value, value)
     if len(pair) != 2:
-        raise ArgumentValueError("wrap", "one for u and one for v", shown(value))
+        raise ArgumentValueError("wrap", "one for u and one for v", short_repr(value))
     for item in pair:
         one_of("wrap", item, WRAP)
     return pair
@@ -281,7 +281,7 @@ class Material(Value):
         "_variation",
     )
 
-    @names.named
+    @names.explain_arguments
     def __init__(
         self,
         *,
@@ -313,10 +313,10 @@ class Material(Value):
         self._reflectivity = _reflectivity(reflectivity, per)
         self._texture_map = None
         if isinstance(self._reflectivity, Texture):
-            self._texture_map = self._reflectivity._native.mapped(_texture_coordinates(texture_coordinates))
+            self._texture_map = self._reflectivity._native.map(_texture_coordinates(texture_coordinates))
         elif texture_coordinates is not None:
             expected = "None, or a Texture as the reflectivity"
-            raise ArgumentTypeError("texture_coordinates", expected, shown(texture_coordinates))
+            raise ArgumentTypeError("texture_coordinates", expected, short_repr(texture_coordinates))
 
     @property
     def reflectivity(self) -> float | Floats | Texture:
@@ -377,7 +377,7 @@ class Material(Value):
         return {name: getattr(self, name) for name in names}
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         return cls(**contents)
 
     @classmethod
@@ -457,14 +457,14 @@ def _reflectivity(value: object, per: Per) -> float | Floats | Texture:
     """Return the checked argument `reflectivity` of a material."""
     if per == "texture":
         if not isinstance(value, Texture):
-            raise ArgumentTypeError("reflectivity", "a Texture with per='texture'", shown(value))
+            raise ArgumentTypeError("reflectivity", "a Texture with per='texture'", short_repr(value))
         return value
     if isinstance(value, Texture):
         raise ArgumentTypeError("reflectivity", f"numbers with per={per!r}", "a Texture")
     if per == "object":
         if isinstance(value, (np.ndarray, list, tuple)):
             expected = "one number, or an array with per='face' or per='vertex'"
-            raise ArgumentTypeError("reflectivity", expected, shown(value))
+            raise ArgumentTypeError("reflectivity", expected, short_repr(value))
         return real("reflectivity", value, at_least=0.0)
     values = array("reflectivity", value, ("n",))
     if (values < 0.0).any():
@@ -528,13 +528,13 @@ def named(name: str) -> Material:
         If there is no material of this name; the message lists similar names.
     """
     if not isinstance(name, str):
-        raise ArgumentTypeError("name", "the name of a material", shown(name))
+        raise ArgumentTypeError("name", "the name of a material", short_repr(name))
     library, _ = _library()
     known = {key.lower(): key for key in library}
     if name.lower() not in known:
         near = difflib.get_close_matches(name.lower(), known)
         hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
-        raise ArgumentValueError("name", "the name of a material", shown(name), hint)
+        raise ArgumentValueError("name", "the name of a material", short_repr(name), hint)
     return library[known[name.lower()]]
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from lidarsim._base.files import PathLike
 from lidarsim._base.pickling import Pickled
-from lidarsim._base.validation import Floats, Transform, array, as_array, flag, integer, pose, short, shown
+from lidarsim._base.validation import Floats, Transform, array, as_array, flag, integer, pose, short, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._build import report, scene_with
@@ -104,10 +104,10 @@ class World(Pickled):
             path, (model, left_out) = Path(model), mjcf.load(model)
             report(path, left_out)
         elif not isinstance(model, module.MjModel):
-            raise ArgumentTypeError("model", "a mujoco.MjModel or the path of a file", shown(model))
+            raise ArgumentTypeError("model", "a mujoco.MjModel or the path of a file", short_repr(model))
         data = mjcf.place_bodies(model, keyframe)
         self.model = model
-        options = Options.checked(None, None, rules, reflectivity)
+        options = Options.from_arguments(None, None, rules, reflectivity)
         geoms, found = mjcf.objects(model, data, Path(), options, groups)
         self.scene = scene_with(found)
         objects = dict(zip(geoms, range(len(geoms)), strict=True))
@@ -347,7 +347,7 @@ class World(Pickled):
         if body is not None:
             return "body", self._number("body", body)
         if not isinstance(site, str):
-            raise ArgumentTypeError("site", "the name of a site", shown(site))
+            raise ArgumentTypeError("site", "the name of a site", short_repr(site))
         return "site", self._number("site", site)
 
     def _number(self, kind: str, name: str | int) -> int:
@@ -364,7 +364,7 @@ class World(Pickled):
             hint = f"did you mean {' or '.join(near)}?" if near else f"it has {short(', '.join(known) or 'none')}"
             if kind == "body" and not near:
                 hint += "; of a URDF, MuJoCo merges links with fixed joints with their parents: see World.pose"
-            raise ArgumentValueError(kind, f"the name of a {kind} of the model", shown(name), hint)
+            raise ArgumentValueError(kind, f"the name of a {kind} of the model", short_repr(name), hint)
         return number
 
     def _body_poses(self, xpos: npt.ArrayLike, xquat: npt.ArrayLike, before: tuple[Any, ...]) -> tuple[Floats, Floats]:
@@ -388,7 +388,7 @@ class World(Pickled):
     def _check(self, data: Any, name: str) -> None:
         """Check that these are data of the model with poses, by those of this name."""
         if not isinstance(data, mjcf.mujoco_module().MjData) and not _is_mjx(data):
-            raise ArgumentTypeError("data", "a mujoco.MjData or a mujoco.mjx.Data", shown(data))
+            raise ArgumentTypeError("data", "a mujoco.MjData or a mujoco.mjx.Data", short_repr(data))
         right, found = (self._sizes[name], 3), getattr(data, name).shape
         if found != right:
             hint = "of many worlds? see World.move and World.poses" if len(found) > 2 else ""
@@ -404,7 +404,7 @@ class World(Pickled):
         return dict(vars(self))
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         world = cls.__new__(cls)
         vars(world).update(contents)
         return world

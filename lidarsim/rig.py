@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from lidarsim._base import validation
-from lidarsim._base.names import AnsweringABC, named
+from lidarsim._base.names import AnsweringABC, explain_arguments
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.validation import Floats, Instances, Transform, frames, integer, items, real, short
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.lidar import Lidar
-from lidarsim.motion.trajectory import Trajectory, mounted
+from lidarsim.motion.trajectory import Trajectory, sensor_pose
 from lidarsim.scan.scan import check_coverage, sensor_id
 from lidarsim.sensor.gnss import Gnss, GnssFixes
 from lidarsim.sensor.imu import Imu, ImuSamples
@@ -96,7 +96,7 @@ class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
     array([0.     , 0.     , 9.80665])
     """
 
-    @named
+    @explain_arguments
     def __init__(self, sensors: Mapping[str, Part]) -> None:
         if not isinstance(sensors, Mapping):
             raise ArgumentTypeError("sensors", "a mapping from names to sensors", type(sensors).__name__)
@@ -176,7 +176,9 @@ class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
         body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
         start, unseen = real("time", time), items("ignore", ignore, "instance numbers")
         return {
-            name: lidar.scan(scene, mounted(body, mount), time=start + offset, frame=frame, seed=seed, ignore=unseen)
+            name: lidar.scan(
+                scene, sensor_pose(body, mount), time=start + offset, frame=frame, seed=seed, ignore=unseen
+            )
             for name, (lidar, mount, offset) in self.items()
         }
 
@@ -281,7 +283,7 @@ class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
             name: check_coverage(
                 sensor.lidar,
                 scene,
-                mounted(body, sensor.mount),
+                sensor_pose(body, sensor.mount),
                 self._numbers(sensor, wanted.start, wanted.stop),
                 offset=sensor.offset,
                 ignore=ignore,
@@ -396,7 +398,7 @@ class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
         return {"_sensors": self._sensors, "_imus": self._imus, "_receivers": self._receivers}
 
     @classmethod
-    def _upgraded(cls, contents: dict[str, Any]) -> dict[str, Any]:
+    def _upgrade(cls, contents: dict[str, Any]) -> dict[str, Any]:
         return {"_imus": {}, "_receivers": {}, **contents}
 
     __eq__ = object.__eq__

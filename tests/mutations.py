@@ -223,8 +223,8 @@ MUTANTS = [
     Mutant("grid of a leaf", "(errors.into_iter().fold(0.0, larger) as f32).next_up()", "0.0"),
     Mutant(
         "boxes of a refitted mesh",
-        "= fitted(&self.nodes, &bounds, center);",
-        "= fitted(&self.nodes, &bounds, self.center());",
+        "= fit(&self.nodes, &bounds, center);",
+        "= fit(&self.nodes, &bounds, self.center());",
     ),
     Mutant("flat children", "planes[i][axis] = f64::NAN;", "()"),
     Mutant("children of the plane", "of_child[axis] == of_hierarchy[axis]", "!of_child[axis].is_nan()"),

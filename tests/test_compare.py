@@ -59,7 +59,7 @@ def frames(lidar: ls.Lidar = SENSOR, *, count: int = 2, first: int = 0) -> list[
     return [scan.point_cloud() for scan in lidar.frames(scene(), None, count, first=first)]
 
 
-def measured(**values: Any) -> list[ls.PointCloud]:
+def frames_with(**values: Any) -> list[ls.PointCloud]:
     """Frames of the sensor with another measurement."""
     return frames(replace(SENSOR, measurement=replace(SENSOR.measurement, **values)), first=10)
 
@@ -80,7 +80,7 @@ def alike(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> ls.Compariso
     return ls.compare(real, again)
 
 
-def changed(cloud: ls.PointCloud, ranges: np.ndarray | None = None, **fields: Any) -> ls.PointCloud:
+def change(cloud: ls.PointCloud, ranges: np.ndarray | None = None, **fields: Any) -> ls.PointCloud:
     """The same points at other ranges, or with other fields."""
     own = {name: getattr(cloud, name) for name in ("xyz", "range", "intensity", "ring", "column", "return_number")}
     if ranges is not None:
@@ -89,7 +89,7 @@ def changed(cloud: ls.PointCloud, ranges: np.ndarray | None = None, **fields: An
     return ls.PointCloud(own | fields)
 
 
-def smoothed(cloud: ls.PointCloud) -> ls.PointCloud:
+def smooth(cloud: ls.PointCloud) -> ls.PointCloud:
     """Each range the mean of three neighbours along its ring, where they are of one surface."""
     order = np.lexsort((cloud.column, cloud.ring))
     ranges = cloud.range.copy()
@@ -97,7 +97,7 @@ def smoothed(cloud: ls.PointCloud) -> ls.PointCloud:
     near = np.maximum(np.abs(r[1:-1] - r[:-2]), np.abs(r[1:-1] - r[2:])) < 0.2
     r[1:-1][near] = ((cloud.range[order][:-2] + r[2:] + r[1:-1]) / 3)[near]
     ranges[order] = r
-    return changed(cloud, ranges)
+    return change(cloud, ranges)
 
 
 def cells(measure: Measure) -> dict[str, Cell]:
@@ -123,39 +123,39 @@ def test_one_frame_is_enough(real: list[ls.PointCloud], again: list[ls.PointClou
 
 ALTERED: dict[str, tuple[Callable[[list[ls.PointCloud]], list[ls.PointCloud]], set[str], set[str]]] = {
     "shifted": (
-        lambda clouds: [changed(cloud, cloud.range + 7 * STEP) for cloud in clouds],
+        lambda clouds: [change(cloud, cloud.range + 7 * STEP) for cloud in clouds],
         {"range offset in one scene"},
         {"density-aware Chamfer distance"},
     ),
     "one ring shifted": (
-        lambda clouds: [changed(cloud, cloud.range + 5 * STEP * (cloud.ring == 20)) for cloud in clouds],
+        lambda clouds: [change(cloud, cloud.range + 5 * STEP * (cloud.ring == 20)) for cloud in clouds],
         {"ring bias"},
         set(),
     ),
-    "smoothed": (lambda clouds: [*map(smoothed, clouds)], {"range noise", "range step"}, set()),
+    "smoothed": (lambda clouds: [*map(smooth, clouds)], {"range noise", "range step"}, set()),
     "noisier": (
-        lambda _: measured(range_sigma=1.4 * SIGMA),
+        lambda _: frames_with(range_sigma=1.4 * SIGMA),
         {"range noise"},
         {"density-aware Chamfer distance"},
     ),
     "rings permuted": (
-        lambda clouds: [changed(cloud, ring=(cloud.ring * 5 + 3) % RINGS) for cloud in clouds],
+        lambda clouds: [change(cloud, ring=(cloud.ring * 5 + 3) % RINGS) for cloud in clouds],
         {"ring elevation", "ring azimuth offset"},
         {"points by ring", "ring bias"},
     ),
     "more lost": (
-        lambda _: measured(dropout=LOST + 0.06),
+        lambda _: frames_with(dropout=LOST + 0.06),
         {"return rate by range", "return rate by incidence", "holes in smooth rings"},
         {"density-aware Chamfer distance", "lost returns at edges", "runs of missing pixels"},
     ),
     "one return": (
-        lambda _: measured(returns="strongest"),
+        lambda _: frames_with(returns="strongest"),
         {"dual returns at edges"},
         {"dual returns"},
     ),
-    "another step": (lambda _: measured(range_resolution=0.005), {"range step"}, set()),
+    "another step": (lambda _: frames_with(range_resolution=0.005), {"range step"}, set()),
     "dimmer": (
-        lambda clouds: [changed(cloud, intensity=0.7 * cloud.intensity) for cloud in clouds],
+        lambda clouds: [change(cloud, intensity=0.7 * cloud.intensity) for cloud in clouds],
         {"intensity by range", "intensity by incidence", "distribution of intensity"},
         set(),
     ),
@@ -193,7 +193,7 @@ def test_the_measure_that_differs_is_named(
 
 def test_the_ring_that_differs_is_named(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
     shift = 5 * STEP
-    bias = ls.compare(real, [changed(cloud, cloud.range + shift * (cloud.ring == 20)) for cloud in again])["ring bias"]
+    bias = ls.compare(real, [change(cloud, cloud.range + shift * (cloud.ring == 20)) for cloud in again])["ring bias"]
     assert bias.where == "ring 20"
     # Planes over eight rings follow one of them by 1/8 in the mean and up to 7/24 more in their slope.
     assert 0.55 * shift < bias.difference < shift
@@ -316,7 +316,7 @@ def test_scans_know_what_became_of_each_pulse() -> None:
 
 def test_ring_biases_are_those_of_the_rings(real: list[ls.PointCloud]) -> None:
     biases = 2 * STEP * np.where(np.arange(RINGS) % 2, 1.0, -1.0)
-    bias = ls.compare(real, [changed(cloud, cloud.range + biases[cloud.ring]) for cloud in real])["ring bias"]
+    bias = ls.compare(real, [change(cloud, cloud.range + biases[cloud.ring]) for cloud in real])["ring bias"]
     compared = [cell for cell in bias.cells if np.isfinite(cell.least)]
     assert len(compared) > 20  # the others see the ground alone, at a grazing angle
     found = np.array([cell.difference for cell in compared])
@@ -431,7 +431,7 @@ def test_isolated_points_are_counted() -> None:
 
 def test_the_scatter_of_intensity_is_that_of_the_surface(real: list[ls.PointCloud]) -> None:
     rng = np.random.default_rng(8)
-    clouds = [changed(cloud, intensity=0.4 * (1.0 + 0.12 * rng.normal(size=len(cloud)))) for cloud in real]
+    clouds = [change(cloud, intensity=0.4 * (1.0 + 0.12 * rng.normal(size=len(cloud)))) for cloud in real]
     cells = [cell for cell in ls.compare(real, clouds)["scatter of intensity"].cells if cell.n_simulated > 3000]
     assert len(cells) >= 3
     for cell in cells:
@@ -473,7 +473,7 @@ def test_dual_returns_and_their_separation() -> None:
 
 
 def test_intensity_in_percent_is_that_of_lidarsim(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
-    percent = [changed(cloud, intensity=np.rint(100.0 * cloud.intensity)) for cloud in again]
+    percent = [change(cloud, intensity=np.rint(100.0 * cloud.intensity)) for cloud in again]
     comparison = ls.compare(real, percent)
     assert comparison["intensity by range"].verdict == "alike"
     assert comparison["range noise"].verdict == "alike"
@@ -623,7 +623,7 @@ def test_a_head_may_turn_at_another_rate(rate: float) -> None:
     assert image.point.shape[1] == pytest.approx(int(cloud.column.max()) + 1, rel=5e-3)
 
 
-def turned(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def turn(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Points turned about z, each by its angle."""
     x, y, z = xyz.T
     return np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), z], axis=-1)
@@ -632,7 +632,7 @@ def turned(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def test_jitter_about_half_a_column_moves_no_point() -> None:
     cloud = ls.Lidar(SENSOR.pattern).scan(scene()).point_cloud()
     jitter = np.random.default_rng(8).uniform(0.4, 0.6, len(cloud)) * 2.0 * np.pi / 1024
-    image = Frame.of(ls.PointCloud(xyz=turned(cloud.xyz, jitter), ring=cloud.ring), SENSOR, 1.0).image
+    image = Frame.of(ls.PointCloud(xyz=turn(cloud.xyz, jitter), ring=cloud.ring), SENSOR, 1.0).image
     assert image is not None
     assert (image.point >= 0).sum() >= len(cloud) - RINGS  # a turn may begin within a column
 
@@ -640,7 +640,7 @@ def test_jitter_about_half_a_column_moves_no_point() -> None:
 def test_two_pulses_of_a_column_are_no_dual_return() -> None:
     cloud = ls.Lidar(SENSOR.pattern).scan(scene()).point_cloud()
     stray = np.where(np.arange(len(cloud)) % 97 == 0, 0.7 * 2.0 * np.pi / 1024, 0.0)
-    image = Frame.of(ls.PointCloud(xyz=turned(cloud.xyz, stray), ring=cloud.ring), SENSOR, 1.0).image
+    image = Frame.of(ls.PointCloud(xyz=turn(cloud.xyz, stray), ring=cloud.ring), SENSOR, 1.0).image
     assert image is not None
     assert (image.point >= 0).sum() >= len(cloud) - RINGS
     assert image.returns.max() == 1
@@ -711,7 +711,7 @@ def test_rings_of_another_unit_are_those_of_the_order_or_none(tmp_path: Path) ->
     tilt = np.radians(rng.normal(0.0, 0.2, 64))[cloud.ring] + np.radians(0.3) * np.sin(
         3.0 * cloud.time / cloud.time[-1]
     )
-    unlike = changed(cloud, xyz=cloud.xyz + np.outer(away * tilt, [0.0, 0.0, 1.0]))
+    unlike = change(cloud, xyz=cloud.xyz + np.outer(away * tilt, [0.0, 0.0, 1.0]))
     bare, ring = without_rings(unlike, RING_BY_RING, tmp_path / "a.bin")
     frame = Frame.of(bare, lidar, 1.0)
     assert frame.ring is not None
@@ -780,7 +780,7 @@ def test_unlike_sensors_are_noted(real: list[ls.PointCloud]) -> None:
 
 
 def test_what_does_not_overlap_is_not_paired(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
-    elsewhere = [changed(cloud, 5.0 * cloud.range) for cloud in again]
+    elsewhere = [change(cloud, 5.0 * cloud.range) for cloud in again]
     comparison = ls.compare(real, elsewhere)
     for name in ("range offset in one scene", "density-aware Chamfer distance"):
         assert "do not overlap" in comparison[name].why
@@ -788,11 +788,11 @@ def test_what_does_not_overlap_is_not_paired(real: list[ls.PointCloud], again: l
 
 @pytest.mark.slow("every kind of argument and odd numbers are taken")
 def test_strange_numbers_are_no_burden(real: list[ls.PointCloud]) -> None:
-    cloud = changed(real[0], ring=np.full(len(real[0]), 60_000))
+    cloud = change(real[0], ring=np.full(len(real[0]), 60_000))
     assert "have rings up to 60,000" in ls.compare(cloud, real)["points by ring"].why
-    wide = changed(real[0], column=np.where(np.arange(len(real[0])) == 5, 2**32 - 1, real[0].column))
+    wide = change(real[0], column=np.where(np.arange(len(real[0])) == 5, 2**32 - 1, real[0].column))
     assert ls.compare(wide, real)["range noise"].why == "the real clouds have too many columns for their points"
-    ticks = [changed(cloud, column=cloud.column * 44 + 7) for cloud in real]
+    ticks = [change(cloud, column=cloud.column * 44 + 7) for cloud in real]
     assert ls.compare(real, ticks).to_dict() == ls.compare(real, real).to_dict()
     holes = np.where(np.arange(len(real[0]))[:, None] % 7 == 0, np.nan, real[0].xyz)
     assert ls.compare(ls.PointCloud(xyz=holes), real).real.points == np.isfinite(holes[:, 0]).sum()
@@ -840,12 +840,12 @@ def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
 def test_one_frame_is_held_at_a_time(real: list[ls.PointCloud]) -> None:
     order = []
 
-    def told(name: str) -> Any:
+    def note_reads(name: str) -> Any:
         for cloud in real:
             order.append(name)
             yield cloud
 
-    ls.compare(told("real"), told("simulated"))
+    ls.compare(note_reads("real"), note_reads("simulated"))
     assert order == ["real", "simulated"] * 2
 
 

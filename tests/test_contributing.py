@@ -373,7 +373,7 @@ EFFECT = Toy(
     {
         "tests/test_measurement.py": at_end(
             "def test_lapse():\n    lost = {}\n    for name in ('lapse', 'dropout'):\n"
-            "        scan = measured(before_wall(np.full(1000, 5.0)), wall(), **{name: 0.5})\n"
+            "        scan = measure(before_wall(np.full(1000, 5.0)), wall(), **{name: 0.5})\n"
             "        lost[name] = scan.status == ls.Status.dropped\n"
             "        assert abs(lost[name].mean() - 0.5) < 5 * 0.5 / 1000**0.5\n"
             "    assert (lost['lapse'] != lost['dropout']).any()"

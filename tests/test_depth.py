@@ -34,7 +34,7 @@ PLACE = 4
 """Roundings of a point o + t·d: two of t, which is right to an ulp, and two of its formula."""
 
 
-def rounded(length: float, mirrors: int = 1) -> float:
+def rounding(length: float, mirrors: int = 1) -> float:
     """Return a bound of the rounding of a way of this length by flat mirrors, m."""
     return (TURN * mirrors + PLACE * (mirrors + 1)) * ROUNDING * length
 
@@ -149,7 +149,7 @@ def test_ghosts_are_at_the_mirror_images(normal: tuple[int, int, int]) -> None:
         if scan.object_id[0, 0] != ball or scan.path is None or scan.mirrored_point is None or not scan.path[0, 0]:
             continue  # the ball is in the way
         found += 1
-        near = rounded(float(np.linalg.norm(seen)))
+        near = rounding(float(np.linalg.norm(seen)))
         assert scan.true_range[0, 0] == pytest.approx(np.linalg.norm(seen) - radius, rel=0, abs=near)
         assert scan.incidence[0, 0] <= near / radius  # the pulse passes the centre so near
         assert float(scan.intensity[0, 0]) == pytest.approx(0.5 * 0.9**2, rel=FLOAT32)
@@ -173,7 +173,7 @@ def test_two_mirrors_at_right_angles_return_the_pulse() -> None:
     assert np.all(scan.object_id == 2)
     # The pulse comes back parallel: it goes 8 m to the corner's image and 1 m further than the sensor, along x.
     unit = lidar(directions, 1).pattern.pulses(0).directions
-    near = rounded(17.0 / unit[:, 0].min(), mirrors=2)
+    near = rounding(17.0 / unit[:, 0].min(), mirrors=2)
     assert scan.true_range[:, 0] == pytest.approx(17.0 / unit[:, 0], rel=0, abs=near)
     assert scan.true_points()[:, 0] == pytest.approx(-1.0, rel=0, abs=near)
     # Rounding of the cosine, which is of two mirrored directions.
@@ -308,7 +308,7 @@ def curvature(shape: ls.Shape) -> float:
     return 0.0 if isinstance(shape, ls.Disk) else float(np.max(1.0 / np.asarray(radii)))
 
 
-def mirrored(o: Floats, d: Floats, t: float, n: Floats) -> tuple[Floats, Floats]:
+def reflect(o: Floats, d: Floats, t: float, n: Floats) -> tuple[Floats, Floats]:
     """The documented formula, the sums of products in their order."""
     dn = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
     nn = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
@@ -347,7 +347,7 @@ def follow(scene: ls.Scene, alone: dict[int, ls.Scene], o: Floats, d: Floats, de
             material = scene[object_id].material
             path += 1
             if material.mirror > 0.0 and path < depth:
-                start, way = mirrored(o, d, t, normal)
+                start, way = reflect(o, d, t, normal)
                 then = off, turned + 2 * bent + TURN * ROUNDING, late + off
                 todo.append((start, way, path, before + leg, share * material.mirror**2, object_id, *then))
             if material.transmission == 0.0:
@@ -522,7 +522,7 @@ def test_radial_velocity_is_the_rate_of_the_length_of_the_way() -> None:
     for pulse, entry in np.argwhere(~np.isnan(scan.mirrored_point[..., 0])):
         time = start + scan.pulses.time[pulse]
 
-        def moved(item: ls.SceneObject | None, point: Floats, by: float, time: float = time) -> Floats:
+        def move(item: ls.SceneObject | None, point: Floats, by: float, time: float = time) -> Floats:
             """Return where a point of a body is a while later."""
             path = moving if item is None else item.motion
             if path is None:
@@ -541,7 +541,7 @@ def test_radial_velocity_is_the_rate_of_the_length_of_the_way() -> None:
         ]
 
         def legs(by: float, points: Any = points) -> Floats:
-            places = [moved(item, point, by) for item, point in points]
+            places = [move(item, point, by) for item, point in points]
             return np.diff(places, axis=0)
 
         def length(by: float) -> float:
@@ -549,7 +549,7 @@ def test_radial_velocity_is_the_rate_of_the_length_of_the_way() -> None:
 
         # Where a surface is met does not change the length, to first order. Poses round the places of a rotation and a
         # shift four times, there and back.
-        near = rounded(length(0.0)) + 8 * ROUNDING * length(0.0)
+        near = rounding(length(0.0)) + 8 * ROUNDING * length(0.0)
         assert length(0.0) == pytest.approx(scan.true_range[pulse, entry], rel=0, abs=near)
         # The central difference is off by step²/6 of the third derivative, which is at most 3v³/R² for each of the two
         # legs of length R whose ends part at v (3v·a/R, of the turns, is less), and velocities are float32.

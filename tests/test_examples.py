@@ -158,7 +158,7 @@ def test_learn_varies_frames_and_keeps_their_classes(learn: dict[str, Any], simu
     channels, classes = learn["image"](ls.datasets.load(simulated)[0])
     rng = np.random.default_rng(1)
     for _ in range(5):
-        changed, known = learn["varied"](rng, channels, classes)
+        changed, known = learn["augment"](rng, channels, classes)
         seen = changed[0] > 0
         assert 0.2 < seen.mean() < (channels[0] > 0).mean()
         assert (known[~seen] == learn["OTHER"]).all()
@@ -195,7 +195,7 @@ def test_learn_finds_classes_where_they_are(learn: dict[str, Any]) -> None:
         return torch.nn.functional.one_hot(images[:, 4].long(), 5).movedim(-1, 1).float()
 
     channels = np.random.default_rng(1).integers(0, 2, (3, 64, 1024)).astype(np.float32)
-    np.testing.assert_array_equal(learn["found"](net, channels), channels[0])
+    np.testing.assert_array_equal(learn["classify"](net, channels), channels[0])
 
 
 def test_learn_reports_intersection_over_union(learn: dict[str, Any]) -> None:

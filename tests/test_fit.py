@@ -80,7 +80,7 @@ def at(value: Any, cell: ls.comparison.Cell) -> float:
     return float(value) if isinstance(value, float) else float(np.interp(float(cell.label[:-2]), *np.transpose(value)))
 
 
-def held(seed: int) -> list[tuple[str, bool]]:
+def check_intervals(seed: int) -> list[tuple[str, bool]]:
     """Names of the values that frames of a unit tell, one for each row of a table, and whether each interval holds."""
     of = unit(seed)
     fitted, comparison = ls.fit(clouds(of, seed), start(of), ground=GROUND)
@@ -119,7 +119,7 @@ def test_what_was_put_in_comes_back(slow: bool) -> None:
     told: Counter[str] = Counter()
     inside: Counter[str] = Counter()
     for seed in range(40) if slow else (6, 7):
-        for name, holds in held(seed):
+        for name, holds in check_intervals(seed):
             told[name] += 1
             inside[name] += holds
     assert set(told) >= {"range_sigma", "channel_bias_sigma", "range_resolution", "dropout", "min_range"}

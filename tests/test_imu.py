@@ -257,7 +257,7 @@ def test_constant_errors_have_their_standard_deviations() -> None:
     errors = ls.ImuErrors(bias=0.1)
     scale, misalignment = ls.ImuErrors(scale_factor=0.1), ls.ImuErrors(misalignment=0.1)
 
-    def drawn(errors: ls.ImuErrors) -> np.ndarray:
+    def draw(errors: ls.ImuErrors) -> np.ndarray:
         imu = ls.Imu(1.0, gyroscope=errors)
         return np.array([imu.measure(spin, end=0.0, seed=seed).angular_rate[0] for seed in range(400)]) - [1, 0, 0]
 
@@ -265,12 +265,12 @@ def test_constant_errors_have_their_standard_deviations() -> None:
         """Deviation of the variance from its expectation, in standard deviations of its estimate."""
         return abs(float((values**2).mean()) / 0.01 - 1) / math.sqrt(2 / values.size)
 
-    assert share(drawn(errors)) < 5
-    along, across = drawn(scale)[:, 0], drawn(misalignment)[:, 1:]
+    assert share(draw(errors)) < 5
+    along, across = draw(scale)[:, 0], draw(misalignment)[:, 1:]
     assert share(along) < 5
     assert share(across) < 5
-    np.testing.assert_array_equal(drawn(scale)[:, 1:], 0.0)
-    np.testing.assert_array_equal(drawn(misalignment)[:, 0], 0.0)
+    np.testing.assert_array_equal(draw(scale)[:, 1:], 0.0)
+    np.testing.assert_array_equal(draw(misalignment)[:, 0], 0.0)
 
 
 def test_errors_depend_on_seed_name_and_axis_only() -> None:

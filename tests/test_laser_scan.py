@@ -19,7 +19,7 @@ def room() -> ls.Scene:
     return scene
 
 
-def opened() -> ls.Scene:
+def wall_and_post() -> ls.Scene:
     """A wall on one side, and a post nearer than any minimum range."""
     scene = ls.Scene()
     scene.add(ls.Polygon([(3, -9, -1), (3, 9, -1), (3, 9, 1), (3, -9, 1)]))
@@ -73,7 +73,7 @@ def test_time_of_an_entry_is_that_of_its_pulse(clockwise: bool) -> None:
 
 
 def test_what_has_no_return_is_infinite_and_what_is_too_near_minus_infinite() -> None:
-    scan = replace(ls.Lidar.preset("sick-lms111"), min_range=0.5).scan(opened())
+    scan = replace(ls.Lidar.preset("sick-lms111"), min_range=0.5).scan(wall_and_post())
     found = scan.laser_scan()
     status = scan.status
     assert {int(ls.Status.hit), int(ls.Status.miss), int(ls.Status.below_min_range)} <= set(status.tolist())

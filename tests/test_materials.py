@@ -224,7 +224,7 @@ def test_the_guide_lists_the_library() -> None:
             assert float(far) == materials.named(f"{name}_1550").reflectivity
 
 
-def configured(tmp_path: Path, keys: str) -> ls.Material:
+def read_material(tmp_path: Path, keys: str) -> ls.Material:
     """Return the material of a sphere with these keys of a configuration."""
     path = tmp_path / "run.yaml"
     path.write_text(
@@ -234,19 +234,19 @@ def configured(tmp_path: Path, keys: str) -> ls.Material:
 
 
 def test_an_object_of_a_configuration_names_its_material(tmp_path: Path) -> None:
-    assert configured(tmp_path, "") == ls.Material()
-    assert configured(tmp_path, ", material: null") == ls.Material()
-    assert configured(tmp_path, ", material: asphalt") == ls.materials.ASPHALT
-    assert configured(tmp_path, ", material: Snow_1550") == ls.materials.SNOW_1550
+    assert read_material(tmp_path, "") == ls.Material()
+    assert read_material(tmp_path, ", material: null") == ls.Material()
+    assert read_material(tmp_path, ", material: asphalt") == ls.materials.ASPHALT
+    assert read_material(tmp_path, ", material: Snow_1550") == ls.materials.SNOW_1550
 
 
 def test_keys_of_an_object_override_its_material(tmp_path: Path) -> None:
-    brighter = configured(tmp_path, ", material: asphalt, reflectivity: 0.4")
+    brighter = read_material(tmp_path, ", material: asphalt, reflectivity: 0.4")
     texture = {"variation": ls.materials.ASPHALT.variation, "grain": ls.materials.ASPHALT.grain}
     assert brighter == ls.Material(reflectivity=0.4, roughness=ls.materials.ASPHALT.roughness, **texture)
-    smooth = configured(tmp_path, ", material: asphalt, roughness_deg: 0, specular: 2, specular_width: 0.2")
+    smooth = read_material(tmp_path, ", material: asphalt, roughness_deg: 0, specular: 2, specular_width: 0.2")
     assert smooth == ls.Material(reflectivity=0.17, specular=2, specular_width=0.2, **texture)
-    even = configured(tmp_path, ", material: asphalt, roughness_deg: 0, variation: 0, grain_m: 0.2")
+    even = read_material(tmp_path, ", material: asphalt, roughness_deg: 0, variation: 0, grain_m: 0.2")
     assert even == ls.Material(reflectivity=0.17)
     assert even != smooth
 
@@ -263,10 +263,10 @@ def test_keys_of_an_object_override_its_material(tmp_path: Path) -> None:
 def test_a_material_that_there_is_not(keys: str, message: str, tmp_path: Path) -> None:
     place = f"{tmp_path / 'run.yaml'}:3: scene.0.material: "
     with pytest.raises(ValueError, match=f"^{re.escape(place)}{re.escape(message)}"):
-        configured(tmp_path, keys)
+        read_material(tmp_path, keys)
 
 
-def returned(preset: str, mode: str | None, height: float, road: ls.Material, edges: list[int]) -> Any:
+def return_rates(preset: str, mode: str | None, height: float, road: ls.Material, edges: list[int]) -> Any:
     """Share of the pulses that a flat road returns, for each range between two `edges`, m."""
     lidar = ls.Lidar.preset(preset, mode=mode, noise="measured")
     scene = ls.Scene()
@@ -296,16 +296,16 @@ KITTI_SEEN = [0.881, 0.966, 0.992, 0.940, 0.920, 0.913, 0.863, 0.887, 0.909, 0.8
 
 def test_a_road_of_asphalt_is_seen_as_far_as_in_a_capture_of_an_ouster() -> None:
     sensor = "ouster-os1-128", "512x10", 1.932
-    assert np.abs(returned(*sensor, ls.materials.ASPHALT, OS1_EDGES) - OS1_SEEN).max() < 0.1
+    assert np.abs(return_rates(*sensor, ls.materials.ASPHALT, OS1_EDGES) - OS1_SEEN).max() < 0.1
     smooth = ls.Material(reflectivity=0.17)
-    assert np.abs(returned(*sensor, smooth, OS1_EDGES) - OS1_SEEN).max() > 0.3
+    assert np.abs(return_rates(*sensor, smooth, OS1_EDGES) - OS1_SEEN).max() > 0.3
 
 
 def test_a_road_of_light_asphalt_is_seen_as_far_as_in_kitti() -> None:
     sensor = "velodyne-hdl64e-s3", None, 1.752
     # Farther off, kerbs and grass beside real roads still return what a flat road does not.
     edges, seen = KITTI_EDGES[:12], KITTI_SEEN[:11]
-    assert np.abs(returned(*sensor, ls.materials.ASPHALT_LIGHT, edges) - seen).max() < 0.17
+    assert np.abs(return_rates(*sensor, ls.materials.ASPHALT_LIGHT, edges) - seen).max() < 0.17
 
 
 # Texture

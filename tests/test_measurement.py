@@ -63,7 +63,7 @@ def wall(reflectivity: float = 1.0) -> ls.Scene:
     return scene
 
 
-def measured(pattern: ls.patterns.Table, scene: ls.Scene, *, seed: int = 3, **parameters: Any) -> ls.Scan:
+def measure(pattern: ls.patterns.Table, scene: ls.Scene, *, seed: int = 3, **parameters: Any) -> ls.Scan:
     gate = {name: parameters.pop(name) for name in ("min_range", "max_range") if name in parameters}
     return ls.Lidar(pattern, measurement=ls.Measurement(**parameters), **gate).scan(scene, seed=seed)
 
@@ -73,7 +73,7 @@ def measured(pattern: ls.patterns.Table, scene: ls.Scene, *, seed: int = 3, **pa
 
 def test_without_effects_the_range_is_the_truth() -> None:
     ranges = np.linspace(0.1, 300.0, 1000)
-    scan = measured(before_wall(ranges), wall(0.25))
+    scan = measure(before_wall(ranges), wall(0.25))
     assert (scan.status == ls.Status.hit).all()
     assert np.array_equal(scan.range[:, 0], ranges)
     assert np.array_equal(scan.true_range, scan.range)
@@ -88,7 +88,7 @@ def test_nothing_is_added_to_a_miss() -> None:
         "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "power_sigma": 0.5,
         "beam": ls.Beam(0.1), "returns": 3,
     }  # fmt: skip
-    scan = measured(beams([-1.0, 0.0, 0.0], (-5.0, 0.0, 0.0), count=1000), wall(), **everything)
+    scan = measure(beams([-1.0, 0.0, 0.0], (-5.0, 0.0, 0.0), count=1000), wall(), **everything)
     assert (scan.status == ls.Status.miss).all()
     assert scan.range.shape == (1000, 3)
     for name in ("range", "true_range", "range_error", "intensity", "normal", "incidence"):
@@ -106,7 +106,7 @@ def test_range_noise_gives_back_its_constants() -> None:
     a, b = 0.02, 1e-3
     distances = np.geomspace(1.0, 100.0, 25)
     count = 8000
-    scan = measured(before_wall(np.repeat(distances, count)), wall(), range_sigma=a, range_sigma_slope=b)
+    scan = measure(before_wall(np.repeat(distances, count)), wall(), range_sigma=a, range_sigma_slope=b)
     cloud = scan.point_cloud()
     variances = cloud.range_error.reshape(-1, count).var(axis=1, ddof=1)
     # σ² = a² + b²R² is linear in R²; the variance of a sample variance is 2σ⁴/(n−1). Weights from a first fit, then
@@ -126,7 +126,7 @@ def test_range_noise_follows_a_table() -> None:
     table = [(1.0, 0.01), (10.0, 0.01), (10.5, 0.03), (30.0, 0.05)]
     distances = np.array([0.5, 1.0, 5.0, 10.0, 10.25, 20.0, 30.0, 80.0])
     count = 20_000
-    scan = measured(before_wall(np.repeat(distances, count)), wall(), range_sigma=table)
+    scan = measure(before_wall(np.repeat(distances, count)), wall(), range_sigma=table)
     sigmas = scan.range_error.reshape(-1, count).std(axis=1)
     expected = np.interp(distances, *np.transpose(table))
     assert (np.abs(sigmas / expected - 1.0) < SIGMAS / math.sqrt(2 * count)).all()
@@ -140,7 +140,7 @@ def test_weak_echoes_are_noisier(table: bool, beam: ls.Beam | None) -> None:
     strong = {"range_sigma": [(1.0, 0.01), (100.0, 0.03)]} if table else {"range_sigma": a, "range_sigma_slope": b}
     limit = ls.Detection(0.1, 100.0)
     pattern = before_wall(np.repeat(distances, count))
-    scan = measured(pattern, wall(0.1), range_sigma_limit=c, detection=limit, beam=beam, **strong)
+    scan = measure(pattern, wall(0.1), range_sigma_limit=c, detection=limit, beam=beam, **strong)
     assert (scan.status == ls.Status.hit).all()
     sigmas = scan.range_error.reshape(-1, count).std(axis=1)
     variance = np.interp(distances, [1.0, 100.0], [0.01, 0.03]) ** 2 if table else a**2 + (b * distances) ** 2
@@ -148,7 +148,7 @@ def test_weak_echoes_are_noisier(table: bool, beam: ls.Beam | None) -> None:
     expected = np.sqrt(variance + c**2 * (distances / 100.0) ** 2)
     assert (np.abs(sigmas / expected - 1.0) < 5.0 / math.sqrt(2 * count)).all()
     # Of equal draws, the errors differ by the standard deviation alone.
-    calm = measured(pattern, wall(0.1), detection=limit, beam=beam, **strong)
+    calm = measure(pattern, wall(0.1), detection=limit, beam=beam, **strong)
     ratio = scan.range_error[:, 0] / calm.range_error[:, 0]
     # Errors are differences of ranges below 128 m, each rounded by 2⁻⁴⁷: compared where they are at least 10⁻³ m.
     clear = np.abs(calm.range_error[:, 0]) > 1e-3
@@ -160,12 +160,12 @@ def test_weak_echoes_are_noisier(table: bool, beam: ls.Beam | None) -> None:
 def test_the_limit_of_range_noise_alone_is_noise_too() -> None:
     count = 20_000
     parameters = {"range_sigma_limit": 0.05, "detection": ls.Detection(0.1, 100.0)}
-    scan = measured(before_wall(np.full(count, 50.0)), wall(0.1), **parameters)
+    scan = measure(before_wall(np.full(count, 50.0)), wall(0.1), **parameters)
     assert abs(scan.range_error.std() / 0.025 - 1.0) < 5.0 / math.sqrt(2 * count)
     # What fluctuates and what the air weakens is the power that counts.
-    foggy = measured(before_wall(np.full(count, 50.0)), wall(0.1), extinction=0.01, **parameters)
+    foggy = measure(before_wall(np.full(count, 50.0)), wall(0.1), extinction=0.01, **parameters)
     assert abs(foggy.range_error.std() / (0.025 * math.exp(0.5)) - 1.0) < 5.0 / math.sqrt(2 * count)
-    fluctuating = measured(before_wall(np.full(count, 50.0)), wall(0.1), power_sigma=0.2, **parameters)
+    fluctuating = measure(before_wall(np.full(count, 50.0)), wall(0.1), power_sigma=0.2, **parameters)
     seen = fluctuating.status == ls.Status.hit
     factors = fluctuating.intensity[seen, 0].astype(float) / 0.1
     draws = scan.range_error[seen, 0] / 0.025
@@ -175,26 +175,26 @@ def test_the_limit_of_range_noise_alone_is_noise_too() -> None:
 
 
 def test_bias_is_added() -> None:
-    scan = measured(before_wall(np.full(10_000, 20.0)), wall(), range_bias=-0.05)
+    scan = measure(before_wall(np.full(10_000, 20.0)), wall(), range_bias=-0.05)
     assert np.array_equal(scan.range[:, 0], np.full(10_000, 20.0 - 0.05))
-    noisy = measured(before_wall(np.full(10_000, 20.0)), wall(), range_bias=-0.05, range_sigma=0.02)
+    noisy = measure(before_wall(np.full(10_000, 20.0)), wall(), range_bias=-0.05, range_sigma=0.02)
     assert abs(noisy.range_error.mean() + 0.05) < SIGMAS * 0.02 / 100.0
 
 
 def test_ranges_are_quantised_last() -> None:
     step = 0.004
-    scan = measured(before_wall(np.full(50_000, 20.0)), wall(), range_sigma=0.05, range_resolution=step)
+    scan = measure(before_wall(np.full(50_000, 20.0)), wall(), range_sigma=0.05, range_resolution=step)
     counts = scan.range[:, 0] / step
     assert np.array_equal(np.rint(counts) * step, scan.range[:, 0])
     assert len(np.unique(counts)) > 50
-    exact = measured(before_wall(np.full(50_000, 20.0)), wall(), range_sigma=0.05)
+    exact = measure(before_wall(np.full(50_000, 20.0)), wall(), range_sigma=0.05)
     rest = scan.range - exact.range
     assert np.abs(rest).max() <= step / 2 * (1 + 1e-9)
     assert stats.kstest(rest[:, 0] / step + 0.5, "uniform").pvalue > 1e-3
 
 
 def test_halves_are_rounded_to_even() -> None:
-    scan = measured(before_wall([0.25, 0.75, 1.25, 1.75]), wall(), range_resolution=0.5)
+    scan = measure(before_wall([0.25, 0.75, 1.25, 1.75]), wall(), range_resolution=0.5)
     assert scan.range[:, 0].tolist() == [0.0, 1.0, 1.0, 2.0]
 
 
@@ -203,7 +203,7 @@ def test_halves_are_rounded_to_even() -> None:
 
 def test_the_gate_is_that_of_the_lidar() -> None:
     ranges = [0.5, math.nextafter(1.0, 0.0), 1.0, 5.0, 9.0, math.nextafter(9.0, 10.0), 20.0]
-    scan = measured(before_wall(ranges), wall(), min_range=1.0, max_range=9.0)
+    scan = measure(before_wall(ranges), wall(), min_range=1.0, max_range=9.0)
     below, hit, beyond = ls.Status.below_min_range, ls.Status.hit, ls.Status.beyond_max_range
     assert scan.status.tolist() == [below, below, hit, hit, hit, beyond, beyond]
     assert np.isnan(scan.range[scan.status != hit]).all()
@@ -212,12 +212,12 @@ def test_the_gate_is_that_of_the_lidar() -> None:
 
 def test_what_noise_puts_out_of_the_gate_is_not_reported() -> None:
     count = 20_000
-    near = measured(before_wall(np.full(count, 0.5)), wall(), range_sigma=0.5)
+    near = measure(before_wall(np.full(count, 0.5)), wall(), range_sigma=0.5)
     below = near.status == ls.Status.below_min_range
     assert stats.binomtest(int(below.sum()), count, stats.norm.cdf(-1.0)).pvalue > 1e-3
     assert np.isnan(near.range[below]).all()
     assert np.nanmin(near.range) >= 0.0
-    far = measured(before_wall(np.full(count, 49.5)), wall(), range_sigma=0.5, max_range=50.0)
+    far = measure(before_wall(np.full(count, 49.5)), wall(), range_sigma=0.5, max_range=50.0)
     beyond = far.status == ls.Status.beyond_max_range
     assert stats.binomtest(int(beyond.sum()), count, stats.norm.cdf(-1.0)).pvalue > 1e-3
     assert np.nanmax(far.range) <= 50.0
@@ -232,7 +232,7 @@ def test_what_noise_puts_out_of_the_gate_is_not_reported() -> None:
 )
 def test_the_gate_acts_on_what_is_measured(truth: float, gate: dict[str, float], inside: float) -> None:
     count = 20_000
-    scan = measured(before_wall(np.full(count, truth)), wall(), range_sigma=0.03, **gate)
+    scan = measure(before_wall(np.full(count, truth)), wall(), range_sigma=0.03, **gate)
     hits = int((scan.status == ls.Status.hit).sum())
     assert stats.binomtest(hits, count, inside).pvalue > 1e-3
 
@@ -240,12 +240,12 @@ def test_the_gate_acts_on_what_is_measured(truth: float, gate: dict[str, float],
 def test_the_gate_comes_last() -> None:
     """What rounds to the limit is inside; what is below the threshold or dropped is so, wherever it is."""
     ranges = [0.94, 0.96, 9.04, 9.06]
-    scan = measured(before_wall(ranges), wall(), range_resolution=0.1, min_range=1.0, max_range=9.0)
+    scan = measure(before_wall(ranges), wall(), range_resolution=0.1, min_range=1.0, max_range=9.0)
     below, hit, beyond = ls.Status.below_min_range, ls.Status.hit, ls.Status.beyond_max_range
     assert scan.status.tolist() == [below, hit, hit, beyond]
     far = {"max_range": 5.0, "detection": ls.Detection(0.1, 5.0)}
-    assert measured(before_wall([9.0]), wall(0.1), **far).status.tolist() == [ls.Status.below_threshold]
-    assert measured(before_wall([9.0]), wall(), dropout=1.0, max_range=5.0).status.tolist() == [ls.Status.dropped]
+    assert measure(before_wall([9.0]), wall(0.1), **far).status.tolist() == [ls.Status.below_threshold]
+    assert measure(before_wall([9.0]), wall(), dropout=1.0, max_range=5.0).status.tolist() == [ls.Status.dropped]
 
 
 # Biases and zeros of the channels
@@ -276,10 +276,10 @@ def test_a_channel_has_one_bias_in_all_frames() -> None:
 def test_biases_of_channels_are_gaussian_and_beside_the_noise() -> None:
     count = 60_000
     pattern = rings_before_wall(count, 1)
-    biases = measured(pattern, wall(), channel_bias_sigma=0.5).range_error[:, 0]
+    biases = measure(pattern, wall(), channel_bias_sigma=0.5).range_error[:, 0]
     assert stats.kstest(biases / 0.5, "norm").pvalue > 1e-3
-    noise = measured(pattern, wall(), range_sigma=0.5).range_error[:, 0]
-    both = measured(pattern, wall(), range_sigma=0.5, channel_bias_sigma=0.5, range_bias=1.0).range_error[:, 0]
+    noise = measure(pattern, wall(), range_sigma=0.5).range_error[:, 0]
+    both = measure(pattern, wall(), range_sigma=0.5, channel_bias_sigma=0.5, range_bias=1.0).range_error[:, 0]
     # A few roundings of numbers near 20.
     assert np.allclose(both, noise + biases + 1.0, rtol=0, atol=8 * math.ulp(20.0))
     assert abs(np.corrcoef(noise, biases)[0, 1]) < SIGMAS / math.sqrt(count)
@@ -315,11 +315,11 @@ def test_each_ring_has_its_own_zero() -> None:
 def test_each_ring_has_its_own_bias() -> None:
     biases = np.array([0.0, 0.012, -0.028])
     pattern = rings_before_wall(3, 5)
-    scan = measured(pattern, wall(), range_bias=biases)
+    scan = measure(pattern, wall(), range_bias=biases)
     assert np.array_equal(scan.range[:, 0], scan.true_range[:, 0] + np.repeat(biases, 5))
-    assert np.array_equal(measured(pattern, wall(), range_bias=0.25).range[:, 0], scan.true_range[:, 0] + 0.25)
-    drawn = measured(pattern, wall(), channel_bias_sigma=0.5).range[:, 0] - scan.true_range[:, 0]
-    both = measured(pattern, wall(), range_bias=biases, channel_bias_sigma=0.5).range[:, 0] - scan.true_range[:, 0]
+    assert np.array_equal(measure(pattern, wall(), range_bias=0.25).range[:, 0], scan.true_range[:, 0] + 0.25)
+    drawn = measure(pattern, wall(), channel_bias_sigma=0.5).range[:, 0] - scan.true_range[:, 0]
+    both = measure(pattern, wall(), range_bias=biases, channel_bias_sigma=0.5).range[:, 0] - scan.true_range[:, 0]
     assert np.allclose(both, drawn + np.repeat(biases, 5), rtol=0, atol=4 * math.ulp(20.0))
     assert np.abs(drawn).min() > 0.01
 
@@ -364,7 +364,7 @@ def test_angular_noise_is_recovered_from_a_grazing_plane(name: str) -> None:
     else:
         scene.add(ls.Plane((0, 0, 1), height))
         direction = [cos, 0.0, sin]
-    cloud = measured(beams(direction, count=count), scene, **{name: sigma}).point_cloud()
+    cloud = measure(beams(direction, count=count), scene, **{name: sigma}).point_cloud()
     # The points lie on the nominal ray, at the range where the true one met the plane.
     assert np.allclose(cloud.xyz / cloud.range[:, None], direction, rtol=0, atol=2.0**-51)  # four roundings
     errors = np.arcsin(height / cloud.range) - grazing
@@ -372,7 +372,7 @@ def test_angular_noise_is_recovered_from_a_grazing_plane(name: str) -> None:
     assert abs(errors.mean()) < SIGMAS * sigma / math.sqrt(count)
     assert np.array_equal(cloud.range, cloud.true_range)
     other = "elevation_sigma" if name == "azimuth_sigma" else "azimuth_sigma"
-    still = measured(beams(direction, count=1000), scene, **{other: sigma}).point_cloud()
+    still = measure(beams(direction, count=1000), scene, **{other: sigma}).point_cloud()
     # Across the plane's slope the range changes by the square of the angle, or with its cosine.
     assert still.range.std() < 10 * sigma**2 * still.range.mean()
 
@@ -380,10 +380,10 @@ def test_angular_noise_is_recovered_from_a_grazing_plane(name: str) -> None:
 def test_azimuth_noise_shrinks_towards_the_pole_and_does_nothing_at_it() -> None:
     scene = ls.Scene()
     scene.add(ls.Plane((1, 0, 1), 10.0))
-    straight_up = measured(beams([0.0, 0.0, 1.0], count=100), scene, azimuth_sigma=0.01)
+    straight_up = measure(beams([0.0, 0.0, 1.0], count=100), scene, azimuth_sigma=0.01)
     assert np.array_equal(straight_up.range, np.full((100, 1), 10.0))
     spread = [
-        measured(beams([0.0, math.cos(e), math.sin(e)], count=10_000), scene, azimuth_sigma=0.01).range.std()
+        measure(beams([0.0, math.cos(e), math.sin(e)], count=10_000), scene, azimuth_sigma=0.01).range.std()
         / (10.0 * math.cos(e) / math.sin(e) ** 2)
         for e in (0.8, 1.5)
     ]
@@ -399,20 +399,20 @@ def test_intensity_is_lamberts() -> None:
     directions = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
     scene, alpha = wall(0.6), 0.01
     origin = (-10.0, 0.0, 0.0)
-    scan = measured(beams(directions, np.tile(origin, (50, 1))), scene, extinction=alpha)
+    scan = measure(beams(directions, np.tile(origin, (50, 1))), scene, extinction=alpha)
     expected = 0.6 * np.cos(angles) * np.exp(-2 * alpha * 10.0 / np.cos(angles))
     assert np.allclose(scan.intensity[:, 0], expected, rtol=2.0**-23, atol=0)
     assert np.allclose(scan.incidence[:, 0], angles, rtol=2.0**-23, atol=2.0**-51)  # a float32 of a sine and a cosine
 
 
 def test_a_retro_reflector_exceeds_one() -> None:
-    assert measured(before_wall([10.0]), wall(300.0)).intensity.tolist() == [[300.0]]
+    assert measure(before_wall([10.0]), wall(300.0)).intensity.tolist() == [[300.0]]
 
 
 def test_both_sides_of_a_surface_return_light() -> None:
     scene = ls.Scene()
     scene.add(ls.Sphere((0, 0, 0), 5.0), material=ls.Material(reflectivity=0.5))
-    scan = measured(beams([1.0, 0.0, 0.0]), scene)
+    scan = measure(beams([1.0, 0.0, 0.0]), scene)
     assert scan.intensity.tolist() == [[0.5]]
     assert scan.incidence.tolist() == [[0.0]]
     assert scan.normal.tolist() == [[[1.0, 0.0, 0.0]]]
@@ -437,7 +437,7 @@ def test_rough_and_glossy_surfaces_follow_their_formula(
     scene = ls.Scene()
     material = ls.Material(reflectivity=0.6, roughness=roughness, specular=specular, specular_width=width)
     scene.add(ls.Plane((1, 0, 0), 0.0), material=material)
-    scan = measured(beams(directions, np.tile((-1.0, 0.0, 0.0), (len(angles), 1))), scene, beam=beam)
+    scan = measure(beams(directions, np.tile((-1.0, 0.0, 0.0), (len(angles), 1))), scene, beam=beam)
     # With u = 2⁻⁵³: the slope is rounded four times, so the exponent q is off by 8u·q and the highlight by (8q + 10)u.
     # Where q > 40 it is below 2⁻³⁶ of A·cos θ for all of these parameters, and its error less than u of the sum. The
     # rest rounds 12 times at most, 7 equal sub-rays 14 times more. Then the intensity becomes a float32.
@@ -448,7 +448,7 @@ def test_rough_and_glossy_surfaces_follow_their_formula(
             expected = mpmath.mpf(0.6) * backscatter(theta, roughness, specular, width)
             assert abs(mpmath.mpf(float(found)) / expected - 1) <= bound, (direction, float(expected))
     if not roughness and not specular:
-        smooth = measured(beams(directions, np.tile((-1.0, 0.0, 0.0), (len(angles), 1))), wall(0.6), beam=beam)
+        smooth = measure(beams(directions, np.tile((-1.0, 0.0, 0.0), (len(angles), 1))), wall(0.6), beam=beam)
         assert scan.intensity.tobytes() == smooth.intensity.tobytes()
 
 
@@ -480,11 +480,11 @@ def test_a_brighter_surface_is_detected_farther() -> None:
     scene = ls.Scene()
     scene.add(ls.Plane((1, 0, 0), 0.0), material=ls.Material(reflectivity=0.1, specular=3.0, roughness=0.2))
     expected = 100.0 * math.sqrt(float(backscatter(mpmath.mpf(0), 0.2, 3.0, 0.1)))
-    seen_to = cut(measured(before_wall(ranges), scene, detection=ls.Detection(0.1, 100.0)))
+    seen_to = last_range(measure(before_wall(ranges), scene, detection=ls.Detection(0.1, 100.0)))
     assert expected - (ranges[1] - ranges[0]) <= seen_to <= expected
 
 
-def cut(scan: ls.Scan) -> float:
+def last_range(scan: ls.Scan) -> float:
     """The last range that is seen; none after the first that is not."""
     seen = scan.status == ls.Status.hit
     last = int(seen.sum())
@@ -496,10 +496,10 @@ def cut(scan: ls.Scan) -> float:
 
 def test_detection_cuts_exactly_at_its_range() -> None:
     ranges = [math.nextafter(150.0, 0.0), 150.0, math.nextafter(150.0, 151.0)]
-    scan = measured(before_wall(ranges), wall(0.1), detection=ls.Detection(0.1, 150.0))
+    scan = measure(before_wall(ranges), wall(0.1), detection=ls.Detection(0.1, 150.0))
     assert scan.status[:2].tolist() == [ls.Status.hit, ls.Status.hit]
     # One ulp further the quotient I/R² may still round to the same.
-    further = measured(before_wall([150.0 * (1 + 1e-15)]), wall(0.1), detection=ls.Detection(0.1, 150.0))
+    further = measure(before_wall([150.0 * (1 + 1e-15)]), wall(0.1), detection=ls.Detection(0.1, 150.0))
     assert further.status.tolist() == [ls.Status.below_threshold]
 
 
@@ -511,7 +511,7 @@ def test_detection_cuts_where_it_should(reflectivity: float, angle: float, extin
     direction = np.array([math.cos(angle), math.sin(angle), 0.0])
     ranges = np.linspace(1.0, 1000.0, 20_000)
     pattern = beams(np.tile(direction, (len(ranges), 1)), -np.outer(ranges, direction))
-    scan = measured(pattern, wall(reflectivity), detection=ls.Detection(least, seen_to), extinction=extinction)
+    scan = measure(pattern, wall(reflectivity), detection=ls.Detection(least, seen_to), extinction=extinction)
 
     def excess(r: float) -> float:
         in_clear_air = least / seen_to**2
@@ -519,7 +519,7 @@ def test_detection_cuts_where_it_should(reflectivity: float, angle: float, extin
 
     expected = optimize.brentq(excess, 1.0, 1000.0, xtol=1e-9)
     step = ranges[1] - ranges[0]
-    assert expected - step <= cut(scan) <= expected
+    assert expected - step <= last_range(scan) <= expected
 
 
 def test_extinction_only_ever_hides() -> None:
@@ -538,7 +538,7 @@ def test_extinction_only_ever_hides() -> None:
             before = None
             for extinction in (0.0, 1e-3, 0.01, 0.03, 0.1):
                 parameters = {"detection": limit, "extinction": extinction, "beam": beam, "returns": returns}
-                scan = measured(pattern, scene, seed=number, **parameters)
+                scan = measure(pattern, scene, seed=number, **parameters)
                 if before is not None:
                     assert (scan.return_count <= before.return_count).all()
                     hidden += int((before.return_count - scan.return_count).sum())
@@ -550,7 +550,7 @@ def test_extinction_only_ever_hides() -> None:
 
 def test_a_dark_wall_is_seen_no_better_through_fog() -> None:
     for extinction in (0.0, 0.03):
-        scan = measured(before_wall([60.0]), wall(0.02), detection=ls.Detection(0.1, 100.0), extinction=extinction)
+        scan = measure(before_wall([60.0]), wall(0.02), detection=ls.Detection(0.1, 100.0), extinction=extinction)
         assert scan.status.tolist() == [ls.Status.below_threshold]
 
 
@@ -558,8 +558,8 @@ def test_a_dark_wall_is_seen_no_better_through_fog() -> None:
 def test_the_overlap_dims_what_is_near(beam: ls.Beam | None) -> None:
     near, far = 0.7, 2.9
     ranges = np.r_[0.0, np.linspace(0.01, 5.0, 400), near, far, math.nextafter(far, 0.0)]
-    plain = measured(before_wall(ranges), wall(0.5), extinction=0.01, beam=beam)
-    scan = measured(before_wall(ranges), wall(0.5), extinction=0.01, beam=beam, crossover=(near, far))
+    plain = measure(before_wall(ranges), wall(0.5), extinction=0.01, beam=beam)
+    scan = measure(before_wall(ranges), wall(0.5), extinction=0.01, beam=beam, crossover=(near, far))
     assert np.array_equal(scan.range, plain.range)
     assert (scan.status == ls.Status.hit).all()
     overlap = np.clip((ranges - near) / (far - near), 0.0, 1.0)
@@ -568,7 +568,7 @@ def test_the_overlap_dims_what_is_near(beam: ls.Beam | None) -> None:
     assert not scan.intensity[ranges <= near].any()
     assert np.array_equal(scan.intensity[ranges >= far], plain.intensity[ranges >= far])
     limit = ls.Detection(0.1, 100.0)
-    seen = measured(before_wall(ranges), wall(0.5), detection=limit, beam=beam, crossover=(near, far)).status
+    seen = measure(before_wall(ranges), wall(0.5), detection=limit, beam=beam, crossover=(near, far)).status
     # Above 0 the wall is far brighter than the limit, but for the first 10⁻⁵ of the way.
     assert np.array_equal(seen == ls.Status.hit, ranges > near)
     assert (seen[ranges <= near] == ls.Status.below_threshold).all()
@@ -577,9 +577,9 @@ def test_the_overlap_dims_what_is_near(beam: ls.Beam | None) -> None:
 def test_a_near_surface_out_of_the_overlap_shades_but_does_not_shine() -> None:
     # Half of the footprint ends at a post at 20 m, the other half at the wall 3 m behind it.
     pattern, beam = beams([1.0, 0.0, 0.0], count=10), ls.Beam(4e-3, pulse_length=SLOW_PULSE)
-    both = measured(pattern, edge(3.0), beam=beam, returns=2)
+    both = measure(pattern, edge(3.0), beam=beam, returns=2)
     assert (both.return_count == 2).all()
-    scan = measured(pattern, edge(3.0), beam=beam, returns=2, crossover=(20.5, 21.5), detection=ls.Detection(0.1, 99.0))
+    scan = measure(pattern, edge(3.0), beam=beam, returns=2, crossover=(20.5, 21.5), detection=ls.Detection(0.1, 99.0))
     assert (scan.return_count == 1).all()
     assert (scan.label[:, 0] == 2).all()
     assert np.allclose(scan.intensity[:, 0], both.intensity[:, 1], rtol=2.0**-22, atol=0)
@@ -590,13 +590,13 @@ def test_near_the_sensor_an_echo_needs_a_least_intensity(beam: ls.Beam | None) -
     # 0.1 at 100 m is as much power as 0.004 at 20 m: up to there the least intensity is 0.004, from there on it grows.
     ranges = np.geomspace(0.1, 90.0, 400)
     for reflectivity, last in ((0.0039, 0.0), (0.0041, 20.0 * math.sqrt(0.0041 / 0.004)), (0.05, 100 * math.sqrt(0.5))):
-        scan = measured(
+        scan = measure(
             before_wall(ranges), wall(reflectivity), beam=beam, near_threshold=0.004, detection=ls.Detection(0.1, 100.0)
         )
         assert (scan.status == ls.Status.hit).tolist() == (ranges < last).tolist()
         assert (scan.status[ranges > last] == ls.Status.below_threshold).all()
     # Without a detection limit, up to the range where that of 0.1 at the greatest range begins.
-    seen = measured(before_wall(ranges), wall(0.0039), beam=beam, near_threshold=0.004, max_range=100.0)
+    seen = measure(before_wall(ranges), wall(0.0039), beam=beam, near_threshold=0.004, max_range=100.0)
     assert (seen.status == ls.Status.hit).tolist() == (ranges >= 20.0).tolist()
 
 
@@ -607,11 +607,11 @@ def test_near_the_sensor_the_gain_rises_with_range() -> None:
     scene.add(ls.Plane((1, 0, 0), 15.0), material=ls.Material(reflectivity=0.2))
     limit = ls.Detection(0.1, 100.0)
     for near, strongest in ((0.0, 5.0), (0.004, 15.0)):
-        scan = measured(beams([1.0, 0.0, 0.0]), scene, depth=2, detection=limit, near_threshold=near)
+        scan = measure(beams([1.0, 0.0, 0.0]), scene, depth=2, detection=limit, near_threshold=near)
         assert scan.range.tolist() == [[strongest]]
     # And the noise of weak echoes depends on it: at 2 m as at 20 m.
     noise = {"range_sigma_limit": 0.1, "detection": limit, "near_threshold": 0.004}
-    errors = [measured(before_wall(np.full(4000, at)), wall(0.016), **noise).range_error for at in (2.0, 20.0)]
+    errors = [measure(before_wall(np.full(4000, at)), wall(0.016), **noise).range_error for at in (2.0, 20.0)]
     for error in errors:
         assert error.std() == pytest.approx(0.1 / 2, rel=SIGMAS / math.sqrt(2 * 4000))
 
@@ -623,12 +623,12 @@ def test_near_the_sensor_the_gain_rises_with_range() -> None:
 def test_a_response_is_its_formula(beam: ls.Beam | None) -> None:
     ranges = np.linspace(0.5, 30.0, 60)
     response = ls.Response(range=[(1.0, 0.25), (5.0, 1.0), (20.0, 2.0)], exponent=0.7, resolution=1 / 255, limit=0.9)
-    scan = measured(before_wall(ranges), wall(0.6), beam=beam, response=response)
+    scan = measure(before_wall(ranges), wall(0.6), beam=beam, response=response)
     light = 0.6 * np.interp(ranges, [1.0, 5.0, 20.0], [0.25, 1.0, 2.0])
     expected = np.minimum(np.rint(light**0.7 * 255) / 255, 0.9)
     assert len(np.unique(expected)) > 20
     assert np.allclose(scan.intensity[:, 0], expected, rtol=2.0**-23, atol=0)
-    assert measured(before_wall(ranges), wall(0.0), beam=beam, response=response).intensity.max() == 0.0
+    assert measure(before_wall(ranges), wall(0.0), beam=beam, response=response).intensity.max() == 0.0
 
 
 def test_a_response_has_a_curve() -> None:
@@ -636,13 +636,13 @@ def test_a_response_has_a_curve() -> None:
     light = 2.0 * np.interp(ranges, [1.0, 20.0], [0.0, 4.0])
     curve, factors = [(0.1, 0.05), (1.0, 0.4), (6.0, 1.0)], [(1.0, 0.0), (20.0, 4.0)]
     response = ls.Response(range=factors, exponent=0.7, curve=curve, resolution=1 / 255, limit=0.99)
-    scan = measured(before_wall(ranges), wall(2.0), response=response)
+    scan = measure(before_wall(ranges), wall(2.0), response=response)
     expected = np.minimum(np.rint(np.interp(light**0.7, *np.transpose(curve)) * 255) / 255, 0.99)
     assert np.allclose(scan.intensity[:, 0], expected, rtol=2.0**-23, atol=0)
     # The noise is of the light: a fifth of that of 2 is seen where the curve rises by a fifth.
     noisy = ls.Response(sigma=0.01, curve=[(0.0, 0.0), (1.5, 1.5), (9.0, 3.0)])
     dim, bright = (
-        measured(before_wall(np.full(4000, 5.0)), wall(light), response=noisy).intensity for light in (1.0, 2.0)
+        measure(before_wall(np.full(4000, 5.0)), wall(light), response=noisy).intensity for light in (1.0, 2.0)
     )
     for seen, spread in ((dim, 0.01), (bright, 0.02 / 5.0)):
         assert seen.std() == pytest.approx(spread, rel=SIGMAS / math.sqrt(2 * 4000))
@@ -656,7 +656,7 @@ def test_detection_and_noise_see_the_light_itself() -> None:
         "near_threshold": 0.01,
     }
     plain, dim = (
-        measured(before_wall(np.linspace(1.0, 90.0, 500)), wall(0.1), response=response, **noisy)
+        measure(before_wall(np.linspace(1.0, 90.0, 500)), wall(0.1), response=response, **noisy)
         for response in (None, ls.Response(range=[(1.0, 1e-6)]))
     )
     assert 0 < np.isfinite(plain.range).sum() < 500
@@ -688,7 +688,7 @@ def test_a_response_has_noise_and_factors_of_channels() -> None:
 def test_what_is_no_echo_has_a_response_too() -> None:
     dark = {"detection": ls.Detection(0.1, 100.0), "false_returns": 1.0, "max_range": 50.0}
     plain, halved = (
-        measured(away(50), wall(), response=response, **dark).intensity
+        measure(away(50), wall(), response=response, **dark).intensity
         for response in (None, ls.Response(range=[(0.0, 0.5)]))
     )
     assert plain.min() > 0.0
@@ -724,7 +724,7 @@ def test_a_bad_response_is_refused(make: Callable[[], object], said: str) -> Non
 def test_power_fluctuates_log_normally_about_its_mean() -> None:
     sigma, count = 0.3, 50_000
     pattern = before_wall(np.full(count, 20.0))
-    scan = measured(pattern, wall(0.5), power_sigma=sigma)
+    scan = measure(pattern, wall(0.5), power_sigma=sigma)
     assert np.array_equal(scan.range, np.full((count, 1), 20.0))
     factors = scan.intensity[:, 0].astype(float) / 0.5
     assert stats.kstest(np.log(factors), "norm", args=(-(sigma**2) / 2, sigma)).pvalue > 1e-3
@@ -742,7 +742,7 @@ def test_fluctuation_softens_the_edge_of_what_is_seen(beam: ls.Beam | None) -> N
     distances = np.linspace(60.0, 170.0, 12)
     pattern = before_wall(np.repeat(distances, count))
     limit = ls.Detection(least, seen_to)
-    scan = measured(pattern, wall(least), detection=limit, power_sigma=sigma, beam=beam)
+    scan = measure(pattern, wall(least), detection=limit, power_sigma=sigma, beam=beam)
     hits = (scan.status == ls.Status.hit).reshape(-1, count)
     # s = (R₀/R)²·exp(w·g − w²/2) ≥ 1. A footprint of 1 mrad reaches no farther than its axis by 10⁻⁶ of the range.
     expected = stats.norm.cdf(np.log((seen_to / distances) ** 2) / sigma - sigma / 2)
@@ -762,9 +762,9 @@ def test_fluctuation_softens_the_edge_of_what_is_seen(beam: ls.Beam | None) -> N
 def test_a_soft_limit_leaves_intensities_alone(beam: ls.Beam | None) -> None:
     sigma, count, distances = 0.4, 4000, np.linspace(60.0, 170.0, 12)
     pattern, limit = before_wall(np.repeat(distances, count)), ls.Detection(0.1, 100.0, sigma)
-    clean = measured(pattern, wall(0.1), beam=beam).intensity[:, 0]
+    clean = measure(pattern, wall(0.1), beam=beam).intensity[:, 0]
     # The near threshold dulls the power, and is below the far limit from 3 m on.
-    scan = measured(pattern, wall(0.1), detection=limit, beam=beam, near_threshold=1e-3, near_range=1.0)
+    scan = measure(pattern, wall(0.1), detection=limit, beam=beam, near_threshold=1e-3, near_range=1.0)
     seen = scan.status == ls.Status.hit
     assert np.array_equal(scan.intensity[seen, 0], clean[seen])
     draws = stats.norm.ppf([uniform(3, "", frame=0, pulse=i, effect=11) for i in range(0, 12 * count, 60)])
@@ -776,22 +776,22 @@ def test_a_soft_limit_leaves_intensities_alone(beam: ls.Beam | None) -> None:
 @pytest.mark.parametrize(("near", "share"), [(0.09, 1.0), (0.11, 0.0)])
 def test_a_soft_limit_leaves_the_near_threshold_sharp(near: float, share: float) -> None:
     limit = ls.Detection(0.1, 100.0, 0.4)
-    scan = measured(before_wall(np.full(1000, 5.0)), wall(0.1), detection=limit, near_threshold=near, near_range=9.0)
+    scan = measure(before_wall(np.full(1000, 5.0)), wall(0.1), detection=limit, near_threshold=near, near_range=9.0)
     assert (scan.status == ls.Status.hit).mean() == share
 
 
 def test_each_echo_fluctuates_by_itself() -> None:
     pattern, scene = beams([1.0, 1e-5, 0.0], count=20_000), edge(3.0)
     beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
-    clean = measured(pattern, scene, beam=beam, returns=2)
-    scan = measured(pattern, scene, beam=beam, returns=2, power_sigma=0.2)
+    clean = measure(pattern, scene, beam=beam, returns=2)
+    scan = measure(pattern, scene, beam=beam, returns=2, power_sigma=0.2)
     logs = np.log(scan.intensity.astype(float) / clean.intensity) + 0.02
     assert np.allclose(logs.std(axis=0), 0.2, rtol=5.0 / math.sqrt(2 * 20_000))
     assert abs(np.corrcoef(logs.T)[0, 1]) < 5.0 / math.sqrt(20_000)
     draws = [uniform(3, "", frame=0, pulse=i, effect=5, draw=1) for i in range(500)]
     assert np.allclose(logs[:500, 1], 0.2 * stats.norm.ppf(draws), rtol=0, atol=4 * 2.0**-23)
     # The strongest is the one whose power is, as received.
-    one = measured(pattern, scene, beam=beam, power_sigma=0.2)
+    one = measure(pattern, scene, beam=beam, power_sigma=0.2)
     second = scan.intensity[:, 1] / clean.range[:, 1] ** 2 > scan.intensity[:, 0] / clean.range[:, 0] ** 2
     assert 100 < second.sum() < 19_900
     assert np.array_equal(one.range[:, 0], np.where(second, scan.range[:, 1], scan.range[:, 0]))
@@ -799,13 +799,13 @@ def test_each_echo_fluctuates_by_itself() -> None:
 
 def test_dropout_has_its_rate() -> None:
     for rate in (0.0, 0.001, 0.3, 1.0):
-        scan = measured(before_wall(np.full(100_000, 10.0)), wall(), dropout=rate)
+        scan = measure(before_wall(np.full(100_000, 10.0)), wall(), dropout=rate)
         lost = int((scan.status == ls.Status.dropped).sum())
         assert stats.binomtest(lost, 100_000, rate).pvalue > 1e-4 if 0 < rate < 1 else lost == rate * 100_000
 
 
 def test_what_is_too_weak_is_not_dropped_too() -> None:
-    scan = measured(before_wall([10.0, 90.0] * 1000), wall(0.1), detection=ls.Detection(0.1, 50.0), dropout=0.5)
+    scan = measure(before_wall([10.0, 90.0] * 1000), wall(0.1), detection=ls.Detection(0.1, 50.0), dropout=0.5)
     assert set(scan.status[0::2].tolist()) == {ls.Status.hit, ls.Status.dropped}
     assert set(scan.status[1::2].tolist()) == {ls.Status.below_threshold}
 
@@ -822,7 +822,7 @@ def away(count: int) -> ls.patterns.Table:
 def test_false_returns_have_their_rate_and_are_uniform_over_the_gate(beam: ls.Beam | None) -> None:
     probability, count = 0.1, 40_000
     gate = {"min_range": 2.0, "max_range": 50.0}
-    scan = measured(away(count), wall(), false_returns=probability, beam=beam, **gate)
+    scan = measure(away(count), wall(), false_returns=probability, beam=beam, **gate)
     returned = scan.status == ls.Status.hit
     assert (scan.status[~returned] == ls.Status.miss).all()
     assert stats.binomtest(int(returned.sum()), count, probability).pvalue > 1e-6
@@ -849,8 +849,8 @@ def test_false_returns_have_their_rate_and_are_uniform_over_the_gate(beam: ls.Be
 
 
 def test_every_pulse_has_a_false_return_at_most() -> None:
-    assert (measured(away(100), wall(), false_returns=1.0, max_range=9.0).return_count == 1).all()
-    plain = measured(away(100), wall(), max_range=9.0)
+    assert (measure(away(100), wall(), false_returns=1.0, max_range=9.0).return_count == 1).all()
+    plain = measure(away(100), wall(), max_range=9.0)
     assert plain.source is None
     assert "source" not in plain.point_cloud().fields
 
@@ -862,8 +862,8 @@ def test_false_returns_are_among_the_others_by_range_and_the_weakest(beam: ls.Be
     # The wall is seen by the first half of the pulses, and too dark for the second.
     scene = wall(0.1)
     pattern = before_wall(np.r_[np.full(count // 2, 20.0), np.full(count // 2, 70.0)])
-    calm = measured(pattern, scene, **{**parameters, "false_returns": 0.0})
-    misses = measured(away(count), scene, **parameters)
+    calm = measure(pattern, scene, **{**parameters, "false_returns": 0.0})
+    misses = measure(away(count), scene, **parameters)
     falsely, seen = misses.return_count == 1, calm.return_count == 1
     dropped = calm.status == ls.Status.dropped
     assert dropped.sum() > 100
@@ -875,7 +875,7 @@ def test_false_returns_are_among_the_others_by_range_and_the_weakest(beam: ls.Be
         "last": falsely & (~seen | (misses.range[:, 0] > 20.0)),
     }
     for returns, shown in others.items():
-        scan = measured(pattern, scene, returns=returns, **parameters)
+        scan = measure(pattern, scene, returns=returns, **parameters)
         assert shown[: count // 2].any() or returns == "strongest"
         assert shown[count // 2 :].any()
         assert not scan.return_count[dropped].any()
@@ -912,8 +912,8 @@ def test_false_returns_of_a_moving_sensor_have_no_truth(beam: ls.Beam | None) ->
 def test_a_pulse_has_one_more_return_than_echoes() -> None:
     pattern, scene = beams([1.0, 1e-5, 0.0], count=2000), edge(3.0)
     beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
-    scan = measured(pattern, scene, beam=beam, returns=4, false_returns=0.5, max_range=50.0)
-    alone = measured(pattern, scene, beam=beam, returns=4, max_range=50.0)
+    scan = measure(pattern, scene, beam=beam, returns=4, false_returns=0.5, max_range=50.0)
+    alone = measure(pattern, scene, beam=beam, returns=4, max_range=50.0)
     assert (alone.return_count == 2).all()
     falsely = (scan.source == ls.Source.false_return).sum(axis=1)
     assert set(falsely.tolist()) == {0, 1}
@@ -923,7 +923,7 @@ def test_a_pulse_has_one_more_return_than_echoes() -> None:
         real = scan.source[i] == ls.Source.surface
         for name in RETURNED:
             assert np.array_equal(getattr(scan, name)[i][real], getattr(alone, name)[i, :2]), name
-    dual = measured(pattern, scene, beam=beam, returns="dual", false_returns=0.5, max_range=50.0)
+    dual = measure(pattern, scene, beam=beam, returns="dual", false_returns=0.5, max_range=50.0)
     assert (dual.source[:, 0] == ls.Source.surface).all()
     last = np.where(scan.return_count == 3, scan.range[:, 2], scan.range[:, 1])
     assert np.array_equal(dual.range[:, 1], last)
@@ -945,7 +945,7 @@ def test_false_returns_are_rounded_and_counted_from_the_sensors_own_zero() -> No
 
 
 def test_false_returns_go_to_files(tmp_path: Path) -> None:
-    cloud = measured(before_wall(np.full(500, 20.0)), wall(), false_returns=0.5, max_range=50.0, returns="first")
+    cloud = measure(before_wall(np.full(500, 20.0)), wall(), false_returns=0.5, max_range=50.0, returns="first")
     points = cloud.point_cloud()
     assert set(points.source.tolist()) == {0, 2}
     for suffix in (".npz", ".pcd", ".ply"):
@@ -1003,7 +1003,7 @@ def test_a_slanted_plane_gives_one_return_with_the_right_mean(slant: float) -> N
     errors = []
     for rays in (4, 7, 19, 37, 61, 91):
         beam = ls.Beam(divergence, pulse_length=SLOW_PULSE, rays=rays)
-        scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=min(rays, 5))
+        scan = measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=min(rays, 5))
         assert scan.return_count.tolist() == [1]
         assert scan.true_range[0, 0] == distance
         errors.append(abs(scan.range[0, 0] - expected))
@@ -1023,7 +1023,7 @@ def test_a_grazed_plane_is_one_return_though_its_sub_rays_lie_far_apart() -> Non
     down = 0.02 + 3e-3 / 5 * np.arange(-2, 3)
     directions = np.column_stack([np.cos(down), 0 * down, -np.sin(down)])
     assert (-np.diff(scene.cast(np.zeros((5, 3)), directions).t) > 2.0).all()
-    scan = measured(beams(directions[2]), scene, beam=ls.Beam(3e-3, pulse_length=SLOW_PULSE, rays=19), returns=5)
+    scan = measure(beams(directions[2]), scene, beam=ls.Beam(3e-3, pulse_length=SLOW_PULSE, rays=19), returns=5)
     assert scan.return_count.tolist() == [1]
     assert abs(scan.range_error[0, 0]) < 1.0
 
@@ -1042,7 +1042,7 @@ def test_an_edge_gives_mixed_pixels_whose_share_falls_with_divergence() -> None:
     pattern = beams(np.column_stack([np.cos(azimuths), np.sin(azimuths), 0 * azimuths]))
     shares = []
     for divergence in (8e-3, 4e-3, 2e-3, 1e-3, 0.0):
-        scan = measured(pattern, edge(0.5), beam=ls.Beam(divergence, pulse_length=SLOW_PULSE, rays=91))
+        scan = measure(pattern, edge(0.5), beam=ls.Beam(divergence, pulse_length=SLOW_PULSE, rays=91))
         x = scan.range[:, 0] * np.cos(azimuths)
         mixed = (x > 20.01) & (x < 20.49)
         assert ((x > 19.99) & (x < 20.51)).all()
@@ -1080,7 +1080,7 @@ def test_the_receiver_misses_the_farther_of_two_echoes_on_one_side_of_an_edge() 
     beam, pattern = ls.Beam(4e-3), beams([1.0, 0.0, 0.0])
     labels = []
     for offset in (-0.03, 0.0, 0.03):
-        scan = measured(pattern, edge(3.0, near=2.0), beam=beam, returns=2, receiver_offset=offset)
+        scan = measure(pattern, edge(3.0, near=2.0), beam=beam, returns=2, receiver_offset=offset)
         labels.append(scan.label[0, : scan.return_count[0]].tolist())
     assert labels == [[1, 2], [1, 2], [1]]
 
@@ -1093,10 +1093,10 @@ def test_the_receiver_sees_through_panes_and_past_what_is_nearer_than_its_offset
         (0.029, 0.0, ls.Status.hit),
     ):
         scene = edge(gap, near=2.0, reflectivity=0.1, transmission=transmission)
-        assert measured(pattern, scene, depth=2, receiver_offset=0.03).status.tolist() == [status], (gap, transmission)
+        assert measure(pattern, scene, depth=2, receiver_offset=0.03).status.tolist() == [status], (gap, transmission)
 
 
-def tilted(around: float, slope: float) -> Floats:
+def slope_normal(around: float, slope: float) -> Floats:
     """Normal of a plane across the x axis, whose distance changes by `slope` a metre towards that angle."""
     normal = np.array([-1.0, slope * math.cos(around), slope * math.sin(around)])
     return normal / np.linalg.norm(normal)
@@ -1109,8 +1109,8 @@ def test_a_slanted_plane_is_one_return_however_far_apart_its_sub_rays_lie(rays: 
     for slope in (0.5, 3.0, 10.0, 30.0, 60.0):
         for around in np.linspace(0.0, 2 * np.pi, 25):
             scene = ls.Scene()
-            scene.add(ls.Plane.from_point((50.0, 0.0, 0.0), tilted(around, slope)))
-            scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=min(rays, 20))
+            scene.add(ls.Plane.from_point((50.0, 0.0, 0.0), slope_normal(around, slope)))
+            scan = measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=min(rays, 20))
             assert scan.return_count.tolist() == [1], (slope, around)
             extents.append(50.0 * slope * math.hypot(6e-3 * math.cos(around), 2e-3 * math.sin(around)))
     # From far below the length of the pulse, 0.15 m, to far above it.
@@ -1159,7 +1159,7 @@ def test_a_canopy_has_as_many_returns_as_its_waveform_has_peaks() -> None:
     counts = {}
     for rays in (4, 7, 19, 37, 61, 91):
         beam = ls.Beam(divergence, pulse_length=pulse_length, rays=rays)
-        scans = [measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=rays) for scene in scenes]
+        scans = [measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=rays) for scene in scenes]
         counts[rays] = np.mean([scan.return_count[0] for scan in scans])
     assert counts[4] < counts[7] < counts[19] < counts[37]
     assert abs(counts[37] / counts[91] - 1.0) < 0.05
@@ -1172,9 +1172,9 @@ def test_of_two_echoes_too_near_to_be_told_apart_the_stronger_stays(separation: 
     dropped = 0
     pattern = beams([1.0, 0.0, 0.0])
     for seed in range(30):
-        everything = measured(pattern, canopy(seed), beam=ls.Beam(4e-3, rays=91), returns=91)
+        everything = measure(pattern, canopy(seed), beam=ls.Beam(4e-3, rays=91), returns=91)
         beam = ls.Beam(4e-3, rays=91, separation=separation)
-        scan = measured(pattern, canopy(seed), beam=beam, returns=91)
+        scan = measure(pattern, canopy(seed), beam=beam, returns=91)
         count = int(everything.return_count[0])
         ranges = everything.range[0, :count]
         powers = everything.intensity[0, :count] / ranges**2
@@ -1189,10 +1189,10 @@ def test_of_two_echoes_too_near_to_be_told_apart_the_stronger_stays(separation: 
             ), name
         assert scan.return_count.tolist() == [len(kept)]
         dropped += count - len(kept)
-        foggy = measured(pattern, canopy(seed), beam=beam, returns=91, extinction=0.05)
+        foggy = measure(pattern, canopy(seed), beam=beam, returns=91, extinction=0.05)
         assert foggy.object_id.tobytes() == scan.object_id.tobytes()
         assert foggy.true_range.tobytes() == scan.true_range.tobytes()
-        same = measured(pattern, canopy(seed), beam=ls.Beam(4e-3, rays=91, separation=5e-324), returns=91)
+        same = measure(pattern, canopy(seed), beam=ls.Beam(4e-3, rays=91, separation=5e-324), returns=91)
         assert same.range.tobytes() == everything.range.tobytes()
     assert dropped > 10
 
@@ -1218,7 +1218,7 @@ def test_strips_too_close_to_be_told_apart_give_the_peaks_of_their_waveform(orde
     # The waveform of the ramp is so flat that a second peak, of 0.03 % of its height, is all but there: 37 sub-rays,
     # which share out unevenly over the strips, show it.
     for rays in (19, 61, 91) if ramp else (19, 37, 61, 91):
-        scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=ls.Beam(4e-3, rays=rays), returns=7)
+        scan = measure(beams([1.0, 0.0, 0.0]), scene, beam=ls.Beam(4e-3, rays=rays), returns=7)
         assert scan.return_count.tolist() == [len(peaks)], rays
         # To less than one standard deviation of the pulse, 0.318 m: an echo is a mean, a peak a mode.
         assert np.abs(scan.range[0, : len(peaks)] - peaks).max() < 0.318, rays
@@ -1226,7 +1226,7 @@ def test_strips_too_close_to_be_told_apart_give_the_peaks_of_their_waveform(orde
 
 @pytest.mark.parametrize("rays", [19, 37, 61, 91])
 def test_strips_that_can_be_told_apart_are_separate_returns(rays: int) -> None:
-    scan = measured(beams([1.0, 0.0, 0.0]), strips(1.5, range(8)), beam=ls.Beam(4e-3, rays=rays), returns=8)
+    scan = measure(beams([1.0, 0.0, 0.0]), strips(1.5, range(8)), beam=ls.Beam(4e-3, rays=rays), returns=8)
     assert scan.return_count.tolist() == [8]
     # A strip is flat: its range changes by (2e-3)²/2 of it over the beam.
     assert np.allclose(scan.range[0], 100.0 + 1.5 * np.arange(8), rtol=2e-3**2 / 2, atol=0)
@@ -1244,7 +1244,7 @@ def test_two_surfaces_are_told_apart_from_two_standard_deviations_on() -> None:
                 corners = np.array([[x, 1e-9, -5e4], [x, 1e-9, 5e4], [x, 5e4, 5e4], [x, 5e4, -5e4]]) * [1, side, 1]
                 scene.add(ls.Polygon(corners), material=ls.Material(reflectivity=reflectivity))
             beam = ls.Beam(1e-6, pulse_length=5e-9, rays=7)
-            scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=2)
+            scan = measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=2)
             assert scan.return_count.tolist() == [returns], (distance, widths)
 
 
@@ -1252,7 +1252,7 @@ def test_echoes_apart_are_separate_returns() -> None:
     """The axis just on the near wall, so that a little more than half of the light is from there."""
     pattern, scene = beams([1.0, 1e-5, 0.0]), edge(3.0)
     beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
-    both = measured(pattern, scene, beam=beam, returns=4)
+    both = measure(pattern, scene, beam=beam, returns=4)
     assert both.return_count.tolist() == [2]
     assert both.label.tolist() == [[1, 2, 0, 0]]
     oblique = 2e-3**2 / 2  # at the edge of the beam, ranges are longer and cosines less by this
@@ -1265,11 +1265,11 @@ def test_echoes_apart_are_separate_returns() -> None:
     assert cloud.return_count.tolist() == [2, 2]
     modes = {"strongest": [1], "first": [1], "last": [2], "dual": [1, 2], 1: [1], 2: [1, 2]}
     for returns, labels in modes.items():
-        assert measured(pattern, scene, beam=beam, returns=returns).label.tolist() == [labels], returns
+        assert measure(pattern, scene, beam=beam, returns=returns).label.tolist() == [labels], returns
     dark = edge(3.0, reflectivity=0.01)
     modes = {"strongest": [2], "first": [1], "last": [2], "dual": [2, 1], 1: [1], 2: [1, 2]}
     for returns, labels in modes.items():
-        assert measured(pattern, dark, beam=beam, returns=returns).label.tolist() == [labels], returns
+        assert measure(pattern, dark, beam=beam, returns=returns).label.tolist() == [labels], returns
 
 
 def steps(*, reflectivities: tuple[float, float, float]) -> ls.Scene:
@@ -1290,20 +1290,20 @@ def test_dual_is_the_strongest_and_the_last_or_the_next(
 ) -> None:
     scene = steps(reflectivities=reflectivities)
     beam = ls.Beam(6e-3, pulse_length=SLOW_PULSE, rays=91)
-    assert measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=3).label.tolist() == [[1, 2, 3]]
-    assert measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns="dual").label.tolist() == [labels]
-    assert measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=2).label.tolist() == [[1, 2]]
+    assert measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=3).label.tolist() == [[1, 2, 3]]
+    assert measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns="dual").label.tolist() == [labels]
+    assert measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=2).label.tolist() == [[1, 2]]
 
 
 def test_lost_echoes_leave_the_others() -> None:
     pattern, scene, beam = beams([1.0, 1e-5, 0.0]), edge(3.0), ls.Beam(4e-3, pulse_length=SLOW_PULSE)
-    gated = measured(pattern, scene, beam=beam, returns="first", min_range=21.0)
+    gated = measure(pattern, scene, beam=beam, returns="first", min_range=21.0)
     assert gated.label.tolist() == [[2]]
     assert gated.status.tolist() == [ls.Status.hit]
-    weak = measured(pattern, scene, beam=beam, returns=2, detection=ls.Detection(0.5, 20.0))
+    weak = measure(pattern, scene, beam=beam, returns=2, detection=ls.Detection(0.5, 20.0))
     assert weak.label.tolist() == [[1, 0]]
     assert weak.return_count.tolist() == [1]
-    none = measured(pattern, scene, beam=beam, returns=2, detection=ls.Detection(0.9, 20.0))
+    none = measure(pattern, scene, beam=beam, returns=2, detection=ls.Detection(0.9, 20.0))
     assert none.status.tolist() == [ls.Status.below_threshold]
     assert none.label.tolist() == [[1, 0]]
     assert none.true_range[0, 0] == pytest.approx(math.hypot(20.0, 20.0 * 1e-5), rel=2.0**-51)
@@ -1360,7 +1360,7 @@ def test_echoes_are_those_of_sub_rays_cast_alone(name: str, slow: bool) -> None:
     """With a pulse too short to join ranges, each echo is the hit of a sub-ray, to the bit."""
     pattern, scene = adverse(name, 50_000 if slow else 1003)
     for beam in (ls.Beam(0.02, pulse_length=1e-15, rays=7), ls.Beam(0.1, 0.02, pulse_length=1e-15, rays=19)):
-        scan = measured(pattern, scene, beam=beam, returns=beam.rays)
+        scan = measure(pattern, scene, beam=beam, returns=beam.rays)
         echoes = np.arange(beam.rays) < scan.return_count[:, None]
         assert scan.true_direction is not None
         along = scan.true_direction[echoes]
@@ -1385,7 +1385,7 @@ def test_the_only_return_is_the_first_of_two(name: str, returns: tuple[Any, Any]
             "detection": ls.Detection(0.3, 6.0), "near_threshold": 0.1, "azimuth_sigma": 0.01,
             "response": ls.Response(sigma=0.1, ring_sigma=0.1),
         }  # fmt: skip
-    one, two = (measured(pattern, scene, returns=kind, **parameters) for kind in returns)
+    one, two = (measure(pattern, scene, returns=kind, **parameters) for kind in returns)
     assert not noisy or two.return_count.max() == 2
     for column in RETURNED:
         assert np.array_equal(getattr(one, column)[:, 0], getattr(two, column)[:, 0], equal_nan=True), column
@@ -1398,7 +1398,7 @@ def test_part_of_the_footprint_beside_the_target_is_lost_light() -> None:
     scene = ls.Scene()
     corners = [[20, 0, -50], [20, 0, 50], [20, 50, 50], [20, 50, -50]]
     scene.add(ls.Polygon(corners))
-    scan = measured(beams([1.0, -1e-5, 0.0]), scene, beam=ls.Beam(4e-3, rays=91))
+    scan = measure(beams([1.0, -1e-5, 0.0]), scene, beam=ls.Beam(4e-3, rays=91))
     assert scan.status.tolist() == [ls.Status.hit]
     assert 0.4 < scan.intensity[0, 0] < 0.5
     # The axis misses: the truth is that of the sub-ray nearest to it, at 2/11 of half the divergence.
@@ -1407,8 +1407,8 @@ def test_part_of_the_footprint_beside_the_target_is_lost_light() -> None:
 
 def test_a_beam_of_no_divergence_is_a_line() -> None:
     ranges = np.linspace(1.0, 200.0, 100)
-    line = measured(before_wall(ranges), wall(0.3), extinction=1e-3)
-    beam = measured(before_wall(ranges), wall(0.3), extinction=1e-3, beam=ls.Beam(0.0))
+    line = measure(before_wall(ranges), wall(0.3), extinction=1e-3)
+    beam = measure(before_wall(ranges), wall(0.3), extinction=1e-3, beam=ls.Beam(0.0))
     assert np.array_equal(line.range, beam.range)
     assert np.allclose(line.intensity, beam.intensity, rtol=2.0**-23, atol=0)
 
@@ -1424,21 +1424,21 @@ def test_divergence_is_the_full_angle_and_elliptical() -> None:
         corners = np.array([[10, -1e-4, -1.0], [10, 1e-4, -1.0], [10, 1e-4, 1.0], [10, -1e-4, 1.0]])
         scene.add(ls.Polygon(corners if axis == 1 else corners[:, [0, 2, 1]]))
         widths = {"divergence_azimuth": 1e-4, "divergence_elevation": 1e-4, name: 8e-3}
-        scan = measured(beams(directions), scene, beam=ls.Beam(**widths, rays=91))
+        scan = measure(beams(directions), scene, beam=ls.Beam(**widths, rays=91))
         seen = angles[scan.status == ls.Status.hit].max()
         # The outermost sub-rays stand at 10/11 of the half angle. Half the slit is 1e-5 rad, and so is a step.
         assert seen == pytest.approx(4e-3 * 10 / 11, rel=0, abs=2e-5)
 
 
 def test_black_surfaces_have_echoes_of_no_light() -> None:
-    scan = measured(before_wall([10.0]), wall(0.0), beam=ls.Beam(1e-3))
+    scan = measure(before_wall([10.0]), wall(0.0), beam=ls.Beam(1e-3))
     assert scan.range[0, 0] == 10.0
     assert scan.intensity.tolist() == [[0.0]]
 
 
 def test_a_surface_at_distance_zero() -> None:
     for parameters in ({}, {"beam": ls.Beam(1e-3)}, {"detection": ls.Detection(0.1, 10.0)}):
-        scan = measured(before_wall([0.0]), wall(0.5), **parameters)
+        scan = measure(before_wall([0.0]), wall(0.5), **parameters)
         assert scan.status.tolist() == [ls.Status.hit]
         assert scan.range.tolist() == [[0.0]]
 
@@ -1590,14 +1590,14 @@ def test_draws_are_the_documented_ones() -> None:
 def test_each_echo_has_its_own_draw() -> None:
     pattern, scene = beams([1.0, 1e-5, 0.0], count=20_000), edge(3.0)
     beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
-    clean = measured(pattern, scene, beam=beam, returns=2)
-    noisy = measured(pattern, scene, beam=beam, returns=2, range_sigma=0.1)
+    clean = measure(pattern, scene, beam=beam, returns=2)
+    noisy = measure(pattern, scene, beam=beam, returns=2, range_sigma=0.1)
     errors = noisy.range - clean.range
     assert np.allclose(errors.std(axis=0), 0.1, rtol=SIGMAS / math.sqrt(2 * 20_000))
     assert abs(np.corrcoef(errors.T)[0, 1]) < SIGMAS / math.sqrt(20_000)
     # The same echo draws the same, whether the other one is reported, or lost, or not.
-    last = measured(pattern, scene, beam=beam, returns="last", range_sigma=0.1)
-    alone = measured(pattern, scene, beam=beam, returns=2, range_sigma=0.1, min_range=21.5)
+    last = measure(pattern, scene, beam=beam, returns="last", range_sigma=0.1)
+    alone = measure(pattern, scene, beam=beam, returns=2, range_sigma=0.1, min_range=21.5)
     assert np.array_equal(last.range[:, 0], noisy.range[:, 1])
     assert np.array_equal(alone.range[:, 0], noisy.range[:, 1])
 
@@ -1628,7 +1628,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
 def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
     def errors(effects: list[str]) -> tuple[Floats, list[bool]]:
         parameters = {key: value for name in effects for key, value in EFFECTS[name].items()}
-        scan = measured(before_wall(np.full(5000, 20.0)), wall(), **parameters)
+        scan = measure(before_wall(np.full(5000, 20.0)), wall(), **parameters)
         dropped = scan.status == ls.Status.dropped
         return scan.range[:, 0], dropped.tolist()
 

@@ -113,7 +113,7 @@ def moving_scene(place: float = 0.0) -> ls.Scene:
     return scene
 
 
-def frozen(scene: ls.Scene, time: float) -> ls.Scene:
+def freeze(scene: ls.Scene, time: float) -> ls.Scene:
     """The scene as it is at a time, of objects that do not move."""
     still = ls.Scene()
     for item in scene.objects:
@@ -161,7 +161,7 @@ def test_each_ray_sees_the_scene_as_it_is_at_its_time(
 ) -> None:
     scene = moving_scene(place)
     origins, directions, times = hard_rays(scene, 4000 if slow else 600, place)
-    known = [frozen(scene, t).cast(o, d) for o, d, t in zip(origins[:, None], directions[:, None], times, strict=True)]
+    known = [freeze(scene, t).cast(o, d) for o, d, t in zip(origins[:, None], directions[:, None], times, strict=True)]
     found = np.concatenate([hits.object_id for hits in known])
     assert len(np.unique(found)) > 9
     assert np.mean(found > 0) > 0.5
@@ -179,7 +179,7 @@ def test_a_single_time_is_the_same_as_an_array_of_it() -> None:
     origins, directions, times = hard_rays(scene, 3000)
     one = scene.cast(origins, directions, time=0.75)
     each = scene.cast(origins, directions, time=np.full(len(times), 0.75))
-    still = frozen(scene, 0.75).cast(origins, directions)
+    still = freeze(scene, 0.75).cast(origins, directions)
     for name in HITS:
         assert same(getattr(one, name), getattr(each, name))
         assert same(getattr(one, name), getattr(still, name))
@@ -363,7 +363,7 @@ def test_each_pulse_of_a_scan_sees_the_scene_as_it_then_is(measurement: ls.Measu
     assert movers[scan.object_id[scan.object_id >= 0]].sum() > 100
     for i in range(0, len(scan), 7 if measurement is EVERYTHING else 3):
         time = 1.25 + scan.pulses.time[i]
-        one = scan_pulses(lidar, frozen(scene, time), where, time=1.25, frame=3, seed=5, indices=[i])
+        one = scan_pulses(lidar, freeze(scene, time), where, time=1.25, frame=3, seed=5, indices=[i])
         for name in ARRAYS:
             assert same(getattr(scan, name)[i], getattr(one, name)[0]), (i, name)
 

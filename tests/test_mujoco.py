@@ -29,7 +29,7 @@ def every_geom() -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def moved(model: mujoco.MjModel, data: mujoco.MjData, seed: int) -> None:
+def move(model: mujoco.MjModel, data: mujoco.MjData, seed: int) -> None:
     """Move everything that can move, by a step or two."""
     rng = np.random.default_rng(seed)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(scale=0.7, size=model.nv), 1.0)
@@ -44,7 +44,7 @@ def test_after_an_update_rays_meet_what_mj_ray_meets() -> None:
     compare(world.scene, geoms, model, data, rays=2000)
     for seed in range(3):
         before = data.geom_xpos.copy()
-        moved(model, data, seed)
+        move(model, data, seed)
         still = (data.geom_xpos == before).all(axis=1)
         assert still.sum() == 4  # floor, ramp, hill and rock
         compared = [item.transform for item in world.scene]
@@ -68,7 +68,7 @@ def test_mocap_bodies_and_their_children_move() -> None:
 def test_bodies_carry_sensors() -> None:
     """Of a URDF there are no sites, and a lidar's own link is merged with its parent."""
     model, data = every_geom()
-    moved(model, data, 5)
+    move(model, data, 5)
     world = ls.mujoco.World(model)
     site = model.site("lidar").id
     offset = np.eye(4)
@@ -93,7 +93,7 @@ def test_bodies_carry_sensors() -> None:
 def test_sites_carry_sensors() -> None:
     model, data = every_geom()
     world = ls.mujoco.World(model)
-    moved(model, data, 5)
+    move(model, data, 5)
     world.update(data)
     pose = world.pose(data, site="lidar")
     assert pose.shape == (4, 4)
@@ -180,7 +180,7 @@ def test_rules() -> None:
     assert instance["ramp"] == instance["rock"]
     assert len(set(instance.values())) == 7
     assert world.scene[world.scene.find("top")[0]].material.reflectivity == 0.5
-    moved(model, data, 3)
+    move(model, data, 3)
     world.update(data)
     geoms = np.array([k for k in range(model.ngeom) if k != model.geom(4).id])
     assert [item.name for item in world.scene] == [model.geom(k).name.replace("lid", "top") for k in geoms]
@@ -258,7 +258,7 @@ def test_bad_arguments() -> None:
     for call, kind, message in wrong:
         with pytest.raises(kind, match=message):
             call()
-    moved(model, data, 1)
+    move(model, data, 1)
     data.geom_xpos[model.geom("hand").id] = np.nan
     with pytest.raises(ArgumentValueError, match="data: expected finite poses, got one of 'hand' that is not"):
         world.update(data)
@@ -271,7 +271,7 @@ def test_copies_share_nothing(twin: Callable[[ls.mujoco.World], ls.mujoco.World]
     model, data = every_geom()
     world = ls.mujoco.World(model)
     other = twin(world)
-    moved(model, data, 2)
+    move(model, data, 2)
     world.update(data)
     changed = [
         not np.array_equal(one.transform, two.transform) for one, two in zip(world.scene, other.scene, strict=True)

@@ -120,12 +120,12 @@ def test_mistakes(mistake: Any, message: str) -> None:
 
 
 def test_errors_from_within_are_not_taken_for_mistakes_in_names() -> None:
-    @_names.named
-    def broken(_: object, number: int) -> int:
+    @_names.explain_arguments
+    def fail(_: object, number: int) -> int:
         return len(number)  # type: ignore[arg-type]
 
     with pytest.raises(TypeError, match=r"^object of type 'int' has no len\(\)$"):
-        broken(None, 1)
+        fail(None, 1)
 
 
 def test_an_error_within_a_property_is_shown_as_it_is() -> None:

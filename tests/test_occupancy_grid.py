@@ -18,7 +18,7 @@ from lidarsim.errors import FileFormatError
 Floats = npt.NDArray[np.float64]
 
 
-def passed(grid: ls.OccupancyGrid, curve: Floats) -> npt.NDArray[np.bool_]:
+def cells_on(grid: ls.OccupancyGrid, curve: Floats) -> npt.NDArray[np.bool_]:
     """The cells that hold points of a curve, (n, 2)."""
     found = np.zeros(grid.cells.shape, bool)
     index = np.floor((curve - grid.origin) / grid.resolution).astype(int)
@@ -30,7 +30,7 @@ def passed(grid: ls.OccupancyGrid, curve: Floats) -> npt.NDArray[np.bool_]:
 def near(grid: ls.OccupancyGrid, curve: Floats, slack: float) -> npt.NDArray[np.bool_]:
     """The same, with cells that the curve misses by `slack` at most."""
     return np.logical_or.reduce(
-        [passed(grid, curve + np.array([x, y])) for x, y in itertools.product((-slack, 0, slack), repeat=2)]
+        [cells_on(grid, curve + np.array([x, y])) for x, y in itertools.product((-slack, 0, slack), repeat=2)]
     )
 
 
@@ -39,8 +39,8 @@ def check(grid: ls.OccupancyGrid, curve: Floats) -> None:
     occupied = grid.cells == 100
     step = np.linalg.norm(np.diff(curve, axis=0), axis=1).max()
     assert step < grid.resolution / 50
-    assert not (passed(grid, curve) & ~near(grid, curve, 0.0)).any()
-    missed = passed(grid, curve) & ~occupied
+    assert not (cells_on(grid, curve) & ~near(grid, curve, 0.0)).any()
+    missed = cells_on(grid, curve) & ~occupied
     # Along lines an eighth of a cell apart, corners of a cell that are cut off by less may be missed.
     assert missed.sum() <= 0.05 * occupied.sum()
     assert not (occupied & ~near(grid, curve, 2 * step)).any()

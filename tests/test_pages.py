@@ -59,11 +59,11 @@ def test_each_example_is_valid(name: str, tmp_path: Path) -> None:
     path.write_text(keys.EXAMPLES[name], encoding="utf-8")
     node = document.read(path)
     model = objects.SHAPES["sphere"] if name == "object" else keys.SECTIONS[name].model
-    loader.checked(model, loader.whole(node) if name == "run" else node)
+    loader.validate(model, loader.whole(node) if name == "run" else node)
     if len(found := document.entries(node)) > 1:  # a check that can fail
         wrong = document.replace(node, ["nothing"], next(iter(found.values()))[1])
         with pytest.raises(ConfigError, match="unknown key"):
-            loader.checked(model, wrong)
+            loader.validate(model, wrong)
 
 
 def snippets() -> list[str]:
@@ -80,12 +80,12 @@ def test_the_yaml_of_the_pages_is_valid(text: str, tmp_path: Path) -> None:
     node = document.read(path)
     found = document.entries(node)
     if "layout" in found:
-        loader.checked(Settings, document.without(node, "run"))
+        loader.validate(Settings, document.without(node, "run"))
         return
     for key, value in {"scene": "[]", "sensor": "{preset: ouster-os1-64}"}.items():
         if key not in found and not (key == "sensor" and "rig" in found):
             path.write_text(path.read_text(encoding="utf-8") + f"\n{key}: {value}\n", encoding="utf-8")
-    loader.checked(Config, loader.whole(document.read(path)))
+    loader.validate(Config, loader.whole(document.read(path)))
 
 
 def test_there_are_snippets() -> None:

@@ -188,7 +188,7 @@ def data_sets() -> dict[str, Callable[[Path], object]]:
     return {f"data set {layout}": of(layout) for layout in LAYOUTS}
 
 
-def converted(folder: Path) -> None:  # noqa: ARG001
+def convert(folder: Path) -> None:  # noqa: ARG001
     ls.PointCloud.from_open3d(CLOUD.to_open3d())
     ls.PointCloud.from_pyvista(CLOUD.to_pyvista())
     street().to_open3d()
@@ -202,7 +202,7 @@ WORK: dict[str, Callable[[Path], object]] = {
     **data_sets(),
     "raster": raster,
     "bag": bag,
-    "converted": converted,
+    "converted": convert,
     "map.png": lambda folder: CELLS.plot(folder / "a.png", title="車"),
     "map.svg": lambda folder: CELLS.plot(folder / "a.svg", title="車"),
     "pattern.svg": lambda folder: pattern.draw(LIDAR, folder / "a.svg"),
@@ -231,7 +231,7 @@ def ready() -> None:
         importlib.import_module(package)
 
 
-def changed(work: Callable[[int], object]) -> set[str]:
+def changes_of(work: Callable[[int], object]) -> set[str]:
     """What six threads change of the process that do some work, each with its number."""
     before = state()
     together = Barrier(THREADS)
@@ -252,7 +252,7 @@ def changed(work: Callable[[int], object]) -> set[str]:
 def test_six_threads_leave_the_process_as_it_was(kind: str, tmp_path: Path) -> None:
     for number in range(THREADS):
         (tmp_path / str(number)).mkdir()
-    assert changed(lambda number: WORK[kind](tmp_path / str(number))) == set()
+    assert changes_of(lambda number: WORK[kind](tmp_path / str(number))) == set()
 
 
 @pytest.mark.slow("no call changes the state of its process while others run")
@@ -269,7 +269,7 @@ def test_six_threads_that_read_leave_the_process_as_it_was(tmp_path: Path) -> No
     disturbed = {}
     for name, path, read in found:
         if name not in {"scene_file", "heightfield"}:  # which move the file
-            what = changed(lambda _: read(path))  # noqa: B023
+            what = changes_of(lambda _: read(path))  # noqa: B023
             if what:
                 disturbed[name] = what
     assert disturbed == {}

@@ -34,7 +34,7 @@ def row_of_spheres(count: int) -> ls.Scene:
     return scene
 
 
-def seen(scene: ls.Scene, xs: list[float]) -> list[int]:
+def look_down(scene: ls.Scene, xs: list[float]) -> list[int]:
     """Return what is hit from above at some x."""
     origins = np.array([[x, 0.0, 10.0] for x in xs])
     return scene.cast(origins, np.broadcast_to(DOWN, origins.shape)).object_id.tolist()
@@ -53,15 +53,15 @@ def test_ids_stay_and_are_never_used_again() -> None:
     scene = row_of_spheres(4)
     scene.remove(1)
     scene.remove(3)
-    assert seen(scene, [0, 3, 6, 9]) == [0, -1, 2, -1]
+    assert look_down(scene, [0, 3, 6, 9]) == [0, -1, 2, -1]
     assert scene.add(ls.Sphere((3, 0, 0), 1.0)) == 4
-    assert seen(scene, [0, 3, 6, 9]) == [0, 4, 2, -1]
+    assert look_down(scene, [0, 3, 6, 9]) == [0, 4, 2, -1]
     assert [item.id for item in scene] == [0, 2, 4]
     with pytest.raises(KeyError, match="object_id: expected the id of an object, got 3, which was removed"):
         scene.remove(3)
     for item in scene.objects:
         scene.remove(item.id)
-    assert seen(scene, [0, 3]) == [-1, -1]
+    assert look_down(scene, [0, 3]) == [-1, -1]
     assert scene.add(ls.Sphere((0, 0, 0), 1.0)) == 5
 
 
@@ -82,9 +82,9 @@ def test_of_equal_hits_the_lowest_id_is_named() -> None:
     scene.remove(0)
     scene.update(1, transform=at(50))
     scene.update(1, transform=None)
-    assert seen(scene, [0]) == [1]
+    assert look_down(scene, [0]) == [1]
     scene.remove(1)
-    assert seen(scene, [0]) == [2]
+    assert look_down(scene, [0]) == [2]
 
 
 def test_updates_change_what_they_name_and_nothing_else() -> None:
@@ -132,7 +132,7 @@ def test_an_update_keeps_the_hierarchy_of_a_mesh() -> None:
     mesh = ls.TriangleMesh.from_heightfield(np.zeros((60, 60)), 1.0)
     scene = ls.Scene()
     scene.add(mesh)
-    seen(scene, [30])
+    look_down(scene, [30])
     built = mesh._native.bytes()
     assert built > mesh.vertices.nbytes + mesh.faces.nbytes
     for z in (1.0, 2.0):
@@ -156,14 +156,14 @@ def test_casts_after_updates_are_those_of_a_new_scene() -> None:
             place[:3, 3] = rng.uniform(-reach, reach, 3)
             scene.update(number, transform=place)
         scene.update(7, shape=ls.Plane((0, 0, 1), -11.0) if reach == 3.0 else ls.Sphere((1, 2, 3), reach))
-        found, fresh = scene.cast(origins, directions), copied(scene).cast(origins, directions)
+        found, fresh = scene.cast(origins, directions), copy_of(scene).cast(origins, directions)
         for name in ("t", "object_id", "primitive_id", "normal"):
             np.testing.assert_array_equal(getattr(found, name), getattr(fresh, name))
         moved_hits += int(np.isin(found.object_id, moved).sum())
     assert moved_hits > 50
 
 
-def copied(scene: ls.Scene) -> ls.Scene:
+def copy_of(scene: ls.Scene) -> ls.Scene:
     """Return a scene of the same objects that has never been another."""
     fresh = ls.Scene()
     for item in scene:
@@ -177,7 +177,7 @@ def test_copies_share_no_changes() -> None:
         other.remove(0)
         other.update(1, transform=at(30))
         assert other.add(ls.Sphere((0, 0, 0), 1.0)) == 3
-        assert seen(scene, [0, 3]) == [0, 1]
+        assert look_down(scene, [0, 3]) == [0, 1]
         assert len(scene) == 3
 
 
@@ -339,7 +339,7 @@ def test_a_cast_sees_the_scene_before_or_after_a_change() -> None:
         except BaseException as error:  # noqa: BLE001
             wrong.append(error)
 
-    def seen() -> int:
+    def count() -> int:
         return sum(map(len, heights))
 
     watchers = [threading.Thread(target=watch) for _ in range(3)]
@@ -348,16 +348,16 @@ def test_a_cast_sees_the_scene_before_or_after_a_change() -> None:
     for step in range(1, 1900):
         scene.update(0, transform=at(0, 0, step))
         assert 2000.0 - scene.cast(origins[:1], directions[:1]).t[0] == step
-        if step >= 400 and seen() > 30:
+        if step >= 400 and count() > 30:
             break
-        before = seen()
-        while step % 50 == 0 and seen() == before and not wrong:  # on a busy machine changes would outrun all casts
+        before = count()
+        while step % 50 == 0 and count() == before and not wrong:  # on a busy machine changes would outrun all casts
             time.sleep(1e-3)
     done.set()
     for watcher in watchers:
         watcher.join()
     assert not wrong
-    assert seen() > 30
+    assert count() > 30
     for mine in heights:  # no cast sees an older scene than the one before it
         assert all(a <= b for a, b in pairwise(mine))
 
@@ -459,17 +459,17 @@ def test_transforms_of_many_objects_at_once_are_those_set_one_by_one():
 
 
 def test_transforms_at_once_keep_motions():
-    path = ls.Trajectory([0.0, 1.0], [np.eye(4), moved(0.0, 2.0, 0.0)])
+    path = ls.Trajectory([0.0, 1.0], [np.eye(4), translation(0.0, 2.0, 0.0)])
     scene = ls.Scene()
     ball = scene.add(ls.Sphere((0, 0, 0), 1.0), motion=path)
-    scene.update_transforms([ball], [moved(5.0, 0.0, 0.0)])
+    scene.update_transforms([ball], [translation(5.0, 0.0, 0.0)])
     assert scene[ball].motion is path
     assert scene.cast([[0, 2.0, 0]], [[1, 0, 0]], time=1.0).t.tolist() == [4.0]
     scene.update_transforms([], np.zeros((0, 4, 4)))
     assert scene.cast([[0, 2.0, 0]], [[1, 0, 0]], time=1.0).t.tolist() == [4.0]
 
 
-def moved(*offset):
+def translation(*offset):
     matrix = np.eye(4)
     matrix[:3, 3] = offset
     return matrix
@@ -493,7 +493,7 @@ def moved(*offset):
 def test_wrong_transforms_at_once_change_nothing(ids, transforms, error, message):
     scene = ls.Scene()
     for _ in range(2):
-        scene.add(ls.Sphere((0, 0, 0), 1.0), transform=moved(3.0, 0.0, 0.0))
+        scene.add(ls.Sphere((0, 0, 0), 1.0), transform=translation(3.0, 0.0, 0.0))
     before = scene.objects
     with pytest.raises(error, match=message):
         scene.update_transforms(ids, transforms)

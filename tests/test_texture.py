@@ -30,7 +30,7 @@ FAN = np.random.default_rng(3).uniform(-0.45, 0.45, (1300, 2))
 # The oracle: exact up to the one rounding at its end
 
 
-def wrapped(wrap: str, i: int, count: int) -> int:
+def wrap_index(wrap: str, i: int, count: int) -> int:
     """The texel at place i of the endless image, as the OpenGL specification has it."""
     if wrap == "repeat":
         return i % count
@@ -48,7 +48,7 @@ def bilinear(texture: ls.Texture, u: Fraction, v: Fraction) -> Fraction:
     for i, j in itertools.product((0, 1), repeat=2):
         column, row = math.floor(x) + i, math.floor(y) + j
         weight = (1 - abs(x - column)) * (1 - abs(y - row))
-        texel = texture.values[wrapped(texture.wrap[1], row, height), wrapped(texture.wrap[0], column, width)]
+        texel = texture.values[wrap_index(texture.wrap[1], row, height), wrap_index(texture.wrap[0], column, width)]
         total += weight * Fraction(float(texel))
     return total
 
@@ -105,7 +105,7 @@ def fan() -> ls.Lidar:
     return towards(np.column_stack([np.ones(len(FAN)), FAN]))
 
 
-def seen(scan: ls.Scan) -> Floats:
+def reflectivities(scan: ls.Scan) -> Floats:
     """Reflectivities, to the digits that the float32 intensity and incidence have."""
     result: Floats = scan.intensity[:, 0] / np.cos(scan.incidence[:, 0].astype(float))
     return result
@@ -191,7 +191,7 @@ def test_texels_have_their_places_in_the_image() -> None:
     scene = ls.Scene()
     scene.add(square(), material=ls.Material(reflectivity=ls.Texture(values), texture_coordinates=SQUARE))
     centres = [(10, (i + 0.5) / 2, (j + 0.5) / 3) for j in range(3) for i in range(2)]
-    assert np.allclose(seen(towards(centres).scan(scene)), np.ravel(values), rtol=2 * FLOAT32, atol=0)
+    assert np.allclose(reflectivities(towards(centres).scan(scene)), np.ravel(values), rtol=2 * FLOAT32, atol=0)
 
 
 @pytest.mark.parametrize("wrap", WRAPS)
@@ -209,7 +209,7 @@ def test_nearest_texels(wrap: Any) -> None:
     for u, v in np.random.default_rng(3).uniform(-2.5, 3.5, (60, 2)).tolist():
         scene = ls.Scene()
         scene.add(square(), material=ls.Material(reflectivity=texture, texture_coordinates=np.tile((u, v), (4, 1))))
-        found = seen(towards([(10, 0.3, 0.6), (10, 0.7, 0.2)]).scan(scene))
+        found = reflectivities(towards([(10, 0.3, 0.6), (10, 0.7, 0.2)]).scan(scene))
         assert np.allclose(found, values[texel(v, 3), texel(u, 8)], rtol=2 * FLOAT32, atol=0), (u, v)
 
 
@@ -230,10 +230,10 @@ def test_the_size_of_a_triangle_does_not_matter(size: float) -> None:
     mesh = ls.TriangleMesh(size * square().vertices, square().faces)
     scene.add(mesh, material=ls.Material(reflectivity=ls.Texture([[0.2, 0.6]]), texture_coordinates=SQUARE))
     scan = towards([(10, 0.25, 0.4), (10, 0.5, 0.4), (10, 0.75, 0.4)]).scan(scene)
-    assert np.allclose(seen(scan), [0.2, 0.4, 0.6], rtol=2 * FLOAT32, atol=0)
+    assert np.allclose(reflectivities(scan), [0.2, 0.4, 0.6], rtol=2 * FLOAT32, atol=0)
 
 
-def moved() -> ls.Trajectory:
+def motion() -> ls.Trajectory:
     turn = math.radians(20)
     pose = np.eye(4)
     pose[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
@@ -245,8 +245,8 @@ def test_textures_move_with_their_objects() -> None:
     mesh = hills()
     material = ls.Material(reflectivity=ls.Texture(image()), texture_coordinates=corners(mesh))
     moving, still = ls.Scene(), ls.Scene()
-    moving.add(mesh, material=material, motion=moved())
-    still.add(mesh, material=material, transform=moved().at(0.75).as_matrix())
+    moving.add(mesh, material=material, motion=motion())
+    still.add(mesh, material=material, transform=motion().at(0.75).as_matrix())
     left, right = fan().scan(moving, time=0.75), fan().scan(still)
     assert (left.status == ls.Status.hit).sum() > 1000
     assert np.ptp(left.intensity[np.isfinite(left.intensity)]) > 1
@@ -263,7 +263,7 @@ def test_instruction_sets_and_threads_change_nothing(
         monkeypatch.setenv("LIDARSIM_THREADS", threads)
         scene = ls.Scene()
         texture = ls.Texture(image(), wrap=("mirror", "repeat"))
-        scene.add(mesh, material=ls.Material(reflectivity=texture, texture_coordinates=corners(mesh)), motion=moved())
+        scene.add(mesh, material=ls.Material(reflectivity=texture, texture_coordinates=corners(mesh)), motion=motion())
         pattern = ls.patterns.Grid(np.linspace(-0.4, 0.4, 70), np.linspace(-0.4, 0.4, 50), rate=10.0)
         scans.append(ls.Lidar(pattern, measurement=measurement).scan(scene).intensity)
     assert np.ptp(scans[0][np.isfinite(scans[0])]) > 0.5
@@ -320,8 +320,8 @@ def test_a_beam_averages_a_texture_over_its_footprint() -> None:
     scene.add(square(), material=ls.Material(reflectivity=stripes, texture_coordinates=SQUARE))
     ray = towards([(10, 17.5 / 32, 0.5)])
     beam = dataclasses.replace(ray, measurement=ls.Measurement(beam=ls.Beam(0.02, rays=91)))
-    assert seen(ray.scan(scene))[0] == pytest.approx(0.9, rel=2 * FLOAT32)
-    assert seen(beam.scan(scene))[0] == pytest.approx(0.5, abs=0.05)
+    assert reflectivities(ray.scan(scene))[0] == pytest.approx(0.9, rel=2 * FLOAT32)
+    assert reflectivities(beam.scan(scene))[0] == pytest.approx(0.5, abs=0.05)
 
 
 # Objects

@@ -205,7 +205,7 @@ def test_a_spline_is_smooth_where_lines_have_bends() -> None:
     assert leaps(ls.Trajectory(TIMES, poses()))[:, 0].min() > 0.1
 
 
-def turned(rotations: Rotation) -> np.ndarray:
+def poses_of(rotations: Rotation) -> np.ndarray:
     """Poses of these orientations, in different places."""
     matrices = np.tile(np.eye(4), (len(rotations), 1, 1))
     matrices[:, :3, :3], matrices[:, :3, 3] = rotations.as_matrix(), rotations.as_rotvec()
@@ -220,7 +220,7 @@ def test_splines_join_large_turns_at_uneven_times(unevenness: float) -> None:
         generator = np.random.default_rng(seed)
         times = np.cumsum(10 ** generator.uniform(-unevenness, unevenness, 7))
         rotations = Rotation.random(7, rng=generator)
-        trajectory = ls.Trajectory(times, turned(rotations), interpolation="spline")
+        trajectory = ls.Trajectory(times, poses_of(rotations), interpolation="spline")
         assert leaps(trajectory).max() < 1e-3, seed
         between = trajectory._native.at(np.linspace(times[0], times[-1], 200))[:, :3, :3]  # as it is, not made rigid
         assert np.abs(between @ between.transpose(0, 2, 1) - np.eye(3)).max() < 16 * EPS
@@ -242,7 +242,7 @@ def test_a_spline_of_many_small_turns_is_scipys() -> None:
     generator = np.random.default_rng(1)
     times = np.cumsum(generator.uniform(0.05, 0.15, 300))
     rotations = Rotation.from_rotvec(np.cumsum(generator.normal(0, 0.02, (300, 3)), axis=0))
-    angular = ls.Trajectory(times, turned(rotations), interpolation="spline").velocity(times)[1]
+    angular = ls.Trajectory(times, poses_of(rotations), interpolation="spline").velocity(times)[1]
     expected = ConvergedSpline(times, rotations)(times, 1)
     # The solution of the equations is off by a few roundings of its largest number, times their condition, at most 3;
     # turns, from quaternions here and there, by the roundings of a unit quaternion over the shortest time.
@@ -252,7 +252,7 @@ def test_a_spline_of_many_small_turns_is_scipys() -> None:
 def test_a_spline_that_is_not_found_is_refused_by_name() -> None:
     generator = np.random.default_rng(28)
     times = np.concatenate([[0.0], np.cumsum(10 ** generator.uniform(-3, 3, 4))])
-    matrices = turned(Rotation.random(5, rng=28))
+    matrices = poses_of(Rotation.random(5, rng=28))
     message = (
         "poses: expected orientations that a spline can join, got ones whose spline was not found near times[2] = "
         f"{times[2]}; use more even times, smaller turns or interpolation='linear'"
@@ -347,7 +347,7 @@ def test_velocities_are_finite_differences(kind: str) -> None:
 
 
 def test_velocities_at_one_time_and_at_bends() -> None:
-    line = ls.Trajectory([0.0, 1.0, 3.0], [np.eye(4), moved(1), moved(5)])
+    line = ls.Trajectory([0.0, 1.0, 3.0], [np.eye(4), translation(1), translation(5)])
     linear, angular = line.velocity(0.5)
     assert (linear.tolist(), angular.tolist()) == ([1, 0, 0], [0, 0, 0])
     assert line.velocity([0.0, 1.0, 3.0])[0][:, 0].tolist() == [1.0, 2.0, 2.0]
@@ -355,18 +355,18 @@ def test_velocities_at_one_time_and_at_bends() -> None:
     assert np.array_equal(still.velocity(1.0), np.zeros((2, 3)))
 
 
-def moved(x: float) -> np.ndarray:
+def translation(x: float) -> np.ndarray:
     matrix = np.eye(4)
     matrix[0, 3] = x
     return matrix
 
 
-def pickled(trajectory: ls.Trajectory) -> ls.Trajectory:
+def pickle_and_load(trajectory: ls.Trajectory) -> ls.Trajectory:
     return pickle.loads(pickle.dumps(trajectory))  # noqa: S301 - our own
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, pickled])
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, pickle_and_load])
 def test_copies_have_the_same_bits(kind: str, again: Callable[[ls.Trajectory], ls.Trajectory]) -> None:
     trajectory, times = KINDS[kind](), np.linspace(-1.0, 4.0, 101)
     other = again(trajectory)
@@ -377,12 +377,12 @@ def test_copies_have_the_same_bits(kind: str, again: Callable[[ls.Trajectory], l
 
 
 def test_what_is_given_may_change_afterwards() -> None:
-    times, matrices = np.array([0.0, 1.0]), np.array([np.eye(4), moved(1)])
+    times, matrices = np.array([0.0, 1.0]), np.array([np.eye(4), translation(1)])
     trajectory = ls.Trajectory(times, matrices)
-    times[1], matrices[1] = 9.0, moved(9)
+    times[1], matrices[1] = 9.0, translation(9)
     assert trajectory.span == (0.0, 1.0)
     assert trajectory.at(1.0).translation.tolist() == [1, 0, 0]
-    assert pickled(trajectory).at(1.0).translation.tolist() == [1, 0, 0]
+    assert pickle_and_load(trajectory).at(1.0).translation.tolist() == [1, 0, 0]
 
 
 @pytest.mark.parametrize("kind", ["linear", "spline", "twist", "mounted"])
@@ -390,8 +390,8 @@ def test_the_same_motion_in_another_world(kind: str) -> None:
     trajectories = {
         "linear": ls.Trajectory([0.0, 0.3, 0.4, 1.0], poses()),
         "spline": spline(),
-        "twist": ls.Trajectory.from_twist(moved(3), linear=(2, 0.5, 0), angular=(0.1, 0, 0.7)),
-        "mounted": spline() @ moved(1),
+        "twist": ls.Trajectory.from_twist(translation(3), linear=(2, 0.5, 0), angular=(0.1, 0, 0.7)),
+        "mounted": spline() @ translation(1),
     }
     trajectory = trajectories[kind]
     world = RigidTransform.from_components([100.0, -20.0, 3.0], Rotation.from_euler("zyx", [2.0, 0.3, -0.4]))
@@ -415,7 +415,7 @@ def test_the_same_motion_in_another_world(kind: str) -> None:
     np.testing.assert_allclose(
         again.at(times).as_matrix(), trajectory.at(times).as_matrix(), rtol=0, atol=60 * math.ulp(200.0)
     )
-    assert pickled(world @ trajectory).span == trajectory.span
+    assert pickle_and_load(world @ trajectory).span == trajectory.span
 
 
 def test_poses_of_a_camera_are_turned_to_those_of_a_body(tmp_path: Path) -> None:
@@ -437,7 +437,7 @@ def test_poses_of_a_camera_are_turned_to_those_of_a_body(tmp_path: Path) -> None
     [
         (np.diag([1, 1, 2, 1]), "world: expected a rigid transform (orthonormal rotation), "),
         (np.eye(3), "world: expected shape (4, 4), got (3, 3)"),
-        (moved(2.0**981), "world: expected numbers up to "),
+        (translation(2.0**981), "world: expected numbers up to "),
     ],
 )
 def test_bad_worlds(world: np.ndarray, message: str) -> None:
@@ -478,7 +478,7 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
             "poses[1]: expected a rigid transform (orthonormal rotation), got a reflection, determinant -1",
         ),
         (
-            lambda: ls.Trajectory([0, 1], [np.eye(4), moved(math.nan)]),
+            lambda: ls.Trajectory([0, 1], [np.eye(4), translation(math.nan)]),
             "poses: expected finite numbers, got poses[1][0][3] = nan",
         ),
         (
@@ -486,7 +486,7 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
             "poses[1]: expected a last row of (0, 0, 0, 1), got (0.0, 0.0, 0.0, 2.0)",
         ),
         (
-            lambda: ls.Trajectory([0, 1], [moved(-1.5e308), moved(1.5e308)]),
+            lambda: ls.Trajectory([0, 1], [translation(-1.5e308), translation(1.5e308)]),
             "times, poses: expected times, positions and velocities within the range of float64, got others",
         ),
         (
@@ -494,7 +494,7 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
             "times, poses: expected times, positions and velocities within the range of float64, got others",
         ),
         (
-            lambda: ls.Trajectory([0, 1e-200, 1], [moved(x) for x in (0, 1e200, 2)], interpolation="spline"),
+            lambda: ls.Trajectory([0, 1e-200, 1], [translation(x) for x in (0, 1e200, 2)], interpolation="spline"),
             "times, poses: expected times, positions and velocities within the range of float64, got others",
         ),
         (
@@ -518,15 +518,15 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
             "angular: expected numbers up to 1.02e+295 of what moves, got 1e+308",
         ),
         (
-            lambda: ls.Trajectory.from_twist(moved(1e300)),
+            lambda: ls.Trajectory.from_twist(translation(1e300)),
             "pose: expected numbers up to 1.02e+295 of what moves, got 1e+300",
         ),
         (
-            lambda: ls.Trajectory(TIMES, poses()) @ moved(1e300),
+            lambda: ls.Trajectory(TIMES, poses()) @ translation(1e300),
             "mount: expected numbers up to 1.02e+295 of what moves, got 1e+300",
         ),
         (
-            lambda: ls.Trajectory([0, 1], [moved(0), moved(1e300)]),
+            lambda: ls.Trajectory([0, 1], [translation(0), translation(1e300)]),
             "times, poses: expected times, positions and velocities within the range of float64, got others",
         ),
         (
@@ -616,7 +616,7 @@ def test_changing_errors_of_a_mounted_sensor_leave_it_on_the_arc_of_its_body() -
     knots, dense = np.arange(3.0), np.linspace(0.0, 2.0, 201)
     turned = Rotation.from_rotvec(np.outer(knots, (0.0, 0.0, math.pi / 2)))
     aside = RigidTransform.from_components((0.0, 1.0, 0.5), Rotation.from_euler("xyz", (0.3, 1.0, -2.0)))
-    path = ls.Trajectory(knots, RigidTransform.from_rotation(turned)) @ moved(2.0) @ aside
+    path = ls.Trajectory(knots, RigidTransform.from_rotation(turned)) @ translation(2.0) @ aside
     sigmas: dict[str, Any] = {"position_sigma": 0.5, "correlation_time": 3.0, "seed": 3}
     found = path.perturbed(**sigmas)
     # What stands at the origin has the errors alone, and what is linear in both poses is linear in their sum.

@@ -52,7 +52,7 @@ WRONG = {
 }
 
 
-def checked(tool: str, *paths: Path) -> list[str]:
+def errors_of(tool: str, *paths: Path) -> list[str]:
     """The lines of errors."""
     mypy = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary"]
     command = mypy if tool == "mypy" else [tool, "--level", "error", "--pythonpath", sys.executable]
@@ -72,6 +72,6 @@ def test_a_script_is_checked(tool: str, tmp_path: Path) -> None:
     right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
     right.write_text(RIGHT)
     wrong.write_text("import lidarsim as ls\n\n" + "".join(WRONG))
-    errors = checked(tool, right, wrong)
+    errors = errors_of(tool, right, wrong)
     assert [line for line in errors if "wrong.py" not in line] == []
     assert len({line.split(":")[1] for line in errors}) == len(WRONG), errors

@@ -163,7 +163,7 @@ def test_two_surfaces_in_the_footprint_share_the_power_by_their_solid_angles(off
     assert abs(shares[0] - left_of(offset)) < straddling < 0.5
 
 
-def slanted(ranges: Floats, distance: float, slope: float, half_angle: float, width: float) -> Floats:
+def oblique_waveform(ranges: Floats, distance: float, slope: float, half_angle: float, width: float) -> Floats:
     """Waveform of an oblique plane, up to a factor: the pulse convolved with the profile of the beam, along the slope.
 
     The profile exp(−2r²/w²), cut off at w, has the marginal exp(−2y²)·erf(√(2 − 2y²)) of y in units of w.
@@ -184,7 +184,9 @@ def test_an_oblique_plane_stretches_the_pulse(slope: float) -> None:
     for rays in (4, 7, 19, 37, 61, 91):
         beam = ls.Beam(divergence, pulse_length=pulse_length, rays=rays)
         ranges, power = shoot(scene, beam=beam).waveforms(1e-10)[0]
-        expected = slanted(ranges, distance, slope, divergence / 2, width) / distance**2 / math.hypot(1.0, slope)
+        expected = (
+            oblique_waveform(ranges, distance, slope, divergence / 2, width) / distance**2 / math.hypot(1.0, slope)
+        )
         errors.append(float(np.abs(power - expected).max() / expected.max()))
         # A sub-ray's own spread adds δ²/2 to the variance, with δ the way to the next; the height of a Gaussian falls
         # by half of the relative growth. The rest is R and the cosine, which change by slope·ε over the footprint.

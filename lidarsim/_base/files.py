@@ -20,7 +20,7 @@ from urllib.parse import unquote
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import short, shown
+from lidarsim._base.validation import short, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, LidarsimError, MissingExtraError
 
 PathLike = str | os.PathLike[str]
@@ -243,9 +243,9 @@ def link(path: Path, name: str) -> Iterator[Path]:
 def check_path(path: PathLike) -> Path:
     """Return a path, after checking that it is one and that a file can have it."""
     if not isinstance(path, str | os.PathLike):
-        raise ArgumentTypeError("path", "a path", shown(path))
+        raise ArgumentTypeError("path", "a path", short_repr(path))
     if "\0" in os.fspath(path):
-        raise ArgumentValueError("path", "a path without null characters", shown(str(path)))
+        raise ArgumentValueError("path", "a path without null characters", short_repr(str(path)))
     return Path(path)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.names import instead
-from lidarsim._base.validation import UINT32, integer, shown
+from lidarsim._base.validation import UINT32, integer, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 
@@ -73,7 +73,7 @@ class Labels(np.ndarray[Any, np.dtype[Any]]):
             if not numbers:
                 known = ", ".join(dict.fromkeys(self.class_names.values()))
                 expected = f"one of the class names {known}" if known else "a number, since there are no class names"
-                raise ArgumentValueError(self.field, expected, shown(name))
+                raise ArgumentValueError(self.field, expected, short_repr(name))
             found += numbers
         return np.array(found, self.dtype)
 
@@ -81,7 +81,7 @@ class Labels(np.ndarray[Any, np.dtype[Any]]):
         if isinstance(other, str):
             return np.isin(np.asarray(self), self._numbers(other))
         if _is_text(other):
-            raise ArgumentTypeError(self.field, "one class name", shown(other), f"np.isin({self.field}, names)")
+            raise ArgumentTypeError(self.field, "one class name", short_repr(other), f"np.isin({self.field}, names)")
         return super().__eq__(other)
 
     def __ne__(self, other: object) -> Any:
@@ -106,7 +106,7 @@ def labels_of(argument: str, classes: object, class_names: Mapping[int, str]) ->
     known = ", ".join(map(repr, class_names.values())) or "none"
     expected = f"labels, or names among class_names ({known})"
     if isinstance(classes, str | bytes) or not isinstance(classes, Iterable):
-        raise ArgumentTypeError(argument, expected, shown(classes))
+        raise ArgumentTypeError(argument, expected, short_repr(classes))
     found: set[int] = set()
     for given in classes:
         if isinstance(given, str):

@@ -255,7 +255,7 @@ class AnsweringABC(Answering, ABCMeta):
     """The same of an abstract base class."""
 
 
-def named(called: Called) -> Called:
+def explain_arguments(called: Called) -> Called:
     """Let the error for arguments of wrong names or number say what the function, or the class, takes.
 
     A correct call costs one more call in Python.
@@ -268,7 +268,7 @@ def named(called: Called) -> Called:
 
 def _explain_mistakes(called: Callable[..., Any], whose: str) -> Callable[..., Any]:
     @functools.wraps(called)
-    def checked(*args: Any, **keywords: Any) -> Any:
+    def call(*args: Any, **keywords: Any) -> Any:
         try:
             return called(*args, **keywords)
         except TypeError:
@@ -283,4 +283,4 @@ def _explain_mistakes(called: Callable[..., Any], whose: str) -> Callable[..., A
                 raise ArgumentTypeError(whose, f"the arguments {', '.join(known)}", got, next(hints, "")) from None
             raise
 
-    return checked
+    return call

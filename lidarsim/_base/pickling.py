@@ -37,7 +37,7 @@ class Pickled(metaclass=Answering):
         return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
 
     @classmethod
-    def _upgraded(cls, contents: dict[str, Any]) -> dict[str, Any]:
+    def _upgrade(cls, contents: dict[str, Any]) -> dict[str, Any]:
         """Return contents of any version, with the default of each value that they lack."""
         if not hasattr(cls, "__dataclass_fields__"):
             return contents
@@ -49,7 +49,7 @@ class Pickled(metaclass=Answering):
         return complete
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         """Return an object with these contents, which were checked when the original was made."""
         made = cls.__new__(cls)
         for name, value in contents.items():
@@ -88,11 +88,11 @@ class Immutable(Pickled):
     __slots__ = ()
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         for value in contents.values():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
-        return super()._restored(contents)
+        return super()._from_contents(contents)
 
     def __copy__(self) -> Self:
         return self
@@ -127,11 +127,11 @@ def _hashable(value: object) -> object:
 
 def _restore(number: int, cls: type[Pickled], contents: dict[str, Any]) -> Pickled:
     if number == FORMAT and (cls, *contents) in _COMPLETE:
-        return cls._restored(contents)
+        return cls._from_contents(contents)
     if number > FORMAT:
         raise _refusal(number, cls)
     try:
-        made = cls._restored(cls._upgraded(contents))
+        made = cls._from_contents(cls._upgrade(contents))
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise _refusal(number, cls) from error
     known = made._contents().keys()

@@ -45,7 +45,7 @@ def plain(text: object, *, most: int | None = None) -> str:
     return whole if most is None or len(whole) <= most else f"{whole[: most - 1]}…"
 
 
-def counted(count: int, noun: str) -> str:
+def quantity(count: int, noun: str) -> str:
     """Return a count with its noun: "1 frame", "2,000 frames"."""
     return f"{count:,} {noun}{'s' * (count != 1)}"
 

@@ -71,7 +71,7 @@ def real(
         expected += f" > {above:g}" if at_most == math.inf else f" > {above:g} and <= {at_most:g}"
     else:
         expected += _between(*(f"{end:g}" if math.isfinite(end) else None for end in (at_least, at_most)))
-    raise wrong(name, expected, got or shown(value))
+    raise wrong(name, expected, got or short_repr(value))
 
 
 def _is_real(value: object) -> bool:
@@ -108,14 +108,14 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
                 return number
             wrong, value = ArgumentValueError, number
     expected = "an integer" + _between(*(None if end is None else str(end) for end in (at_least, at_most)))
-    raise wrong(name, expected, shown(value))
+    raise wrong(name, expected, short_repr(value))
 
 
 def one_of(name: str, value: object, options: Sequence[str]) -> None:
     """Check that `value` is one of `options`."""
     if not (isinstance(value, str) and value in options):
         *others, last = map(repr, options)
-        raise ArgumentValueError(name, f"{', '.join(others)} or {last}", shown(value))
+        raise ArgumentValueError(name, f"{', '.join(others)} or {last}", short_repr(value))
 
 
 def items(name: str, value: object, kind: str) -> list[Any]:
@@ -123,7 +123,7 @@ def items(name: str, value: object, kind: str) -> list[Any]:
     try:
         return list(value)  # type: ignore[call-overload, no-any-return]
     except TypeError:
-        raise ArgumentTypeError(name, f"a sequence of {kind}", shown(value)) from None
+        raise ArgumentTypeError(name, f"a sequence of {kind}", short_repr(value)) from None
 
 
 Instances = Iterable[int] | npt.NDArray[np.integer[Any]]
@@ -136,7 +136,7 @@ def instances(name: str, value: Instances) -> npt.NDArray[np.int64] | None:
         return None
     expected = "a collection of instance numbers"
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
-        raise ArgumentTypeError(name, expected, shown(value))
+        raise ArgumentTypeError(name, expected, short_repr(value))
     given = as_array(name, value if isinstance(value, np.ndarray) else items(name, value, "instance numbers"), expected)
     if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
         raise ArgumentTypeError(name, expected, f"{given.dtype} of shape {given.shape}")
@@ -162,7 +162,7 @@ def instances_of_rows(
     sets = [item if isinstance(item, Collection) else () for item in value]
     if len(sets) != rows or not all(isinstance(item, Collection) for item in value):
         expected = f"instance numbers, or a collection of them for each of {rows} rows"
-        raise ArgumentValueError(name, expected, f"{len(sets)} collections" if len(sets) != rows else shown(value))
+        raise ArgumentValueError(name, expected, f"{len(sets)} collections" if len(sets) != rows else short_repr(value))
     found = instances(name, value.reshape(-1) if isinstance(value, np.ndarray) else [*chain.from_iterable(sets)])
     if found is None:
         return None
@@ -172,7 +172,7 @@ def instances_of_rows(
 def flag(name: str, value: object) -> bool:
     """Return `value`, True or False, as a bool."""
     if not isinstance(value, bool | np.bool_):
-        raise ArgumentTypeError(name, "True or False", shown(value))
+        raise ArgumentTypeError(name, "True or False", short_repr(value))
     return bool(value)
 
 
@@ -181,7 +181,7 @@ def frames(first: object, count: object, *, at_least: int = 0) -> range:
     number = integer("count", count, at_least=at_least)
     start = integer("first", first, at_least=0, at_most=UINT32)
     if number > 1 << 32:
-        raise ArgumentValueError("count", f"at most {1 << 32} frames", shown(number))
+        raise ArgumentValueError("count", f"at most {1 << 32} frames", short_repr(number))
     integer("frame", start + max(number - 1, 0), at_least=0, at_most=UINT32)
     return range(start, start + number)
 
@@ -271,7 +271,7 @@ def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool 
     """Return `value` as a C-contiguous float64 array of `shape`, where a letter stands for any length."""
     given = as_array(name, value, f"numbers of {_shape(shape)}")
     if given.dtype.kind not in "fiu" and given.size:
-        got = f"dtype {given.dtype}" if given.ndim else shown(value)
+        got = f"dtype {given.dtype}" if given.ndim else short_repr(value)
         raise ArgumentTypeError(name, f"real numbers of {_shape(shape)}", got)
     if given.shape != shape and (
         given.ndim != len(shape)
@@ -462,11 +462,11 @@ def named_labels(name: str, value: Mapping[int, str] | None) -> dict[int, str]:
     if value is None:
         return {}
     if not isinstance(value, Mapping):
-        raise ArgumentTypeError(name, "a mapping from labels to their names", shown(value))
+        raise ArgumentTypeError(name, "a mapping from labels to their names", short_repr(value))
     for label, text in value.items():
         integer(f"{name}, its keys", label, at_least=0, at_most=UINT32)
         if not isinstance(text, str):
-            raise ArgumentTypeError(f"{name}[{label}]", "a string", shown(text))
+            raise ArgumentTypeError(f"{name}[{label}]", "a string", short_repr(text))
     return {int(label): text for label, text in value.items()}
 
 
@@ -477,7 +477,7 @@ def _between(low: str | None, high: str | None) -> str:
     return f" >= {low}" if low else f" <= {high}" if high else ""
 
 
-def shown(value: object) -> str:
+def short_repr(value: object) -> str:
     """Return the text of a value in errors: abbreviated if long, and at most 200 characters."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape}"

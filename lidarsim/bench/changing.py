@@ -16,7 +16,7 @@ from lidarsim._base.validation import Floats
 from lidarsim.bench import motion
 from lidarsim.bench.peers import CASTERS
 
-__all__ = ["Embree", "bent", "calls"]
+__all__ = ["Embree", "calls", "wavy_sheet"]
 
 INSTANCES = 1000
 """Number of instances, of 1,280 faces each."""
@@ -112,7 +112,7 @@ class Embree:
         return float(found[8])
 
 
-def bent(side: int, phase: float) -> Floats:
+def wavy_sheet(side: int, phase: float) -> Floats:
     """Return the vertices of a square sheet with a wave, m: ndarray of float64, shape (side², 3)."""
     x, y = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-5.0, 5.0, side)] * 2, indexing="ij"))
     return np.stack([x, y, 0.3 * np.sin(x + phase)], axis=1)
@@ -144,31 +144,31 @@ def calls(casters: Collection[str], threads: int, side: int = SIDE) -> dict[str,
     poses = np.array([crowd[number].transform for number in ids])
     faces = ls.TriangleMesh.from_heightfield(np.zeros((side, side)), 1.0).faces
     at, on = (_down(x, y) for x, y in (poses[0, :2, 3], (0.3, 0.2)))
-    body, sheet = ls.Scene(), ls.TriangleMesh(bent(side, 0.0), faces)
+    body, sheet = ls.Scene(), ls.TriangleMesh(wavy_sheet(side, 0.0), faces)
     whole, lifts = body.add(sheet), _lift(poses)
     times, phases, others = _steps(), _steps(), _steps()
 
-    def moved() -> float:
+    def move_instances() -> float:
         for number, pose in zip(ids, next(lifts), strict=True):
             crowd.update(number, transform=pose)
         return float(crowd.cast(*at).t[0])
 
-    def refitted() -> float:
-        body.update(whole, shape=sheet.deformed(bent(side, next(phases))))
+    def refit_mesh() -> float:
+        body.update(whole, shape=sheet.deformed(wavy_sheet(side, next(phases))))
         return float(body.cast(*on).t[0])
 
-    def rebuilt() -> float:
+    def rebuild_mesh() -> float:
         scene = ls.Scene()
-        scene.add(ls.TriangleMesh(bent(side, next(others)), faces))
+        scene.add(ls.TriangleMesh(wavy_sheet(side, next(others)), faces))
         return float(scene.cast(*on).t[0])
 
     move, bend = f"{INSTANCES:,} instances moved", f"{len(faces):,} faces refitted"
     anew = f"{len(faces):,} faces built anew"
     own: dict[str, tuple[str, Callable[[], float]]] = {
-        move: (move, moved),
+        move: (move, move_instances),
         f"{INSTANCES:,} instances with motions": (move, lambda: float(moving.cast(*at, time=next(times)).t[0])),
-        bend: (bend, refitted),
-        anew: (bend, rebuilt),
+        bend: (bend, refit_mesh),
+        anew: (bend, rebuild_mesh),
     }
     if "embreex" in casters:
         embree = Embree(threads)
@@ -215,11 +215,11 @@ def _commit(
 ) -> Callable[[], float]:
     """Return a call that bends the body, and refits its hierarchy or makes another."""
     phases = _steps()
-    mesh, vertices = embree.mesh(bent(side, 0.0), faces, quality)
+    mesh, vertices = embree.mesh(wavy_sheet(side, 0.0), faces, quality)
     scene = embree.scene(mesh, quality=LOW if quality == REFIT else MEDIUM)
 
     def call() -> float:
-        vertices[:] = bent(side, next(phases))
+        vertices[:] = wavy_sheet(side, next(phases))
         embree.call("UpdateGeometryBuffer", mesh, VERTEX, 0)
         embree.call("CommitGeometry", mesh)
         embree.call("CommitScene", scene)
@@ -235,7 +235,7 @@ def _add(side: int, faces: npt.NDArray[np.integer], ray: tuple[Floats, Floats], 
 
     def call() -> float:
         scene = open3d.t.geometry.RaycastingScene(nthreads=threads)
-        scene.add_triangles(tensor(bent(side, next(phases)).astype(np.float32)), tensor(triangles))
+        scene.add_triangles(tensor(wavy_sheet(side, next(phases)).astype(np.float32)), tensor(triangles))
         rays = tensor(np.concatenate(ray, axis=1).astype(np.float32))
         return float(scene.cast_rays(rays, nthreads=threads)["t_hit"].numpy()[0])
 

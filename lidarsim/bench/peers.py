@@ -75,7 +75,7 @@ class Caster(ABC):
         """Find the nearest hit of each ray. This call is timed."""
 
     @abstractmethod
-    def found(self, answer: Any) -> Found:
+    def convert(self, answer: Any) -> Found:
         """Return the answer of `cast` in the common format."""
 
 
@@ -107,7 +107,7 @@ class Lidarsim(Caster):
         _native.set_threads(threads)
         return self.scene.cast(rays.origins, rays.directions)
 
-    def found(self, answer: Any) -> Found:
+    def convert(self, answer: Any) -> Found:
         """Return t and the triangle or object."""
         return answer.t, (answer.primitive_id if self.by_triangle else answer.object_id).astype(np.int64)
 
@@ -145,7 +145,7 @@ class Open3D(Caster):
         """Cast at the scene."""
         return self.scene.cast_rays(rays, nthreads=threads)
 
-    def found(self, answer: Any) -> Found:
+    def convert(self, answer: Any) -> Found:
         """Return t and the triangle."""
         return answer["t_hit"].numpy().astype(np.float64), answer["primitive_ids"].numpy().astype(np.int64)
 
@@ -179,7 +179,7 @@ class Embreex(Caster):
         """Cast at the scene."""
         return self.scene.run(*rays, output=True)
 
-    def found(self, answer: Any) -> Found:
+    def convert(self, answer: Any) -> Found:
         """Return t and the triangle."""
         hit = answer["primID"] >= 0
         return np.where(hit, answer["tfar"].astype(np.float64), np.inf), answer["primID"].astype(np.int64)
@@ -217,7 +217,7 @@ class MuJoCo(Caster):
         )
         return geom, t
 
-    def found(self, answer: Any) -> Found:
+    def convert(self, answer: Any) -> Found:
         """Return t and the object."""
         geom, t = answer
         return np.where(geom < 0, np.inf, t), geom.astype(np.int64)
@@ -271,7 +271,7 @@ class MuJoCoLidar(MuJoCo):
         """Scan the model."""
         return self.lidar.trace_rays(self.data, *rays)
 
-    def found(self, answer: Any) -> Found:
+    def convert(self, answer: Any) -> Found:
         """Return t; the back end does not report what was hit."""
         t = np.array(answer, dtype=np.float64)
         return np.where(t < 0, np.inf, t), None
@@ -337,7 +337,7 @@ class Textbook(Caster):
             nearest[closer], surface[closer] = t[closer], index
         return nearest, surface
 
-    def found(self, answer: Any) -> Found:
+    def convert(self, answer: Any) -> Found:
         """Return t and the object."""
         nearest, surface = answer
         return nearest, surface
@@ -388,7 +388,7 @@ def threads_kept() -> Iterator[None]:
 def _try(caster: type[Caster]) -> None:
     world = scenes.terrain(8) if caster.meshes else scenes.analytic(4)
     ready = caster(world, 1)
-    ready.found(ready.cast(ready.prepare(scenes.lidar(world, 4, 4, 1.0)), 1))
+    ready.convert(ready.cast(ready.prepare(scenes.lidar(world, 4, 4, 1.0)), 1))
 
 
 def version(package: str) -> str:

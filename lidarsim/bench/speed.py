@@ -396,7 +396,7 @@ class _Run:
         placed, count = calls[own](), len(shape.faces)
         triangle = np.where(placed.hit, count * placed.object_id.astype(np.int64) + placed.primitive_id, -1)
         found: dict[str, Found] = {own: (placed.t, triangle)}
-        found |= {name: caster.found(calls[name]()) for name, caster in casters.items()}
+        found |= {name: caster.convert(calls[name]()) for name, caster in casters.items()}
         times = interleave(calls, self.plan.rounds, self.plan.seconds)
         for name, seconds in times.items():
             t, surface = found[name]
@@ -648,9 +648,9 @@ class _Tessellation(Open3D):
         self.triangles = world.triangles
         self.owner = world.owner
 
-    def found(self, answer: Any) -> Found:
+    def convert(self, answer: Any) -> Found:
         """Return t and the object."""
-        t, triangle = super().found(answer)
+        t, triangle = super().convert(answer)
         hit = np.isfinite(t)
         surface = np.full(len(t), -1)
         surface[hit] = np.asarray(self.owner)[np.asarray(triangle)[hit]]
@@ -663,7 +663,7 @@ def _level(level: int) -> str:
 
 def _at(judged: Any, caster: Caster, answer: Any) -> Found:
     """Return the answers for the judged rays, which are multiples of the stride of every caster."""
-    t, surface = caster.found(answer)
+    t, surface = caster.convert(answer)
     rows = judged // caster.stride
     return t[rows], None if surface is None else surface[rows]
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import format_error
-from lidarsim._base.validation import integer, shown
-from lidarsim.cli.interrupts import uninterrupted
+from lidarsim._base.validation import integer, short_repr
+from lidarsim.cli.interrupts import ignore_interrupts
 from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
@@ -73,7 +73,9 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
             try:
                 client = distributed.Client(scheduler)
             except (OSError, TimeoutError, ValueError) as error:
-                raise LidarsimError(f"--scheduler: cannot reach {shown(scheduler)}: {format_error(error)}") from None
+                raise LidarsimError(
+                    f"--scheduler: cannot reach {short_repr(scheduler)}: {format_error(error)}"
+                ) from None
             yield stack.enter_context(client)
             return
         config = import_extra("dask.config", "cluster", "a cluster")
@@ -94,5 +96,5 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
         try:
             yield client
         finally:
-            with uninterrupted():  # a second interrupt while workers stop makes the cluster hang for a while
+            with ignore_interrupts():  # a second interrupt while workers stop makes the cluster hang for a while
                 stack.close()

@@ -17,7 +17,7 @@ import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import atomic_writer, check_folder, check_suffix
-from lidarsim._base.shown import counted, format_size, plain
+from lidarsim._base.shown import format_size, plain, quantity
 from lidarsim._base.terminal import paragraph, print_line, print_markdown, progress_bar, table, without_native_logs
 from lidarsim._base.validation import integer
 from lidarsim.cli.options import (
@@ -249,7 +249,7 @@ def generate(
         problems = ls.datasets.verify(output)
         if problems:
             raise LidarsimError(
-                f"{output}: {counted(len(problems), 'file')} not as in the manifest: {problems[0]}; "
+                f"{output}: {quantity(len(problems), 'file')} not as in the manifest: {problems[0]}; "
                 "`lidarsim generate RECIPE -o FOLDER --verify` makes them again"
             )
         paragraph(f"{output}: all files match the manifest")
@@ -270,7 +270,7 @@ def generate(
             pictures=pictures,
             verify=verify,
         )
-    paragraph(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    paragraph(f"{quantity(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
     if made.made_again:
         paragraph(f"made again: {format_list([plain(name, most=NAME) for name in made.made_again])}")
     elif verify and not made.frames:
@@ -278,7 +278,7 @@ def generate(
     for line in made.left_out:
         paragraph(f"scattered: {plain(line)}")
     if made.shards_left:
-        paragraph(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
+        paragraph(f"still missing: {quantity(made.shards_left, 'shard')} of other parts")
 
 
 @app.command()
@@ -454,7 +454,7 @@ def view(
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
         if count > 1 and save and save is screenshot and not accumulate:
             which = "the first" if frame is None else f"frame {frame}"
-            paragraph(f"{save}: {which} of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+            paragraph(f"{save}: {which} of {quantity(count, 'frame')}; --html, --gif and --mp4 show all")
 
 
 def _check_saves(saves: Mapping[str, Path | None], viewer: Viewer) -> list[Path]:
@@ -494,7 +494,7 @@ def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: 
         task = progress.add_task("scanning", total=count)
         start = time.perf_counter()
         shown = ls.stream(run, to, class_names=names, each=lambda done: progress.update(task, completed=done), **looks)
-    paragraph(f"{counted(shown, 'frame')} in {time.perf_counter() - start:.2f} s: {to}")
+    paragraph(f"{quantity(shown, 'frame')} in {time.perf_counter() - start:.2f} s: {to}")
 
 
 def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:
@@ -558,7 +558,7 @@ def compare(
         paragraph(f"note: {note}")
     few = sum(measure.verdict == "cannot tell" for measure in measured)
     untold = f"; of {few} these data cannot tell" if few else ""
-    paragraph(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ{untold}")
+    paragraph(f"{len(comparison.differing)} of {quantity(len(measured), 'measure')} differ{untold}")
     for path in filter(None, (output, json)):
         comparison.save(path)
         print_line(path)
@@ -710,8 +710,8 @@ def _check_run(config: Path, overrides: list[str] | None) -> None:
     if defined:
         defined["frames"] = run.span
         paragraph("defined: " + ", ".join(f"{name} {format_times(span)}" for name, span in defined.items()))
-    legs = [counted(len(run.legs), "strip" if moving else "station")] if run.legs else []
-    counts = [counted(len(run.scene), "object"), *legs, counted(len(run.numbers), "frame")]
+    legs = [quantity(len(run.legs), "strip" if moving else "station")] if run.legs else []
+    counts = [quantity(len(run.scene), "object"), *legs, quantity(len(run.numbers), "frame")]
     paragraph(f"{config}: ok, {', '.join(counts)}, seed {run.seed}")
 
 
@@ -730,7 +730,7 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
         run.check_coverage()
         made.layout.check(run)
         made.layout.check_labels(made.class_names, run.scene)
-        total += made.source.scattered(sequence)
+        total += made.source.scatter_counts(sequence)
         imports += run.imports
         for name, moment in made.source.nearby(sequence).items():
             warnings.append(f"in sequence {sequence}, the sensor meets {plain(name)} of the scene at {moment:.1f} s")
@@ -754,7 +754,7 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
         paragraph(f"warning: {warning}")
     for picture in pictures:
         paragraph(f"picture: {picture}")
-    drawn = f"drew {count} of {counted(made.sequences, 'sequence')} of {counted(made.frames, 'frame')}"
+    drawn = f"drew {count} of {quantity(made.sequences, 'sequence')} of {quantity(made.frames, 'frame')}"
     paragraph(f"{path}: ok, {drawn}, layout {made.layout.type}, seed {made.seed}")
 
 
@@ -779,9 +779,9 @@ def sensors(
             rows.append((preset, does.rings, round(does.pulses_per_second), lidar.pattern.rate, *spans))
         columns = ("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
         table(columns, rows, left=("sensor",), whole=("sensor",))
-        from lidarsim.config.loader import measured
+        from lidarsim.config.loader import measured_presets
 
-        paragraph(f"Presets with measured noise: {', '.join(measured())}.")
+        paragraph(f"Presets with measured noise: {', '.join(measured_presets())}.")
         return
     path = Path(name) if Path(name).suffix else preset_path(name)
     lidar = ls.Lidar.from_file(path)
@@ -860,7 +860,7 @@ def _scan(path: Path, run: Run, wanted: int | None) -> tuple[tuple[ls.PointCloud
     count = len(run.numbers)
     found = list(track(islice(_look_at(run), wanted), min(count, wanted or count)))
     if not found:
-        raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
+        raise LidarsimError(f"{path}: expected a frame with scans, got none in {quantity(count, 'frame')}")
     clouds, poses, times, numbers = zip(*found, strict=True)
     places: dict[str, Any] = {"pose": poses, "time": times}
     if count > 1:
@@ -883,13 +883,13 @@ def _read(
     with without_native_logs():  # such as lazrs's of damaged data
         frames = list(track(islice(found.read(first), left), left))
     if not frames:
-        there = "" if found.count is None else f" of {counted(found.count, 'frame')}"
+        there = "" if found.count is None else f" of {quantity(found.count, 'frame')}"
         raise LidarsimError(f"{path}: --frame: expected the number of a frame{there}, got {first}")
     if found.note:
         paragraph(f"{path}: {found.note}")
     if found.count is not None and 1 < len(frames) < found.count:
         last = first + len(frames) - 1
-        paragraph(f"{path}: frames {first} to {last} of {counted(found.count, 'frame')}; --frame and --frames choose")
+        paragraph(f"{path}: frames {first} to {last} of {quantity(found.count, 'frame')}; --frame and --frames choose")
     places: dict[str, Any] = {
         "pose": tuple(frame.pose for frame in frames), "boxes": tuple(frame.boxes for frame in frames)
     }  # fmt: skip

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-__all__ = ["insistent_interrupts", "uninterrupted", "unwinding_at_sigterm"]
+__all__ = ["ignore_interrupts", "insistent_interrupts", "unwinding_at_sigterm"]
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def insistent_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
+def ignore_interrupts() -> Iterator[None]:
     """Ignore Ctrl-C in the block; only the main thread can set signal handlers."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -19,7 +19,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from lidarsim import materials, worlds
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.config import objects, poses, schema, sensors
 from lidarsim.config.units import argument_of, in_si, unit_of
 from lidarsim.datasets import draws, layouts, recipe
@@ -245,7 +245,7 @@ def page(name: str) -> str:
         known = [*SECTIONS, "materials", "all"]
         near = difflib.get_close_matches(name, known)
         hint = f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(known)}"
-        raise LidarsimError(f"--keys: no section {shown(name)}; {hint}")
+        raise LidarsimError(f"--keys: no section {short_repr(name)}; {hint}")
     section = SECTIONS[name]
     told = _meanings(section)
     rows = [

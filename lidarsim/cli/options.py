@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.errors import LidarsimError
 from lidarsim.run import _output as outputs
 from lidarsim.viewers._show import check_size
@@ -67,7 +67,7 @@ def parse_integer(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise typer.BadParameter(f"expected an integer, got {shown(text)}") from None
+        raise typer.BadParameter(f"expected an integer, got {short_repr(text)}") from None
 
 
 def parse_real(text: str) -> float:
@@ -75,7 +75,7 @@ def parse_real(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise typer.BadParameter(f"expected a number, got {shown(text)}") from None
+        raise typer.BadParameter(f"expected a number, got {short_repr(text)}") from None
 
 
 def make_option(names: str, metavar: str, text: str, **more: Any) -> Any:
@@ -145,7 +145,7 @@ def parse_part(text: str | None) -> tuple[int, int]:
         return 0, 1
     found = re.fullmatch(r"([0-9]{1,18})/([0-9]{1,18})", text)
     if found is None or not int(found[1]) < int(found[2]):
-        raise LidarsimError(f"--shard: expected I/N with I from 0 to N - 1, got {shown(text)}")
+        raise LidarsimError(f"--shard: expected I/N with I from 0 to N - 1, got {short_repr(text)}")
     return int(found[1]), int(found[2])
 
 
@@ -156,7 +156,7 @@ def parse_limits(text: str | None) -> tuple[float, float] | None:
     try:
         low, high = map(float, text.split(","))
     except ValueError:
-        raise LidarsimError(f"--limits: expected LOW,HIGH, such as 0,50, got {shown(text)}") from None
+        raise LidarsimError(f"--limits: expected LOW,HIGH, such as 0,50, got {short_repr(text)}") from None
     return low, high
 
 
@@ -164,5 +164,5 @@ def parse_size(text: str) -> tuple[int, int]:
     """Parse a size such as 1600x1000 as width and height."""
     found = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", text)
     if found is None:
-        raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {shown(text)}")
+        raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {short_repr(text)}")
     return check_size((int(found[1]), int(found[2])))

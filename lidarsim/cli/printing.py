@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 import lidarsim as ls
-from lidarsim._base.shown import counted, format_size, plain
+from lidarsim._base.shown import format_size, plain, quantity
 from lidarsim._base.terminal import facts, paragraph, print_line, progress_bar, table
 from lidarsim.config.units import argument_of
 from lidarsim.io import packets
@@ -34,7 +34,7 @@ def print_sent(to: str, sent: packets.Sent, period: float | None) -> None:
     ports = ", ".join(map(str, sorted(sent.ports)))
     late = "" if period is None else f", largest lag {1e3 * sent.lag:.3g} ms"
     paragraph(
-        f"{counted(sent.packets, 'packet')} ({sent.size / 1e6:,.3g} MB) to {to}, {counted(len(sent.ports), 'port')}"
+        f"{quantity(sent.packets, 'packet')} ({sent.size / 1e6:,.3g} MB) to {to}, {quantity(len(sent.ports), 'port')}"
         f" {ports} in {sent.seconds:.2f} s: {sent.rate:,.0f} packets/s, {sent.dropped:,} dropped{late}"
     )
     if period is not None and sent.lag > period and sent.span:
@@ -95,10 +95,10 @@ WHOLE = ("shape", "reflectivity", "size, m")
 def print_import(file: Imported) -> None:
     """Print what a scene file brought in, what it did not, and which nodes no rule matched."""
     meshes = (item.shape for item in file.objects if isinstance(item.shape, ls.TriangleMesh))
-    triangles = counted(sum(map(len, meshes)), "triangle")
+    triangles = quantity(sum(map(len, meshes)), "triangle")
     extent = format_size(np.ptp(file.bounds, axis=0))
-    instances = counted(len({instance for _, instance in file.instances(0)}), "instance")
-    paragraph(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
+    instances = quantity(len({instance for _, instance in file.instances(0)}), "instance")
+    paragraph(f"{file.path}: {quantity(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
     for what, names in (
         ("materials", Counter(item.material_name for item in file.objects if item.material_name)),
         ("labels", Counter(str(item.label) for item in file.objects if item.label is not None)),
@@ -110,10 +110,10 @@ def print_import(file: Imported) -> None:
     if file.left_out:
         paragraph(f"  left out: {', '.join(file.left_out)}")
     if file.skipped:
-        paragraph(f"  skipped by rules: {counted(file.skipped, 'part')}")
+        paragraph(f"  skipped by rules: {quantity(file.skipped, 'part')}")
     if file.without_rule:
         paths = [plain(path, most=NAME) for path in file.without_rule]
-        paragraph(f"  no rule matches {counted(len(paths), 'node')}: {format_list(paths)}")
+        paragraph(f"  no rule matches {quantity(len(paths), 'node')}: {format_list(paths)}")
 
 
 def format_list(names: list[str]) -> str:
@@ -227,7 +227,7 @@ def describe_terrain(number: int, mesh: ls.TriangleMesh) -> str:
     x, y, z = (format_span(ends, digits=10) for ends in mesh.bounds.T)
     crs = f", {plain(mesh.crs, most=NAME)}" if mesh.crs else ""
     return (
-        f"object {number}: heights in {rows:,} rows and {columns:,} columns, {counted(holes, 'hole')};"
+        f"object {number}: heights in {rows:,} rows and {columns:,} columns, {quantity(holes, 'hole')};"
         f" x {x} m, y {y} m, z {z} m{crs}"
     )
 
@@ -253,7 +253,7 @@ def print_depth(name: str, lidar: ls.Lidar, scene: ls.Scene) -> None:
     }
     if lidar.measurement.depth == 1 and any(found.values()):
         does = " and ".join(
-            f"{counted(count, 'material')} {does}{'s' if count == 1 else ''}" for does, count in found.items() if count
+            f"{quantity(count, 'material')} {does}{'s' if count == 1 else ''}" for does, count in found.items() if count
         )
         whose = f"{name}: " if name else ""
         paragraph(f"{whose}{does}, but depth is 1: give the measurement a depth of 2 or more to see what is behind")

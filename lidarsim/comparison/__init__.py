@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from lidarsim._base.shown import counted
-from lidarsim._base.validation import shown
+from lidarsim._base.shown import quantity
+from lidarsim._base.validation import short_repr
 from lidarsim.comparison import _report as _report  # registers the page
 from lidarsim.comparison._fit import fit_source, recognise, sensor_of
 from lidarsim.comparison._frame import Frame
@@ -178,7 +178,7 @@ def fit(
     """
     lidar, _ = sensor_of(sensor)
     if ground is not None and not isinstance(ground, Material):
-        raise ArgumentTypeError("ground", "a Material or None", shown(ground))
+        raise ArgumentTypeError("ground", "a Material or None", short_repr(ground))
     return fit_source(source("real", real), lidar, ground)
 
 
@@ -200,7 +200,7 @@ def compare_sources(real: Source, simulated: Source, sensor: SensorLike) -> Comp
         last = a
     for side in sides:
         if not side.points:
-            raise ArgumentValueError(side.argument, "points", f"none in {counted(side.frames, 'frame')}")
+            raise ArgumentValueError(side.argument, "points", f"none in {quantity(side.frames, 'frame')}")
     return _judge(*sides, lidar, overlap=any(overlaps))
 
 
@@ -275,11 +275,13 @@ def _sensor(sensor: SensorLike) -> Lidar | None:
     if sensor is None or isinstance(sensor, Lidar):
         return sensor
     if not isinstance(sensor, str | os.PathLike):
-        raise ArgumentTypeError("sensor", "a Lidar, the name of a preset or a file", shown(sensor))
+        raise ArgumentTypeError("sensor", "a Lidar, the name of a preset or a file", short_repr(sensor))
     if sensor in Lidar.presets():
         return Lidar.preset(str(sensor))
     if not Path(sensor).suffix:
-        raise ArgumentValueError("sensor", f"a Lidar, a file or one of {', '.join(Lidar.presets())}", shown(sensor))
+        raise ArgumentValueError(
+            "sensor", f"a Lidar, a file or one of {', '.join(Lidar.presets())}", short_repr(sensor)
+        )
     return Lidar.from_file(Path(sensor))
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.comparison._captures import MISFIT, UntoldError, misfit
 from lidarsim.comparison._estimators import FEWEST_POINTS, VALUES, Fit, Found
 from lidarsim.comparison._inferred import Beams, NoRingsError, rings_of
@@ -66,7 +66,7 @@ def sensor_of(given: str | os.PathLike[str] | Lidar) -> tuple[Lidar, str | None]
     if isinstance(given, Lidar):
         return given, None
     if not isinstance(given, str | os.PathLike):
-        raise ArgumentTypeError("sensor", "a Lidar, the name of a preset or a file", shown(given))
+        raise ArgumentTypeError("sensor", "a Lidar, the name of a preset or a file", short_repr(given))
     if Path(given).suffix:
         return Lidar.from_file(Path(given)), None
     for noise in ("measured", "datasheet"):

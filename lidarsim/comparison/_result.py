@@ -11,8 +11,8 @@ from typing import Any, Literal, overload
 from lidarsim._base.files import PathLike, atomic_writer, check_suffix
 from lidarsim._base.names import AnsweringABC
 from lidarsim._base.pickling import Immutable
-from lidarsim._base.shown import counted, text_table
-from lidarsim._base.validation import shown
+from lidarsim._base.shown import quantity, text_table
+from lidarsim._base.validation import short_repr
 from lidarsim._base.views import view
 
 Verdict = Literal["alike", "differs", "cannot tell", "not measured"]
@@ -133,7 +133,7 @@ class Side(Immutable):
             return self.name
         rings = f", {self.rings} rings" if self.rings else ""
         name = f"{self.name}: " if self.name else ""
-        return f"{name}{counted(self.frames, 'frame')}, {self.points:,} points{rings}"
+        return f"{name}{quantity(self.frames, 'frame')}, {self.points:,} points{rings}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,7 +172,7 @@ class Comparison(Immutable, Sequence[Measure], metaclass=AnsweringABC):
                 if measure.name == index:
                     return measure
             names = ", ".join(measure.name for measure in self.measures)
-            raise KeyError(f"index: expected one of {names}, got {shown(index)}")
+            raise KeyError(f"index: expected one of {names}, got {short_repr(index)}")
         return self.measures[index]
 
     @property

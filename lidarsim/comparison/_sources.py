@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarsim._base.files import Place, natural
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentTypeError, FileFormatError
 from lidarsim.io import rosbag
 from lidarsim.scan.formats import is_point_cloud
@@ -64,7 +64,7 @@ def source(argument: str, given: Given) -> Source:
     try:
         frames, count = iter(given), len(given) if isinstance(given, Sized) else None
     except TypeError:
-        raise ArgumentTypeError(argument, FORMS, shown(given)) from None
+        raise ArgumentTypeError(argument, FORMS, short_repr(given)) from None
     if isinstance(given, list | tuple):
         frames = iter([Place(frame) if isinstance(frame, str | os.PathLike) else frame for frame in given])
     return Source("", _each(argument, frames), count)
@@ -94,7 +94,7 @@ def _each(argument: str, frames: Iterator[object]) -> Iterator[PointCloud | Scan
             place = frame if isinstance(frame, Place) else Place(frame)
             yield from place.each(_read(_files(place)))
         else:
-            raise ArgumentTypeError(f"{argument}[{i}]", "a PointCloud, a Scan or a path", shown(frame))
+            raise ArgumentTypeError(f"{argument}[{i}]", "a PointCloud, a Scan or a path", short_repr(frame))
 
 
 def _files(place: Place) -> list[Path]:

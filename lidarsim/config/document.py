@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 import yaml
 
 from lidarsim._base.files import check_regular, format_error
-from lidarsim._base.validation import short, shown
+from lidarsim._base.validation import short, short_repr
 from lidarsim.errors import ArgumentError, ArgumentTypeError, ConfigError, FileFormatError, LidarsimError
 
 Node = yaml.Node
@@ -229,10 +229,10 @@ def override(node: Node, assignment: str) -> Node:
     ConfigError
         If the assignment cannot be parsed, or its path enters a value without keys.
     """
-    return replace(node, *assigned(assignment))
+    return replace(node, *parse_assignment(assignment))
 
 
-def assigned(assignment: str) -> tuple[list[str], Node]:
+def parse_assignment(assignment: str) -> tuple[list[str], Node]:
     """Return path and value of an assignment, ``scene.0.radius_m=2``: keys and list indices, then YAML.
 
     Raises
@@ -254,7 +254,7 @@ def path_of(text: str) -> list[str]:
     return keys if all(keys) and "." not in keys[-1] else []
 
 
-def written(value: object, place: Node) -> Node:
+def node_of(value: object, place: Node) -> Node:
     """Return the node of a plain value, with the position of `place`.
 
     Raises
@@ -264,20 +264,20 @@ def written(value: object, place: Node) -> Node:
     """
     marks = place.start_mark, place.end_mark
     if isinstance(value, dict):
-        items = [(written(str(key), place), written(item, place)) for key, item in value.items()]
+        items = [(node_of(str(key), place), node_of(item, place)) for key, item in value.items()]
         return yaml.MappingNode(f"{_TAG}map", items, *marks)
     if isinstance(value, list | tuple):
-        return yaml.SequenceNode(f"{_TAG}seq", [written(item, place) for item in value], *marks)
+        return yaml.SequenceNode(f"{_TAG}seq", [node_of(item, place) for item in value], *marks)
     kinds = {float: "float", int: "int", str: "str", bool: "bool", type(None): "null"}
     if type(value) not in kinds:
-        raise ArgumentTypeError("value", "numbers, text, or lists or mappings of them", shown(value))
+        raise ArgumentTypeError("value", "numbers, text, or lists or mappings of them", short_repr(value))
     return yaml.ScalarNode(f"{_TAG}{kinds[type(value)]}", str(value), *marks)
 
 
 def argument(name: str, value: object) -> Node:
     """Return the node of a plain value that a Python argument gives for a key."""
-    mark = yaml.Mark(f"{_OVERRIDE}{name}={shown(value)}", 0, 0, 0, None, 0)
-    return written(value, yaml.ScalarNode("", "", mark, mark))
+    mark = yaml.Mark(f"{_OVERRIDE}{name}={short_repr(value)}", 0, 0, 0, None, 0)
+    return node_of(value, yaml.ScalarNode("", "", mark, mark))
 
 
 def replace(node: Node | None, path: list[str], value: Node) -> Node:
@@ -288,7 +288,7 @@ def replace(node: Node | None, path: list[str], value: Node) -> Node:
     if isinstance(node, yaml.SequenceNode):
         index = int(head) if re.fullmatch(r"[0-9]{1,9}", head) else len(node.value)
         if index >= len(node.value):
-            got = shown(head)
+            got = short_repr(head)
             raise ConfigError(
                 f"{_describe_mark(value.start_mark)}: expected an index below {len(node.value)}, got {got}"
             )
@@ -296,7 +296,9 @@ def replace(node: Node | None, path: list[str], value: Node) -> Node:
         changed[index] = replace(changed[index], rest, value)
         return yaml.SequenceNode(node.tag, changed, node.start_mark, node.end_mark)
     if isinstance(node, yaml.ScalarNode) and node.tag != f"{_TAG}null":
-        raise ConfigError(f"{_describe_mark(value.start_mark)}: {shown(node.value)} has no key {shown(head)} to set")
+        raise ConfigError(
+            f"{_describe_mark(value.start_mark)}: {short_repr(node.value)} has no key {short_repr(head)} to set"
+        )
     found = entries(node)
     key, old = found.get(head, (None, None))
     if key is None or not rest:  # keys on the way keep their positions
@@ -418,7 +420,7 @@ class Place:
         loaded: T = self._loaded[entry]
         return loaded
 
-    def loaded(self, kind: type[T]) -> tuple[T, ...]:
+    def find_loaded(self, kind: type[T]) -> tuple[T, ...]:
         """Return the objects of a type that `load` has read so far, each once."""
         return tuple(item for item in self._loaded.values() if isinstance(item, kind))
 
@@ -497,7 +499,7 @@ def _check_scalar(node: Node, keys: tuple[str, ...]) -> None:
         _SCALARS[node.tag](node.value)
     except OverflowError:
         key = [] if where.startswith(_OVERRIDE) or not keys else [_short(".".join(keys))]
-        problem = f"expected a number from -1.8e308 to 1.8e308, got {shown(node.value)[1:-1]}"
+        problem = f"expected a number from -1.8e308 to 1.8e308, got {short_repr(node.value)[1:-1]}"
         raise ConfigError(": ".join([where, *key, problem])) from None
     except (KeyError, ValueError):
         kind = _short(node.tag.removeprefix(_TAG))
@@ -508,7 +510,7 @@ def _check_scalar(node: Node, keys: tuple[str, ...]) -> None:
 def _check_text(node: Node) -> None:
     if re.search("[\ud800-\udfff]", node.value):
         raise ConfigError(
-            f"{_describe_mark(node.start_mark)}: expected text, got half a character in {shown(node.value)}"
+            f"{_describe_mark(node.start_mark)}: expected text, got half a character in {short_repr(node.value)}"
         )
 
 

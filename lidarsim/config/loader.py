@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace as changed
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
@@ -13,13 +13,24 @@ import pydantic
 import yaml
 
 from lidarsim._base.files import noting_reads
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.config import recognise
-from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
+from lidarsim.config.document import (
+    Loaded,
+    Node,
+    Place,
+    entries,
+    merge,
+    parse_assignment,
+    plain,
+    read,
+    replace,
+    without,
+)
 from lidarsim.config.factories import Model
 from lidarsim.config.objects import World
 from lidarsim.config.poses import Drive, Stations, Strips, build_pose
-from lidarsim.config.schema import Config, SceneDocument, labelled
+from lidarsim.config.schema import Config, SceneDocument, names_by_label
 from lidarsim.config.sensors import Sensor, VendorSensor, build_rig
 from lidarsim.config.starter import configuration
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -52,13 +63,13 @@ Change = tuple[list[str], Node]
 def load(path: Path, overrides: Sequence[str]) -> Run:
     """Return the run that a file describes; see `lidarsim.config.load`."""
     if isinstance(overrides, str) or not isinstance(overrides, Sequence):
-        raise ArgumentTypeError("overrides", "a sequence of assignments", shown(overrides))
+        raise ArgumentTypeError("overrides", "a sequence of assignments", short_repr(overrides))
     for i, text in enumerate(overrides):
         if not isinstance(text, str):
-            raise ArgumentTypeError("overrides", "texts such as 'frames=2'", f"overrides[{i}] = {shown(text)}")
+            raise ArgumentTypeError("overrides", "texts such as 'frames=2'", f"overrides[{i}] = {short_repr(text)}")
     with noting_reads() as sources:
-        run = built(whole(read(configuration(path)), [assigned(text) for text in overrides]))
-    return changed(run, sources=frozenset(sources))
+        run = build_run(whole(read(configuration(path)), [parse_assignment(text) for text in overrides]))
+    return dataclasses.replace(run, sources=frozenset(sources))
 
 
 def whole(root: Node, changes: Iterable[Change] = ()) -> Node:
@@ -89,9 +100,9 @@ def _without_alternative(root: Node, path: Sequence[str]) -> Node:
     return replace(root, above, without(cast("Node", pattern), ALTERNATIVES[key]))
 
 
-def built(root: Node, loaded: Loaded | None = None) -> Run:
+def build_run(root: Node, loaded: Loaded | None = None) -> Run:
     """Return the run that a complete document describes; `loaded` caches the objects that it loads from files."""
-    config, place = checked(Config, root), Place(root, (), {} if loaded is None else loaded)
+    config, place = validate(Config, root), Place(root, (), {} if loaded is None else loaded)
     if config.first_frame + config.frames > 2**32:
         raise (place / "frames").error(f"expected at most 4294967296 with first_frame, got {config.frames}")
     where = place / "georeference"
@@ -121,7 +132,7 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
         seed=config.seed,
         frames=frames,
         cloud=config.cloud.build(place / "cloud"),
-        imports=place.loaded(Imported),
+        imports=place.find_loaded(Imported),
         crs=crs,
         start=start,
         origin=origin,
@@ -147,7 +158,7 @@ def _legs(config: Config, sensor: Lidar | Rig, frames: range, place: Place) -> t
 
 def _scene(config: Config, place: Place) -> tuple[Scene, Ways | None]:
     """Return the scene, and the ways of a street."""
-    names, there, ways = labelled(config.class_names, place / "class_names"), place / "scene", None
+    names, there, ways = names_by_label(config.class_names, place / "class_names"), place / "scene", None
     if isinstance(config.scene, World):
         street = config.scene.street.build(there / "street")
         scene, ways, items, there = street.scene, street.ways, config.scene.objects, there / "objects"
@@ -181,7 +192,7 @@ def read_scene(path: Path) -> Scene:
     """Return the scene that a file describes: a list of objects, or a configuration with one."""
     root = read(path)
     root = replace(None, ["scene"], root) if isinstance(root, yaml.SequenceNode) else _include(root)
-    return _scene(checked(Config, root), Place(root))[0]
+    return _scene(validate(Config, root), Place(root))[0]
 
 
 def _sensor_or_rig(config: Config, place: Place) -> Lidar | Rig:
@@ -199,8 +210,8 @@ def read_lidar(path: Path, *, mode: str | None, noise: str | None) -> Lidar:
     document = _preset(path) if path.parent == PRESETS else read(path)
     root = _variant(_sensor(document, Place(document)), mode, noise)
     if "file" in entries(root):
-        return checked(VendorSensor, root).build(Place(root))
-    return checked(Sensor, root).build(Place(root))
+        return validate(VendorSensor, root).build(Place(root))
+    return validate(Sensor, root).build(Place(root))
 
 
 _preset = cache(read)
@@ -225,7 +236,7 @@ def _with_scene(root: Node, scene: Node) -> Node:
     """Return `root` with the scene of a file: a list of objects, or a mapping with the list and class names."""
     if isinstance(scene, yaml.SequenceNode):
         return replace(root, ["scene"], scene)
-    checked(SceneDocument, scene)
+    validate(SceneDocument, scene)
     found, own = entries(scene), entries(root)
     if "class_names" in found:
         names = found["class_names"][1]
@@ -275,15 +286,15 @@ def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
         modes = entries(found["modes"][1]) if "modes" in found else {}
         if not (isinstance(mode, str) and mode in modes):
             expected = f"one of {', '.join(modes)}" if modes else "none, since the sensor has no modes"
-            raise ArgumentValueError("mode", expected, shown(mode))
+            raise ArgumentValueError("mode", expected, short_repr(mode))
         sensor = merge(sensor, modes[mode][1])
     if noise is not None and not (isinstance(noise, str) and noise in {"none", "datasheet", "measured"}):
-        raise ArgumentValueError("noise", "none, datasheet or measured", shown(noise))
+        raise ArgumentValueError("noise", "none, datasheet or measured", short_repr(noise))
     if noise == "datasheet" and "datasheet_noise" not in found:
         raise ArgumentValueError("noise", "none, since the sensor has no datasheet_noise", "'datasheet'")
     if noise == "measured" and "measured" not in found:
         expected = "none or datasheet" if "datasheet_noise" in found else "none"
-        hint = f"the presets with measured noise are {', '.join(measured())}"
+        hint = f"the presets with measured noise are {', '.join(measured_presets())}"
         raise ArgumentValueError("noise", expected, "'measured'", hint)
     if noise in {"datasheet", "measured"} and "datasheet_noise" in found:
         measurement = found["datasheet_noise"][1]
@@ -293,7 +304,7 @@ def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
     return merge(sensor, found["measured"][1]) if noise == "measured" else sensor
 
 
-def measured() -> list[str]:
+def measured_presets() -> list[str]:
     """Return the names of the presets whose files have a ``measured`` block."""
     return [name for name in Lidar.presets() if "measured" in entries(_preset(preset_path(name)))]
 
@@ -308,7 +319,7 @@ def _text(node: Node, key: str, place: Place) -> str | None:
     return value
 
 
-def checked(model: type[M], root: Node) -> M:
+def validate(model: type[M], root: Node) -> M:
     """Return `root` as `model`; the error names the first problem in the file and counts the others.
 
     If it has none of the keys of `model`, nor one like them, it may be any file, of which the error shows nothing.
@@ -380,4 +391,4 @@ def _describe(value: object) -> str:
         return f"a list of {len(value)}"
     if isinstance(value, bool):
         return str(value).lower()
-    return shown(value)
+    return short_repr(value)

@@ -310,7 +310,9 @@ class SceneFile(Object):
             raise (place / "reflectivity").error(f"expected a number beside {others[0]}, got color")
         rules = [rule.build(place / "rules" / index) for index, rule in enumerate(self.rules)]
         with place.refusals({"unit": ("unit_m", "")}):
-            options = Options.checked(self.up, self.unit_m, rules, "color" if self.reflectivity == "color" else None)
+            options = Options.from_arguments(
+                self.up, self.unit_m, rules, "color" if self.reflectivity == "color" else None
+            )
         return (place / "file").load(self.file, scenes.Load(options))
 
 

@@ -12,7 +12,7 @@ from lidarsim import worlds
 from lidarsim._base.validation import pose as rigid
 from lidarsim.config.factories import Area, Finite, Matrix, Model, Vector, construct, either, is_list
 from lidarsim.lidar import Lidar
-from lidarsim.motion.trajectory import Trajectory, mounted
+from lidarsim.motion.trajectory import Trajectory, sensor_pose
 from lidarsim.rig import Rig
 from lidarsim.run import Leg
 
@@ -142,7 +142,7 @@ class Strips(Placement):
         keys = [key for key in Plan.model_fields if getattr(plan, key) is not None]
         legs, mount = [], build_rigid(self, place)
         for number, body in enumerate(construct(Trajectory.strips, plan, keys, there, **margin), 1):
-            (start, end), pose = body.span, mounted(body, mount)
+            (start, end), pose = body.span, sensor_pose(body, mount)
             if not end * rate < 2**32:
                 raise there.error(f"expected at most 4294967296 frames, got {end * rate:.3g}")
             first, stop = math.ceil(start * rate), math.floor(end * rate)
@@ -174,7 +174,7 @@ class Stations(Placement):
         mount, legs = build_rigid(self, place), []
         for index, station in enumerate(self.stations):
             first = frames.start + index * len(frames)
-            pose = mounted(build_rigid(station, place / "stations" / index), mount)
+            pose = sensor_pose(build_rigid(station, place / "stations" / index), mount)
             legs.append(Leg(index + 1, pose, range(first, first + len(frames))))
         return tuple(legs)
 

@@ -18,7 +18,7 @@ from lidarsim.config.objects import AnyScene
 from lidarsim.config.poses import Pose, PoseOfRun
 from lidarsim.config.sensors import AnySensor, Mounted, Sensor
 from lidarsim.motion.georeference import Georeference as OnEarth
-from lidarsim.motion.georeference import gps_time, projected
+from lidarsim.motion.georeference import gps_time, projected_crs
 from lidarsim.run import CloudArguments
 from lidarsim.world.atmosphere import Atmosphere
 
@@ -43,7 +43,7 @@ class Cloud(Model):
     def _name(cls, value: object) -> object:
         if not isinstance(value, bool) and value not in ("start", "middle", "end"):
             expected = "expected true, false, start, middle, end, or seconds as deskew_s, got {got}"
-            raise PydanticCustomError("deskew", expected, {"got": validation.shown(value)})
+            raise PydanticCustomError("deskew", expected, {"got": validation.short_repr(value)})
         return value
 
     def build(self, place: Place) -> CloudArguments:
@@ -86,20 +86,20 @@ class Georeference(Model):
             if self.origin is not None:
                 raise (place / "origin").error("expected either crs or origin, got both")
             with (place / "crs").refusals():
-                projected(self.crs)
+                projected_crs(self.crs)
         if self.start is None:
             return self.crs, 0.0
         try:
             start = datetime.fromisoformat(self.start)
         except ValueError:
-            got = validation.shown(self.start)
+            got = validation.short_repr(self.start)
             raise (place / "start").error(f"expected a moment such as 2026-05-01T10:00:00+02:00, got {got}") from None
         with place.refusals({"start": ("start", "")}):
             gps_time(start)
         return self.crs, start
 
 
-def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
+def names_by_label(names: dict[str, str], place: Place) -> dict[int, str]:
     """Return class names by integer label."""
     for label in names:
         if re.fullmatch(r"0|[1-9][0-9]{0,9}", label) is None or int(label) > validation.UINT32:

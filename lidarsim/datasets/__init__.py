@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from lidarsim._base.shown import counted
-from lidarsim._base.validation import flag, integer, named_labels, one_of, shown
+from lidarsim._base.shown import quantity
+from lidarsim._base.validation import flag, integer, named_labels, one_of, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def generate(
     from lidarsim.scan.scan import moment_of
 
     if not callable(recipe) and not isinstance(recipe, str | os.PathLike):
-        raise ArgumentTypeError("recipe", "a path or a function", shown(recipe))
+        raise ArgumentTypeError("recipe", "a path or a function", short_repr(recipe))
     part = _part(part)
     pictures = integer("pictures", pictures, at_least=0)
     verify = flag("verify", verify)
@@ -205,7 +205,7 @@ def generate(
     change = None if after_scan is None else changes.from_function(after_scan)
     if callable(recipe):
         if overrides:
-            raise ArgumentValueError("overrides", "none with a function", shown(overrides))
+            raise ArgumentValueError("overrides", "none with a function", short_repr(overrides))
         defaults = {"sequences": 1, "frames": 1, "seed": 0}
         settings = {key: defaults.get(key) if value is None else value for key, value in given.items()}
         settings["layout"] = chosen or layout_of("shards")
@@ -214,7 +214,7 @@ def generate(
         for name, value, default in (("deskew", deskew, None), ("frame", frame, "sensor")):
             if value != default:
                 hint = f"use overrides=['run.cloud.{name}=…']"
-                raise ArgumentValueError(name, f"{default} with a YAML recipe", shown(value), hint)
+                raise ArgumentValueError(name, f"{default} with a YAML recipe", short_repr(value), hint)
         if chosen is not None:
             given["layout"] = chosen.model_dump()
         if class_names is not None:
@@ -224,7 +224,7 @@ def generate(
     result, failed = run(made, output, client, part, pictures, verify=verify)
     if failed:
         more = f" (and {len(failed) - TOLD} more)" if len(failed) > TOLD else ""
-        raise LidarsimError(f"{counted(len(failed), 'shard')} failed; " + "; ".join(map(str, failed[:TOLD])) + more)
+        raise LidarsimError(f"{quantity(len(failed), 'shard')} failed; " + "; ".join(map(str, failed[:TOLD])) + more)
     return result
 
 
@@ -232,7 +232,7 @@ def _part(part: object) -> tuple[int, int]:
     """Return the number of the part, and the number of parts."""
     if not isinstance(part, tuple | list) or len(part) != 2:
         wrong = ArgumentValueError if isinstance(part, tuple | list) else ArgumentTypeError
-        raise wrong("part", "(i, n), part i of n", shown(part))
+        raise wrong("part", "(i, n), part i of n", short_repr(part))
     count = integer("part[1]", part[1], at_least=1)
     return integer("part[0]", part[0], at_least=0, at_most=count - 1), count
 
@@ -240,7 +240,7 @@ def _part(part: object) -> tuple[int, int]:
 def _check_texts(overrides: Sequence[str]) -> None:
     texts = isinstance(overrides, Sequence) and not isinstance(overrides, str | bytes)
     if not texts or not all(isinstance(text, str) for text in overrides):
-        raise ArgumentTypeError("overrides", "a sequence of strings", shown(overrides))
+        raise ArgumentTypeError("overrides", "a sequence of strings", short_repr(overrides))
 
 
 def _splits(splits: object) -> dict[str, Any] | None:
@@ -248,7 +248,7 @@ def _splits(splits: object) -> dict[str, Any] | None:
     if splits is None:
         return None
     if not isinstance(splits, Mapping) or not all(isinstance(name, str) for name in splits):
-        raise ArgumentTypeError("splits", "a mapping from names to shares or lists of sequences", shown(splits))
+        raise ArgumentTypeError("splits", "a mapping from names to shares or lists of sequences", short_repr(splits))
     return {name: [*part] if isinstance(part, tuple | range) else part for name, part in splits.items()}
 
 
@@ -256,7 +256,7 @@ def _check_client(client: object) -> None:
     """Raise an error unless `client` is a Dask client; a caller who has one has imported its package."""
     distributed = sys.modules.get("distributed")
     if client is not None and (distributed is None or not isinstance(client, distributed.Client)):
-        raise ArgumentTypeError("client", "a dask.distributed.Client", shown(client))
+        raise ArgumentTypeError("client", "a dask.distributed.Client", short_repr(client))
 
 
 def load(folder: PathLike, *, split: str | None = None) -> DataSet:

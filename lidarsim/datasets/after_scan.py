@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from lidarsim._base.files import format_error
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.datasets.fingerprint import check_function, fingerprint, name_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan.pointcloud import PointCloud
@@ -56,7 +56,7 @@ class AfterScan:
             return load, (self.name, self.folder)
         return AfterScan, (self.function, self.name, self.made_of)
 
-    def changed(self, cloud: PointCloud, rng: np.random.Generator, needed: Collection[str]) -> PointCloud:
+    def apply(self, cloud: PointCloud, rng: np.random.Generator, needed: Collection[str]) -> PointCloud:
         """Return the cloud to write.
 
         Raises
@@ -99,14 +99,14 @@ def load(name: str, folder: str) -> AfterScan:
         If there is no such module or function, or it cannot be used.
     """
     if not REFERENCE.fullmatch(name):
-        raise ArgumentValueError(NAME, EXPECTED, shown(name))
+        raise ArgumentValueError(NAME, EXPECTED, short_repr(name))
     module, _, attribute = name.partition(":")
     try:
         found = _module(module, Path(folder, *module.split(".")).with_suffix(".py"))
     except Exception as error:  # a module may raise anything when it is imported
-        raise ArgumentValueError(NAME, EXPECTED, f"{shown(name)}: {format_error(error)}") from error
+        raise ArgumentValueError(NAME, EXPECTED, f"{short_repr(name)}: {format_error(error)}") from error
     if not hasattr(found, attribute):
-        raise ArgumentValueError(NAME, f"a function of {module}", shown(attribute))
+        raise ArgumentValueError(NAME, f"a function of {module}", short_repr(attribute))
     function = check_function(NAME, getattr(found, attribute), "a cloud and a generator")
     return AfterScan(function, name, fingerprint(function, NAME), folder)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarsim._base.shown import counted
+from lidarsim._base.shown import quantity
 from lidarsim._base.validation import short
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import class_name
@@ -64,7 +64,7 @@ def write(plan: Plan, run: Run, files: Files, summary: Summary, ranges: Sequence
     parts = rig.items() if rig else ()
     sensors = [f"{escape(name)}: {_sensor(part.lidar)}" for name, part in parts] or [_sensor(run.lidar)]
     air = f"\nAir of the first frame: {escape(str(run.scene.atmosphere))}.\n" if run.scene.atmosphere else ""
-    text = f"""# {counted(recipe.sequences, "sequence")} of {counted(recipe.frames, "frame")}
+    text = f"""# {quantity(recipe.sequences, "sequence")} of {quantity(recipe.frames, "frame")}
 
 {points:,} points, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed {recipe.seed}.
 Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, and
@@ -176,7 +176,7 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary, box_filter: BoxFilter) ->
 
 def _describe(box_filter: BoxFilter) -> str:
     """Return a filter of boxes in words."""
-    parts = [f"of instances with at least {counted(box_filter.min_points, 'point')}"]
+    parts = [f"of instances with at least {quantity(box_filter.min_points, 'point')}"]
     if box_filter.max_range_m is not None:
         parts.append(f"within {box_filter.max_range_m:g} m")
     if box_filter.classes is not None:
@@ -205,7 +205,7 @@ def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _sensor(lidar: Lidar) -> str:
     facts = describe(lidar.pattern)
-    name, rings = escape(type(lidar.pattern).__name__), counted(facts.rings, "ring")
+    name, rings = escape(type(lidar.pattern).__name__), quantity(facts.rings, "ring")
     pattern = f"{name}, {rings}, {lidar.pattern.rate:g} Hz"
     return f"{escape(lidar.model)} ({pattern})" if lidar.model else pattern
 

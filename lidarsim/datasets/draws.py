@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from lidarsim import _native
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.config.factories import Model, Pair, either
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ class Draw(Model):
             raise (place / "log_uniform").error(f"expected a ratio within float64's range, got [{low}, {high}]")
         for end in self.integer or ():
             if not -MOST_INTEGER <= end <= MOST_INTEGER:
-                raise (place / "integer").error(f"expected integers of 63 bits, got {shown(end)}")
+                raise (place / "integer").error(f"expected integers of 63 bits, got {short_repr(end)}")
         mean, sigma = self.normal or (0.0, 0.0)
         if not (math.isfinite(mean) and math.isfinite(sigma) and sigma >= 0):
             raise (place / "normal").error(f"expected [mean, sigma] with sigma >= 0, got [{mean}, {sigma}]")
@@ -138,7 +138,7 @@ class Draw(Model):
     def _check_numbers(self, place: Place) -> None:
         for index, value in enumerate(self.choice or ()):
             if type(value) not in {int, float} or not math.isfinite(value):
-                raise (place / "choice" / index).error(f"expected numbers, each finite, got {shown(value)}")
+                raise (place / "choice" / index).error(f"expected numbers, each finite, got {short_repr(value)}")
         if self.per == "frame":
             raise (place / "per").error("expected sequence, since objects are placed once in each, got frame")
 

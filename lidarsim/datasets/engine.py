@@ -96,7 +96,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                         tell(1, points)
                         made.append(points)
                 if frames.start == 0:
-                    scattered += recipe.source.scattered(sequence)
+                    scattered += recipe.source.scatter_counts(sequence)
         part = {
             "recipe": plan.head.recipe,
             "shard": shard,

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.files import format_error
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentTypeError
 
 __all__ = ["check_function", "fingerprint", "name_of"]
@@ -47,7 +47,7 @@ def check_function(argument: str, function: object, takes: str, expected: str = 
         "coroutine function": inspect.iscoroutinefunction,
     }
     if not callable(function):
-        raise ArgumentTypeError(argument, expected, shown(function))
+        raise ArgumentTypeError(argument, expected, short_repr(function))
     for kind, holds in kinds.items():
         if holds(function):
             raise ArgumentTypeError(argument, expected, f"the {kind} {name_of(function)}")

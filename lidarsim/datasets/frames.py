@@ -19,7 +19,7 @@ from lidarsim.io.semantickitti import read_labels
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.formats import is_point_cloud
 from lidarsim.scan.pointcloud import PointCloud
-from lidarsim.viewers._boxes import moved
+from lidarsim.viewers._boxes import transform_boxes
 
 if TYPE_CHECKING:
     import os
@@ -169,7 +169,7 @@ def point_files(folder: Path, suffix: str = "") -> list[Path]:
     return sorted(found, key=lambda path: natural(path.name))
 
 
-def labelled(path: Path, labels: Path) -> PointCloud:
+def load_labelled(path: Path, labels: Path) -> PointCloud:
     """Return the points of a file with the classes and instances of a ``.label`` file, if that exists."""
     cloud = PointCloud.load(path)
     if not labels.exists():
@@ -181,7 +181,7 @@ def labelled(path: Path, labels: Path) -> PointCloud:
     return cloud
 
 
-def named(frames: Iterator[Frame], names: Mapping[int, str]) -> Iterator[Frame]:
+def name_classes(frames: Iterator[Frame], names: Mapping[int, str]) -> Iterator[Frame]:
     """Yield frames whose clouds have class names."""
     for frame in frames:
         for cloud in frame.clouds:
@@ -191,7 +191,7 @@ def named(frames: Iterator[Frame], names: Mapping[int, str]) -> Iterator[Frame]:
 
 def in_world(cloud: PointCloud, pose: Floats, boxes: Boxes | None, time: float | None) -> Frame:
     """Return a frame in world coordinates, of points and boxes in the sensor frame."""
-    return Frame(cloud.transformed(pose), pose, time, boxes and moved(boxes, pose))
+    return Frame(cloud.transformed(pose), pose, time, boxes and transform_boxes(boxes, pose))
 
 
 def boxes_at(

@@ -16,8 +16,8 @@ import numpy.typing as npt
 import yaml
 
 from lidarsim._base.files import format_error, parsing
-from lidarsim._base.shown import counted
-from lidarsim._base.validation import Floats, array, integer, shown
+from lidarsim._base.shown import quantity
+from lidarsim._base.validation import Floats, array, integer, short_repr
 from lidarsim.datasets import manifest
 from lidarsim.datasets.frames import names_in
 from lidarsim.datasets.layouts import Layout, class_name, layout_of
@@ -26,7 +26,7 @@ from lidarsim.datasets.store import Store, open_store
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud, adopt
-from lidarsim.scan.scan import unset
+from lidarsim.scan.scan import fill_value
 
 if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
@@ -105,9 +105,9 @@ class LabelledFrame:
         """
         fields = {*self.cloud.fields, "range"}
         if field not in fields:
-            raise ArgumentValueError("field", f"one of {', '.join(sorted(fields))}", shown(field))
+            raise ArgumentValueError("field", f"one of {', '.join(sorted(fields))}", short_repr(field))
         if not isinstance(size, tuple | list) or len(size) != 2:
-            raise ArgumentTypeError("size", "(rows, columns)", shown(size))
+            raise ArgumentTypeError("size", "(rows, columns)", short_repr(size))
         rows, columns = (integer(f"size[{index}]", count, at_least=1) for index, count in enumerate(size))
         xyz = self.cloud.xyz.astype(np.float64)
         if not self.cloud._in_sensor_frame:
@@ -122,7 +122,7 @@ class LabelledFrame:
         column = np.floor((0.5 - azimuth / (2 * np.pi)) * columns).astype(np.int64) % columns
         order = np.argsort(distance, kind="stable")[::-1]  # the last write wins
         order = order[((elevation >= low) & (elevation <= high))[order]]
-        image = np.full((rows, columns, *values.shape[1:]), unset(field, values.dtype), values.dtype)
+        image = np.full((rows, columns, *values.shape[1:]), fill_value(field, values.dtype), values.dtype)
         image[row[order], column[order]] = np.asarray(values)[order]
         return image
 
@@ -132,7 +132,7 @@ def _limits(given: tuple[float, float] | None, elevation: Floats) -> tuple[float
         return (float(elevation.min()), float(elevation.max())) if len(elevation) else (0.0, 0.0)
     low, high = array("elevations", given, (2,)).tolist()
     if not low < high:
-        raise ArgumentValueError("elevations", "(least, greatest), rad", shown(given))
+        raise ArgumentValueError("elevations", "(least, greatest), rad", short_repr(given))
     return low, high
 
 
@@ -187,9 +187,9 @@ class DataSet(Sequence[LabelledFrame]):
         try:
             number = operator.index(index)
         except TypeError:
-            raise ArgumentTypeError("index", "an integer or a slice", shown(index)) from None
+            raise ArgumentTypeError("index", "an integer or a slice", short_repr(index)) from None
         if not -len(self) <= number < len(self):
-            raise IndexError(f"index: expected less than {counted(len(self), 'frame')}, got {number}")
+            raise IndexError(f"index: expected less than {quantity(len(self), 'frame')}, got {number}")
         record = manifest.record(self._store, manifest.Place(*self._places[number].tolist()), self.layout)
         where = f"{self._store}: sequence {record.sequence}, frame {record.frame}"
         with parsing(where, f"frame of {self.layout.type}"):
@@ -227,7 +227,9 @@ def load(folder: PathLike, split: str | None) -> DataSet:
     splits = recipe.get("splits") or {}
     if split is not None and not (isinstance(split, str) and split in splits):
         known = ", ".join(map(repr, splits))
-        raise ArgumentValueError("split", f"None or one of {known}" if splits else "None without splits", shown(split))
+        raise ArgumentValueError(
+            "split", f"None or one of {known}" if splits else "None without splits", short_repr(split)
+        )
     chosen = (place for place in manifest.places(store) if split in {None, place.split})
     places = [(place.shard, place.start, place.stop) for place in chosen]
     try:
@@ -251,5 +253,5 @@ def _recipe(store: Store) -> dict[str, Any]:
     with parsing(place, "recipe"):
         recipe = yaml.safe_load(data)
     if not isinstance(recipe, dict) or not isinstance(recipe.get("splits") or {}, dict):
-        raise FileFormatError(f"{place}: expected a recipe, got {shown(recipe)}")
+        raise FileFormatError(f"{place}: expected a recipe, got {short_repr(recipe)}")
     return recipe

@@ -29,7 +29,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from lidarsim._base.files import format_error, parsing
-from lidarsim._base.shown import counted
+from lidarsim._base.shown import quantity
 from lidarsim._base.validation import short
 from lidarsim.datasets.samples import RANGES, Record
 from lidarsim.datasets.scattered import Scattered
@@ -549,7 +549,7 @@ def _read_manifest(store: Store, file: BinaryIO) -> Head:
             Entry.model_validate_json(line)
     expected = count if head.files is None else head.files
     if count != expected or not count:
-        raise FileFormatError(f"{place}: expected {counted(max(expected, 1), 'file')}, got {count}: it was cut")
+        raise FileFormatError(f"{place}: expected {quantity(max(expected, 1), 'file')}, got {count}: it was cut")
     if head.lines not in {None, digest.hexdigest()}:
         raise FileFormatError(
             f"{place}: expected lines of SHA-256 {head.lines}, got {digest.hexdigest()}: they changed"

@@ -13,28 +13,28 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim._base.validation import Floats, shown
+from lidarsim._base.validation import Floats, short_repr
 from lidarsim._base.validation import pose as validated
 from lidarsim.config.document import (
     Loaded,
     Node,
     Place,
     argument,
-    assigned,
     dump,
     entries,
     merge,
+    node_of,
+    parse_assignment,
     path_of,
     plain,
     read,
     replace,
     without,
-    written,
 )
 from lidarsim.config.factories import Model
-from lidarsim.config.loader import CHOICES, Change, built, checked, whole
+from lidarsim.config.loader import CHOICES, Change, build_run, validate, whole
 from lidarsim.config.objects import Mesh, SceneFile, size_of
-from lidarsim.config.schema import labelled
+from lidarsim.config.schema import names_by_label
 from lidarsim.config.starter import configuration
 from lidarsim.datasets import after_scan
 from lidarsim.datasets.after_scan import AfterScan
@@ -109,14 +109,14 @@ class Source(ABC):
         return False
 
     @abstractmethod
-    def resolved(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the description of the runs as plain values."""
 
     @abstractmethod
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of each file, or part of a function, that the runs depend on, by name."""
 
-    def scattered(self, sequence: int) -> Scattered:
+    def scatter_counts(self, sequence: int) -> Scattered:
         """Return the counts of the scattered objects of a sequence."""
         del sequence
         return Scattered()
@@ -176,7 +176,7 @@ class Recipe:
             first = sequence * self.frames
             yield sequence, range(max(start - first, 0), min(stop - first, self.frames))
 
-    def resolved(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the recipe as plain values, with all defaults filled in."""
         return {
             "sequences": self.sequences,
@@ -187,7 +187,7 @@ class Recipe:
             "class_names": {str(label): name for label, name in sorted(self.class_names.items())},
             "splits": dict(self.splits.given),
             **({"after_scan": self.after_scan.name} if self.after_scan else {}),
-            **self.source.resolved(),
+            **self.source.to_dict(),
         }
 
     def files(self) -> dict[str, str]:
@@ -197,7 +197,7 @@ class Recipe:
 
     def text(self) -> str:
         """Return the recipe in YAML; `load` restores it if its source is a document."""
-        return dump(self.resolved())
+        return dump(self.to_dict())
 
 
 def noise_seed(seed: int, sequence: int) -> int:
@@ -256,7 +256,7 @@ class Document(Source):
         """Place of the scattered objects in the recipe."""
         return Place(self.root, (), self.loaded) / "scatter"
 
-    def scattered(self, sequence: int) -> Scattered:
+    def scatter_counts(self, sequence: int) -> Scattered:
         """Return the counts of the scattered objects of a sequence."""
         return self.scatter(sequence)[1]
 
@@ -285,7 +285,7 @@ class Document(Source):
             there = entries(draws[key][1])
             number = draw.draw(stream)
             value = (
-                written(number, next(iter(there.values()))[0])
+                node_of(number, next(iter(there.values()))[0])
                 if draw.choice is None
                 else there["choice"][1].value[number]
             )
@@ -297,7 +297,7 @@ class Document(Source):
             node = self.assembled.setdefault(tuple(chosen), whole(self.node, choices))
         for path, value in others:
             node = replace(node, path, value)
-        run = built(node, self.loaded)
+        run = build_run(node, self.loaded)
         if run.legs:
             pose = Place(node, (), self.loaded) / "pose"
             raise pose.error("expected one pose or trajectory, got strips or stations")
@@ -307,7 +307,7 @@ class Document(Source):
         frames = range(run.frames.start, run.frames.start + settings.frames)
         return dataclasses.replace(run, seed=noise_seed(settings.seed, sequence), frames=frames)
 
-    def resolved(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return run and draws; paths are relative to the folder of the recipe."""
         chooses = any(CHOICES.fullmatch(key) for key in self.settings.vary)
         nodes = {"run": self.node if chooses else whole(self.node)}
@@ -352,7 +352,7 @@ def load(
     path = configuration(path).absolute()
     root = read(path)
     for assignment in overrides:
-        root = replace(root, *assigned(assignment))
+        root = replace(root, *parse_assignment(assignment))
     for name, value in (given or {}).items():
         root = replace(root, [name], argument(name, value))
     root = expand_files(root)
@@ -360,7 +360,7 @@ def load(
     place = Place(root, (), loaded)
     if "run" not in entries(root):
         raise place.error("missing key 'run': a recipe has the configuration that it varies there")
-    settings = checked(Settings, without(root, "run"))
+    settings = validate(Settings, without(root, "run"))
     for key, draw in settings.vary.items():
         if not path_of(key):
             raise (place / "vary" / key).error("expected a key of the run, such as scene.0.radius_m")
@@ -371,7 +371,7 @@ def load(
         for keys, node in paths(entries(root)[key][1], (key,)) if key in entries(root) else ():
             place.at(keys).file(node.value)
     source = Document(str(path.parent), _run(place / "run", root), settings, root, loaded)
-    names = labelled(settings.class_names, place / "class_names")
+    names = names_by_label(settings.class_names, place / "class_names")
     splits = Splits(check_splits(settings.splits, settings.sequences, place / "splits"))
     if change is None and settings.after_scan is not None:
         with (place / "after_scan").refusals():
@@ -425,7 +425,7 @@ class Function(Source):
         seed = noise_seed(self.seed, sequence)
         return Run(scene, sensor, pose, seed, range(self.frames), self.cloud)
 
-    def resolved(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the name of the function, and the coordinates of its points."""
         return {"function": name_of(self.function), "cloud": dict(self.cloud)}
 
@@ -489,7 +489,7 @@ def _recipe(
     names = dict(run.scene.class_names) | class_names
     for label, name in names.items():
         if re.search("[\ud800-\udfff]", name):
-            raise ArgumentValueError(f"class_names[{label}]", "text", f"half a character in {shown(name)}")
+            raise ArgumentValueError(f"class_names[{label}]", "text", f"half a character in {short_repr(name)}")
     return Recipe(
         source=source,
         sequences=settings.sequences,

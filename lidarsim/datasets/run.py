@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidarsim._base.shown import counted
+from lidarsim._base.shown import quantity
 from lidarsim.datasets import Generated, card, manifest
 from lidarsim.datasets.engine import Made, make
 from lidarsim.datasets.layouts import Files, Summary, class_name
@@ -106,7 +106,7 @@ def _repair(
     again = [*again, *_list_lost_names(todo, failed)]
     if wrong := manifest.differences(store, again):
         raise LidarsimError(
-            f"{store}: {counted(len(wrong), 'file')} made again, but not as in the manifest: {wrong[0]}"
+            f"{store}: {quantity(len(wrong), 'file')} made again, but not as in the manifest: {wrong[0]}"
         )
     left = len(lost.keys() - todo.keys()) or len(failed)
     if tables and not left:

@@ -59,7 +59,7 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
         if change:
             needed = (held & {*cloud.fields}) | ({"instance"} if layout.box_filter else set())
             stream = Stream(recipe.seed, f"after_scan.{name}", sequence, frame)
-            cloud = change.changed(cloud, np.random.Generator(stream.bits), sorted(needed))
+            cloud = change.apply(cloud, np.random.Generator(stream.bits), sorted(needed))
             if found is not None:
                 counts = _counts(cloud, found)
                 found = dataclasses.replace(found, points=counts)[counts >= layout.least_points]

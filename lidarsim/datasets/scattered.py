@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lidarsim._base.shown import counted
+from lidarsim._base.shown import quantity
 
 __all__ = ["Scattered", "Tally"]
 
@@ -77,7 +77,7 @@ class Scattered:
 
     def warnings(self) -> list[str]:
         """Return one line per object of the scene that is in the way of the sensor."""
-        of = counted(self.sequences, "sequence")
+        of = quantity(self.sequences, "sequence")
         return [
             f"the sensor comes nearer to {name}, of the scene, than clear_m in {count} of {of}"
             for name, count in self.near.items()

@@ -17,8 +17,8 @@ from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from lidarsim._base.files import check_names
-from lidarsim._base.shown import counted
-from lidarsim._base.validation import shown
+from lidarsim._base.shown import quantity
+from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentValueError
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def check_splits(
         elif isinstance(part, list) and all(type(number) is int for number in part):
             parts[name] = [*part]
         else:
-            raise wrong(name, "a share, 0 to 1, or a list of the numbers of sequences", shown(part))
+            raise wrong(name, "a share, 0 to 1, or a list of the numbers of sequences", short_repr(part))
     shares = [part for part in parts.values() if isinstance(part, float)]
     if shares and len(shares) < len(parts):
         raise wrong("", "either shares or lists of sequences", "both")
@@ -139,4 +139,4 @@ def _check_lists(lists: dict[str, list[int]], sequences: int, wrong: Callable[[s
             seen[number] = name
     if lists and len(seen) < sequences:
         first = next(number for number in range(sequences) if number not in seen)
-        raise wrong("", f"each of the {counted(sequences, 'sequence')} in a split", f"none for {first}")
+        raise wrong("", f"each of the {quantity(sequences, 'sequence')} in a split", f"none for {first}")

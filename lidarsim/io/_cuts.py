@@ -23,7 +23,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from lidarsim._base.validation import angle, shown
+from lidarsim._base.validation import angle, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns import Spinning
 from lidarsim.scan.pointcloud import PointCloud
@@ -47,11 +47,11 @@ def check_cut(cut: object) -> Cut:
         for word in WORDS:
             if cut == word:
                 return word
-        raise ArgumentValueError("cut", expected, shown(cut))
+        raise ArgumentValueError("cut", expected, short_repr(cut))
     try:
         return angle("cut", cut, at_least=-TURN, at_most=TURN)
     except TypeError:
-        raise ArgumentTypeError("cut", expected, shown(cut)) from None
+        raise ArgumentTypeError("cut", expected, short_repr(cut)) from None
 
 
 def time_of(cut: Cut, layout: str, lidar: Sensor | None) -> int | None:

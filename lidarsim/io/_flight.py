@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, integer, shown
+from lidarsim._base.validation import Floats, integer, short_repr
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.patterns import OscillatingMirror, PolygonMirror
@@ -59,7 +59,7 @@ def flight_fields(scan: Scan, *, point_source_id: int = 0) -> dict[str, npt.NDAr
     """
     source = integer("point_source_id", point_source_id, at_least=0, at_most=65_535)
     if not isinstance(scan, Scan):
-        raise ArgumentTypeError("scan", "a Scan", shown(scan))
+        raise ArgumentTypeError("scan", "a Scan", short_repr(scan))
     if not isinstance(scan.pose, Trajectory):
         raise ArgumentTypeError("scan", "one of a sensor that moves along a trajectory", "one of a sensor at rest")
     first, last = scan.pose.span

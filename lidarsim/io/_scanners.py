@@ -109,7 +109,7 @@ def _missing(name: str, dtype: np.dtype[Any], count: int) -> npt.NDArray[Any]:
     return np.zeros(count, dtype) if is_integer or dtype.kind in "iu" else np.full(count, np.nan, dtype)
 
 
-def coloured(fields: Fields) -> Fields:
+def colours_of(fields: Fields) -> Fields:
     """Return the colours of a cloud by name, as bytes; none unless it has all three."""
     if not all(name in fields and fields[name].ndim == 1 for name in COLOURS):
         return {}

@@ -30,7 +30,7 @@ from lidarsim._base.validation import Floats
 from lidarsim._base.vectors import product
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import Expansion, to_fields
-from lidarsim.io._scanners import COLOURS, check_finite, coloured, join_lists
+from lidarsim.io._scanners import COLOURS, check_finite, colours_of, join_lists
 from lidarsim.scan.fields import Fields, fit
 from lidarsim.scan.formats import register_format
 
@@ -60,7 +60,7 @@ def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
     """Write one scan."""
     check_finite(fields)
     library = _library()
-    columns = {**dict(zip("xyz", fields["xyz"].T, strict=True)), **coloured(fields)}
+    columns = {**dict(zip("xyz", fields["xyz"].T, strict=True)), **colours_of(fields)}
     columns |= {name: fields[name] for name in NAMES.values() if name in fields and name not in columns}
     if "return_number" in columns:
         columns["return_number"] = columns["return_number"].astype(np.int64) - 1

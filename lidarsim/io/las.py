@@ -55,12 +55,12 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import PathLike, Place, atomic_writer, check_regular, check_suffix, parse_each
-from lidarsim._base.validation import flag, short, shown
+from lidarsim._base.validation import flag, short, short_repr
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io._flight import flight_fields
 from lidarsim.io._records import BLOCK, blocks, check_expansion, join, to_columns, to_fields
 from lidarsim.io._units import integers, warn_above
-from lidarsim.motion.georeference import gps_time, projected
+from lidarsim.motion.georeference import gps_time, projected_crs
 from lidarsim.scan.fields import CANONICAL, Fields
 from lidarsim.scan.formats import check_output, register_format
 from lidarsim.scan.pointcloud import PointCloud, adopt, choose
@@ -282,7 +282,7 @@ class _Reference:
             raise ArgumentValueError("crs", "a coordinate reference system for the GeoTIFF keys", "None")
         if crs is None:
             return cls()
-        found = projected(crs)
+        found = projected_crs(crs)
         try:
             wkt = found.to_wkt("WKT1_GDAL")
         except RuntimeError:  # pyproj's
@@ -343,7 +343,7 @@ class _Points:
             raise ArgumentValueError("cloud", f"the fields {', '.join(self._dtypes)}", ", ".join(dtypes))
         elif is_gps_time != self._is_gps_time:
             expected = "a datetime" if self._is_gps_time else "seconds"
-            raise ArgumentValueError("start", f"{expected}, as for the first cloud of the file", shown(start))
+            raise ArgumentValueError("start", f"{expected}, as for the first cloud of the file", short_repr(start))
         header = self._writer.header
         for number, block in enumerate(blocks(columns)):
             record = self._laspy.ScaleAwarePointRecord.zeros(len(block["x"]), header=header)

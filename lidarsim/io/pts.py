@@ -18,7 +18,7 @@ from lidarsim.io._records import to_fields
 from lidarsim.io._scanners import (
     COLOURS,
     check_finite,
-    coloured,
+    colours_of,
     join_lists,
     lines_of,
     points_of,
@@ -39,7 +39,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
     if "intensity" in fields:
         columns["intensity"] = fields["intensity"]
     file.write(f"{len(fields['xyz'])}\n".encode("ascii"))
-    write_lines(columns | coloured(fields), file)
+    write_lines(columns | colours_of(fields), file)
 
 
 def load(file: BinaryIO) -> Fields:

@@ -28,7 +28,7 @@ from lidarsim.io._records import number as number_of
 from lidarsim.io._scanners import (
     COLOURS,
     check_finite,
-    coloured,
+    colours_of,
     join_lists,
     lines_of,
     points_of,
@@ -59,7 +59,7 @@ def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
     intensity = fields.get("intensity", np.full(n, MISSING, np.float32))
     check_plausible({"intensity": intensity}, np.inf, 0)
     warn_above(1.0, intensity, "the intensity of PTX")
-    points = {"xyz": xyz, "intensity": np.minimum(intensity, np.float32(1.0)), **coloured(fields)}
+    points = {"xyz": xyz, "intensity": np.minimum(intensity, np.float32(1.0)), **colours_of(fields)}
     columns, rows, places = _grid(fields)
     whole = {name: np.zeros((columns * rows, *part.shape[1:]), part.dtype) for name, part in points.items()}
     whole["intensity"][:] = MISSING

@@ -26,7 +26,7 @@ from lidarsim._base.validation import Floats, array, integer, short
 from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentError, ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io._records import EXPANSION
-from lidarsim.motion.georeference import projected
+from lidarsim.motion.georeference import projected_crs
 from lidarsim.scan.cells import Cells
 from lidarsim.world.scene import Scene, register_scene_reader
 from lidarsim.world.shapes import TriangleMesh
@@ -353,7 +353,7 @@ def read_scene(path: Path) -> Scene:
 def write(cells: Cells, path: str | PathLike[str], crs: int | str | pyproj.CRS | None) -> None:
     """Write a GeoTIFF as documented in `lidarsim.scan.cells.Cells.save`."""
     check_suffix(path, SUFFIXES[1:])
-    system = None if crs is None else projected(crs)
+    system = None if crs is None else projected_crs(crs)
     rasterio = import_extra("rasterio", "geo", "writing a GeoTIFF")
     rows, columns = cells.values.shape
     left, _, _, top = cells.bounds

@@ -701,7 +701,7 @@ def point_cloud2(
         chosen = "livox_cloud"
     if chosen not in LAYOUTS or chosen == "livox":
         known = ", ".join(name for name in LAYOUTS if name != "livox")
-        raise ArgumentValueError("layout", f"one of {known}", validation.shown(layout))
+        raise ArgumentValueError("layout", f"one of {known}", validation.short_repr(layout))
     records, _ = to_layout(cloud, chosen, lidar, validation.integer("stamp", stamp, at_least=0))
     return _pack(records)
 

@@ -115,7 +115,7 @@ def read_poses(path: PathLike, times: PathLike | npt.ArrayLike | None, scene: st
             raise ValueError(f"expected poses ({kinds}), got {'something else' if first else 'nothing'}")
         own, poses = form.read(chain([first], lines))
     if scene is not None:
-        raise ArgumentValueError("scene", f"none for {path}, which is {form.name}", validation.shown(scene))
+        raise ArgumentValueError("scene", f"none for {path}, which is {form.name}", validation.short_repr(scene))
     if own is not None:
         if times is not None:
             raise ArgumentValueError("times", f"none for {path}, which is {form.name} and has its own", "some")

@@ -11,13 +11,13 @@ import numpy as np
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angle, array, ask, real, shown
+from lidarsim._base.validation import Floats, angle, array, ask, real, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 if TYPE_CHECKING:
     import pyproj
 
-__all__ = ["ADJUSTMENT", "GPS_EPOCH", "START", "Georeference", "gps_time", "projected", "unix_time"]
+__all__ = ["ADJUSTMENT", "GPS_EPOCH", "START", "Georeference", "gps_time", "projected_crs", "unix_time"]
 
 SEMI_MAJOR_AXIS = 6_378_137.0
 """Semi-major axis of WGS 84, m (NIMA TR8350.2, 3rd ed., table 3.1)."""
@@ -65,7 +65,7 @@ def gps_time(start: object) -> tuple[float, bool]:
     """
     if not isinstance(start, datetime):
         if isinstance(start, str):
-            raise ArgumentTypeError("start", "seconds or a datetime with a time zone", shown(start))
+            raise ArgumentTypeError("start", "seconds or a datetime with a time zone", short_repr(start))
         return real("start", start), False
     _check_zone(start)
     if start < GPS_EPOCH:
@@ -110,7 +110,7 @@ def _check_zone(start: datetime) -> None:
         raise ArgumentValueError("start", "a datetime with a time zone", start.isoformat(), hint)
 
 
-def projected(crs: object) -> pyproj.CRS:
+def projected_crs(crs: object) -> pyproj.CRS:
     """Return a coordinate reference system in which lidarsim's coordinates can be.
 
     Parameters
@@ -127,11 +127,11 @@ def projected(crs: object) -> pyproj.CRS:
     """
     library = import_extra("pyproj", "geo", "coordinate reference systems")
     if isinstance(crs, bool) or not isinstance(crs, int | str | library.CRS):
-        raise ArgumentTypeError("crs", "an EPSG code, WKT or a pyproj.CRS", shown(crs))
+        raise ArgumentTypeError("crs", "an EPSG code, WKT or a pyproj.CRS", short_repr(crs))
     try:
         found: pyproj.CRS = library.CRS.from_user_input(crs)
     except library.exceptions.CRSError:
-        raise ArgumentValueError("crs", "an EPSG code, such as EPSG:25832, or WKT", shown(crs)) from None
+        raise ArgumentValueError("crs", "an EPSG code, such as EPSG:25832, or WKT", short_repr(crs)) from None
     if not found.is_projected:
         kind = f"{found.name}, whose coordinates are degrees" if found.is_geographic else found.name
         raise ArgumentValueError("crs", "a projected system, since coordinates are in m", kind)
@@ -183,7 +183,7 @@ class Georeference(Value):
             got = "neither" if self.origin is None else "both"
             raise ArgumentValueError("origin, crs", "one of them", got)
         if self.crs is not None:
-            projected(self.crs)
+            projected_crs(self.crs)
             return
         values = array("origin", self.origin, (3,)).tolist()
         latitude = angle("origin[0]", values[0], at_least=-math.pi / 2, at_most=math.pi / 2)
@@ -274,7 +274,7 @@ def _geodetic(positions: Floats) -> tuple[Floats, Floats, Floats]:
 def _by_projection(crs: object, positions: Floats) -> tuple[Floats, Floats, Floats]:
     """Return latitude, longitude, rad, and height, m, of positions in a coordinate reference system."""
     library = import_extra("pyproj", "geo", "coordinate reference systems")
-    system = projected(crs).to_3d()
+    system = projected_crs(crs).to_3d()
     transformer = library.Transformer.from_crs(system, "EPSG:4979", always_xy=True)
     longitude, latitude, altitude = (np.asarray(values) for values in transformer.transform(*positions.T))
     wrong = ~(np.isfinite(longitude) & np.isfinite(latitude) & np.isfinite(altitude))

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import Floats, Transform, angles, array, ask_above
 from lidarsim._base.vectors import gauss_markov, product, sigmas_of_axes
@@ -23,7 +23,7 @@ from lidarsim.motion.formats import read_poses, writer_of
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
-__all__ = ["Trajectory", "mounted"]
+__all__ = ["Trajectory", "sensor_pose"]
 
 INTERPOLATIONS = ("linear", "spline")
 
@@ -98,7 +98,7 @@ class Trajectory(Immutable):
     array([2.5, 0. , 2. ])
     """
 
-    @named
+    @explain_arguments
     def __init__(
         self,
         times: npt.ArrayLike,
@@ -246,7 +246,7 @@ class Trajectory(Immutable):
         """
         validation.one_of("axes", axes, ("body", "camera"))
         if scene is not None and not isinstance(scene, str):
-            raise ArgumentTypeError("scene", "the name of a scene", validation.shown(scene))
+            raise ArgumentTypeError("scene", "the name of a scene", validation.short_repr(scene))
         first = None if start is None else validation.real("start", start)
         stamps, poses = read_poses(path, times, scene)
         if axes == "camera":
@@ -664,7 +664,7 @@ class Trajectory(Immutable):
         return {"times": self._times, "recipe": self._recipe}
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         return cls._make(**contents)
 
     def __repr__(self) -> str:
@@ -684,7 +684,7 @@ def _build(recipe: _Recipe) -> _native.Path:
     return path
 
 
-def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
+def sensor_pose(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
     """Return the pose of a sensor that is mounted on a static or moving body.
 
     Parameters

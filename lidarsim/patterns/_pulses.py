@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.shown import extent
-from lidarsim._base.validation import array, frequency, in_order, integer, shown
+from lidarsim._base.validation import array, frequency, in_order, integer, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 
@@ -84,7 +84,7 @@ class Pulses(_OfOneOrigin):
             object.__setattr__(self, name, shared)
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         return cls(**contents)
 
     @property
@@ -204,7 +204,7 @@ def check_pattern(pattern: object) -> None:
     """
     if not isinstance(pattern, Pattern) or isinstance(pattern, type):
         hint = "Lidar.preset(name) makes a sensor" if isinstance(pattern, str) else ""
-        raise ArgumentTypeError("pattern", "a scan pattern (rate, shape, pulses)", shown(pattern), hint)
+        raise ArgumentTypeError("pattern", "a scan pattern (rate, shape, pulses)", short_repr(pattern), hint)
     frequency("pattern.rate", pattern.rate)
     shape = pattern.shape
     if not isinstance(shape, tuple | list) or len(shape) != 2:

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angles, array, freeze, frequency, integer, real
 from lidarsim.patterns._parts import TURN, ask_order, directions_of, expect_room, rings
@@ -60,7 +60,7 @@ class Grid(Value):
     rate: float
     column_period: float
 
-    @named
+    @explain_arguments
     def __init__(
         self, azimuths: npt.ArrayLike, elevations: npt.ArrayLike, *, rate: float, column_period: float = 0.0
     ) -> None:

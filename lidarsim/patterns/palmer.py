@@ -10,14 +10,14 @@ from typing import ClassVar
 import numpy as np
 
 from lidarsim import _native
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import angle, frequency
 from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles
 from lidarsim.patterns._pulses import Pulses
 
 
-@named
+@explain_arguments
 @dataclass(frozen=True)
 class Palmer(Value):
     """A beam that moves along a cone about x, from left to up: the circles of a bathymetric scanner looking along x.

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angle, angles, freeze, frequency, one_or_each
 from lidarsim.patterns._parts import (
@@ -102,7 +102,7 @@ class PolygonMirror(Value):
     azimuth_offsets: Floats
     firing_times: Floats
 
-    @named
+    @explain_arguments
     def __init__(
         self,
         elevations: npt.ArrayLike = (0.0,),

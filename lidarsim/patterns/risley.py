@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import (
     FASTEST,
@@ -140,7 +140,7 @@ class Risley(Value):
     rate: float
     beams: Floats
 
-    @named
+    @explain_arguments
     def __init__(
         self,
         prisms: Sequence[Prism],

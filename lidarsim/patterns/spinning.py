@@ -10,7 +10,7 @@ from typing import ClassVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import (
     Floats,
@@ -125,7 +125,7 @@ class Spinning(Value):
     field_of_view: float
     start_azimuth: float
 
-    @named
+    @explain_arguments
     def __init__(
         self,
         elevations: npt.ArrayLike,

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarsim._base.files import check_regular, format_error, load_array
 from lidarsim._base.lines import cells
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angles, array, freeze, frequency, integer, nonzero_vectors
 from lidarsim.errors import ArgumentValueError, FileFormatError
@@ -65,7 +65,7 @@ class Table(Value):
     origins: Floats
     rate: float
 
-    @named
+    @explain_arguments
     def __init__(
         self,
         directions: npt.ArrayLike,

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.errors import LidarsimError
 from lidarsim.io import _storage, rosbag
 from lidarsim.io._cuts import WORDS
@@ -60,7 +60,7 @@ def _cut(text: str) -> Cut:
     except ValueError:
         degrees = math.nan
     if not -360.0 <= degrees <= 360.0:
-        raise LidarsimError(f"--cut: expected pattern, driver or -360 to 360 degrees, got {shown(text)}")
+        raise LidarsimError(f"--cut: expected pattern, driver or -360 to 360 degrees, got {short_repr(text)}")
     return math.radians(degrees)
 
 

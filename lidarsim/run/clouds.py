@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentValueError, FileFormatError, LidarsimError
 from lidarsim.io import las
 from lidarsim.motion.trajectory import Trajectory
@@ -27,7 +27,7 @@ def _names(text: str) -> list[str]:
     """Parse names of fields with commas between them."""
     names = list(filter(None, text.split(",")))
     if not names:
-        raise LidarsimError(f"--fields: expected names such as intensity,ring, or xyz alone, got {shown(text)}")
+        raise LidarsimError(f"--fields: expected names such as intensity,ring, or xyz alone, got {short_repr(text)}")
     return names
 
 

@@ -22,7 +22,7 @@ from lidarsim._base.validation import (
     instances_of_rows,
     items,
     one_or_each,
-    shown,
+    short_repr,
 )
 from lidarsim._base.validation import poses as checked_poses
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -243,7 +243,7 @@ def _sensors(lidar: Sensor | Sequence[Sensor], sensor: npt.ArrayLike | None) -> 
     """Return the sensors, and the index of each row's or one for all."""
     if not isinstance(lidar, list | tuple):
         if sensor is not None:
-            raise ArgumentTypeError("sensor", "none for a single lidar", shown(sensor))
+            raise ArgumentTypeError("sensor", "none for a single lidar", short_repr(sensor))
         lidars = [lidar]
     else:
         lidars = list(lidar)
@@ -254,7 +254,7 @@ def _sensors(lidar: Sensor | Sequence[Sensor], sensor: npt.ArrayLike | None) -> 
     for i, each in enumerate(lidars):
         if not hasattr(each, "_receiver"):
             name = f"lidar[{i}]" if isinstance(lidar, list | tuple) else "lidar"
-            raise ArgumentTypeError(name, "a Lidar", shown(each))
+            raise ArgumentTypeError(name, "a Lidar", short_repr(each))
     return cast("list[Sensor]", lidars), 0 if sensor is None else sensor
 
 
@@ -266,7 +266,7 @@ def _where(poses: object) -> tuple[Floats | list[Trajectory], int]:
     if isinstance(poses, list | tuple) and (not poses or any(isinstance(pose, Trajectory) for pose in poses)):
         for i, pose in enumerate(poses):
             if not isinstance(pose, Trajectory):
-                raise ArgumentTypeError(f"poses[{i}]", "a Trajectory like the others", shown(pose))
+                raise ArgumentTypeError(f"poses[{i}]", "a Trajectory like the others", short_repr(pose))
         return list(poses), len(poses)
     if isinstance(poses, list | tuple) and any(hasattr(pose, "as_matrix") for pose in poses):
         poses = np.array([pose.as_matrix() if hasattr(pose, "as_matrix") else pose for pose in poses])
@@ -283,7 +283,7 @@ def _worlds(scene: Scene | Sequence[Scene], rows: int) -> tuple[list[Snapshot], 
         raise ArgumentValueError("scene", f"a Scene, or one for each of {rows} rows", f"{len(given)} scenes")
     for i, each in enumerate(given):
         if not isinstance(each, Scene):
-            raise ArgumentTypeError(f"scene[{i}]", "a Scene", shown(each))
+            raise ArgumentTypeError(f"scene[{i}]", "a Scene", short_repr(each))
     number: dict[int, int] = {}
     world_of = np.fromiter((number.setdefault(id(each), len(number)) for each in given), np.uint32, rows)
     distinct = {id(each): each for each in given}
@@ -329,14 +329,14 @@ def _each(
         # NumPy makes floats of integers on both sides of 2⁶³, and objects of those beyond 2⁶⁴.
         exact = np.array(value, object)
         if not all(isinstance(each, int | np.integer) and not isinstance(each, bool) for each in exact.flat):
-            raise ArgumentTypeError(name, "integers", shown(value) if given.ndim == 0 else f"dtype {given.dtype}")
+            raise ArgumentTypeError(name, "integers", short_repr(value) if given.ndim == 0 else f"dtype {given.dtype}")
         given = exact
     if given.ndim and given.shape != (rows,):
         raise ArgumentValueError(name, f"one integer, or one for each of {rows} rows", f"shape {given.shape}")
     wrong = (given < 0) | (given > at_most)
     if wrong.any():
         i = int(np.argmax(wrong))
-        got = f"{name}[{i}] = {shown(int(given[i]))}" if given.ndim else shown(int(given))
+        got = f"{name}[{i}] = {short_repr(int(given[i]))}" if given.ndim else short_repr(int(given))
         raise ArgumentValueError(name, f"integers from 0 to {at_most}", got)
     return np.full(rows, given, dtype)
 
@@ -359,8 +359,8 @@ def _arrays(fields: Collection[str] | None, rows: int, pulses: int, most: int) -
     names = _DEFAULT if fields is None else items("fields", (fields,) if isinstance(fields, str) else fields, "names")
     for name in names:
         if not (isinstance(name, str) and name in _COLUMNS):
-            raise ArgumentValueError("fields", f"names among {', '.join(_COLUMNS)}", shown(name))
-    return ScanBatch._restored(
+            raise ArgumentValueError("fields", f"names among {', '.join(_COLUMNS)}", short_repr(name))
+    return ScanBatch._from_contents(
         {name: np.empty(_shape(name, rows, pulses, most), _COLUMNS[name].dtype) for name in names}
     )
 
@@ -368,7 +368,7 @@ def _arrays(fields: Collection[str] | None, rows: int, pulses: int, most: int) -
 def _reuse(out: ScanBatch, fields: Collection[str] | None, rows: int, pulses: int, most: int) -> ScanBatch:
     """Return `out` after checking that its arrays are those of this batch."""
     if not isinstance(out, ScanBatch):
-        raise ArgumentTypeError("out", "a ScanBatch", shown(out))
+        raise ArgumentTypeError("out", "a ScanBatch", short_repr(out))
     if fields is not None and {*fields} != {*out.fields}:
         raise ArgumentValueError("out", f"a batch of {', '.join(fields)}", f"one of {', '.join(out.fields)}")
     for name in out.fields:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base.labels import Labels
 from lidarsim._base.pickling import Pickled
-from lidarsim._base.shown import counted, html_table, plain, text_table
+from lidarsim._base.shown import html_table, plain, quantity, text_table
 from lidarsim._base.validation import Floats, array
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.raster import FIXED
@@ -107,8 +107,8 @@ class Boxes(Pickled):
         for label in np.unique(self.label).tolist():
             points = self.points[self.label == label]
             name = plain(self.class_names.get(label, f"label {label}"))
-            rows.append((name, counted(len(points), "instance"), counted(int(points.sum()), "point")))
-        return f"Boxes of {counted(len(self), 'instance')} with {counted(int(self.points.sum()), 'point')}", rows
+            rows.append((name, quantity(len(points), "instance"), quantity(int(points.sum()), "point")))
+        return f"Boxes of {quantity(len(self), 'instance')} with {quantity(int(self.points.sum()), 'point')}", rows
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[np.float64]:
         """Return centre, size and yaw, (m, 7)."""

@@ -205,7 +205,7 @@ def occupancy(
     OccupancyGrid(34 × 43 cells of 0.1 m: 160 occupied, 1,099 free, 203 unknown)
     """
     if not isinstance(scene, Scene):
-        raise ArgumentTypeError("scene", "a Scene", validation.shown(scene))
+        raise ArgumentTypeError("scene", "a Scene", validation.short_repr(scene))
     side = validation.real("resolution", resolution, above=0.0)
     height, when = validation.real("z", z), validation.real("time", time)
     scene._snapshot().check_motions(when, when)

@@ -29,7 +29,7 @@ from lidarsim._base.labels import Labels
 from lidarsim._base.names import instead
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import html_table, text_table
-from lidarsim._base.validation import Transform, as_array, named_labels, shown
+from lidarsim._base.validation import Transform, as_array, named_labels, short_repr
 from lidarsim._base.views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan.cells import Cells, Statistic, cells_of
@@ -121,7 +121,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
         self._place(in_sensor_frame=in_sensor_frame)
         for name in given:
             if not isinstance(name, str):
-                raise ArgumentTypeError("fields", "strings as names of fields", validation.shown(name))
+                raise ArgumentTypeError("fields", "strings as names of fields", validation.short_repr(name))
         if "xyz" not in given:
             raise ArgumentTypeError("PointCloud", "a field 'xyz'", ", ".join(given) or "no fields")
         for name in sorted(given, key=lambda name: name != "xyz"):  # xyz first, which sets the length
@@ -206,11 +206,11 @@ class PointCloud(PointColumns, Pickled, Plotted):
             if chosen.shape == (0,) and chosen.dtype.kind == "f":  # an empty list
                 chosen = chosen.astype(np.intp)
             if chosen.ndim > 1 or chosen.dtype.kind not in ("biu" if chosen.ndim else "iu"):
-                got = f"{chosen.dtype} of shape {chosen.shape}" if chosen.ndim else shown(index)
+                got = f"{chosen.dtype} of shape {chosen.shape}" if chosen.ndim else short_repr(index)
                 raise ArgumentTypeError("index", expected, got)
         if isinstance(chosen, int) or (isinstance(chosen, np.ndarray) and not chosen.ndim):
             if not -len(self) <= chosen < len(self):
-                raise IndexError(f"index: expected one of {len(self)} points, got {shown(int(chosen))}")
+                raise IndexError(f"index: expected one of {len(self)} points, got {short_repr(int(chosen))}")
             chosen = [int(chosen)]
         elif not isinstance(chosen, slice) and chosen.dtype == np.bool_ and chosen.shape != (len(self),):
             raise IndexError(f"index: expected a mask of shape ({len(self)},), one entry per point, got {chosen.shape}")
@@ -248,7 +248,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
         }
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         cloud = cls(contents["fields"], class_names=contents["class_names"])
         return cloud._place(in_sensor_frame=contents["in_sensor_frame"])
 
@@ -501,7 +501,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
         }.items():
             if name not in known and given:
                 held = " and ".join(suffix for suffix, other in FORMATS.items() if name in options_of(other))
-                raise ArgumentValueError(name, f"a file that can hold it ({held})", shown(path))
+                raise ArgumentValueError(name, f"a file that can hold it ({held})", short_repr(path))
         options = {name: option for name, option in options.items() if name in known}
         with atomic_writer(path) as file:
             save(arrays, file, **options)
@@ -549,14 +549,14 @@ class PointCloud(PointColumns, Pickled, Plotted):
                [ 3., nan]])
         """
         if not isinstance(field, str):
-            raise ArgumentTypeError("field", "the name of a field", shown(field))
+            raise ArgumentTypeError("field", "the name of a field", short_repr(field))
         if field in ("x", "y", "z"):
             values = self.xyz[:, "xyz".index(field)]
         elif field in self.fields and getattr(self, field).ndim == 1:
             values = getattr(self, field).astype(np.float64)
         else:
             single = ", ".join(["x", "y", "z", *(name for name in self.fields if getattr(self, name).ndim == 1)])
-            raise ArgumentValueError("field", f"one of {single}", shown(field))
+            raise ArgumentValueError("field", f"one of {single}", short_repr(field))
         cells = cells_of(self.xyz, values, cell, statistic, bounds)
         of = {"count": "points", "density": "points per m²"}.get(statistic, f"{statistic} of {with_unit(field)}")
         return replace(cells, quantity=of)
@@ -826,13 +826,13 @@ def adopt(fields: Mapping[str, Any]) -> dict[str, Any]:
 def _columns(names: Sequence[str]) -> list[str]:
     """Return column names after checking that x, y and z are among them, none but "_" is repeated and none is empty."""
     if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
-        raise ArgumentTypeError("columns", "a sequence of names", validation.shown(names))
+        raise ArgumentTypeError("columns", "a sequence of names", validation.short_repr(names))
     if "" in names:
         expected = "names, and '_' for each column to skip"
-        raise ArgumentValueError("columns", expected, validation.shown(list(names)))
+        raise ArgumentValueError("columns", expected, validation.short_repr(list(names)))
     for name in (*"xyz", *names):
         if name != "_" and list(names).count(name) != 1:
-            raise ArgumentValueError("columns", f"{name!r} once", validation.shown(list(names)))
+            raise ArgumentValueError("columns", f"{name!r} once", validation.short_repr(list(names)))
     return list(names)
 
 
@@ -853,5 +853,5 @@ def choose(names: Collection[str], known: Sequence[str]) -> list[str]:
     for name in names:
         if not (isinstance(name, str) and name in known):
             expected = f"fields of this point cloud ({', '.join(known)})"
-            raise ArgumentValueError("fields", expected, validation.shown(name))
+            raise ArgumentValueError("fields", expected, validation.short_repr(name))
     return [name for name in known if name in names and name != "xyz"]

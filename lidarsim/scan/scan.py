@@ -18,10 +18,20 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base import validation
 from lidarsim._base.labels import Labels, labels_of
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import extent, html_table, text_table
-from lidarsim._base.validation import Floats, Instances, Transform, as_array, instances, integer, one_of, real, shown
+from lidarsim._base.validation import (
+    Floats,
+    Instances,
+    Transform,
+    as_array,
+    instances,
+    integer,
+    one_of,
+    real,
+    short_repr,
+)
 from lidarsim._base.views import Plotted
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.motion.trajectory import Trajectory
@@ -178,13 +188,13 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         return contents
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
-        made: Self = super(Scan, cls)._restored({"_world": None, "_shot": None, **contents})
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
+        made: Self = super(Scan, cls)._from_contents({"_world": None, "_shot": None, **contents})
         return made
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         contents = copy.deepcopy(self._contents(), memo)
-        return self._restored({**contents, "_world": self._world, "_shot": self._shot})
+        return self._from_contents({**contents, "_world": self._world, "_shot": self._shot})
 
     def __len__(self) -> int:
         """Return the number of pulses."""
@@ -241,7 +251,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         still = _native.Path.still(self.pose.tolist()).at(np.zeros(1))  # orthonormalised, as for the cast
         return np.broadcast_to(still[0], (len(self), 4, 4))
 
-    @named
+    @explain_arguments
     def point_cloud(
         self,
         frame: Literal["sensor", "world"] = "sensor",
@@ -589,7 +599,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         """
         own, of_pulses = _arrays(self), _arrays(self.pulses)
         if not (isinstance(field, str) and field in own | of_pulses):
-            raise ArgumentValueError("field", f"one of {', '.join(own | of_pulses)}", shown(field))
+            raise ArgumentValueError("field", f"one of {', '.join(own | of_pulses)}", short_repr(field))
         entry = integer("return_number", return_number, at_least=1, at_most=self.range.shape[1]) - 1
         values = of_pulses[field] if field in of_pulses else own[field]
         if field in own and values.ndim > 1:
@@ -599,7 +609,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
             row, column, shape = rows_and_columns(frame, self.pulses)
         else:
             row, column, shape = projection(frame, self.pulses, size)
-        image = np.full((*shape, *values.shape[1:]), unset(field, values.dtype), values.dtype)
+        image = np.full((*shape, *values.shape[1:]), fill_value(field, values.dtype), values.dtype)
         if size is None:  # one pixel per pulse
             image[row, column] = values
         else:  # the last write wins: pulses without a return come first, the nearest return comes last
@@ -730,7 +740,7 @@ def scan(
     """
     if not isinstance(scene, Scene):
         raise ArgumentTypeError(
-            "scene", "a Scene", shown(scene), "scan(scene, pose)" if isinstance(pose, Scene) else ""
+            "scene", "a Scene", short_repr(scene), "scan(scene, pose)" if isinstance(pose, Scene) else ""
         )
     time = real("time", time)
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
@@ -813,7 +823,7 @@ def check_coverage(
         is of an instance to ignore.
     """
     if not isinstance(scene, Scene):
-        raise ArgumentTypeError("scene", "a Scene", shown(scene))
+        raise ArgumentTypeError("scene", "a Scene", short_repr(scene))
     where = _where(pose)
     check_sensor(scene.atmosphere, lidar)
     world, period = scene._snapshot(), 1.0 / lidar.pattern.rate
@@ -930,7 +940,7 @@ def path_of(pose: Floats | Trajectory, pulses: Pulses, start: float, period: flo
         return _native.Path.still(pose)
     end = pose.span[1]
     until = _carry_on(end, pulses, start, period)
-    return pose._native.held(until) if until > end else pose._native
+    return pose._native.hold(until) if until > end else pose._native
 
 
 def until_of(pulses: Pulses, start: float, period: float) -> Callable[[float], float]:
@@ -985,7 +995,7 @@ def _choose(pulses: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
     return np.flatnonzero(given).astype(np.uint64)
 
 
-def unset(field: str, dtype: np.dtype[Any]) -> float:
+def fill_value(field: str, dtype: np.dtype[Any]) -> float:
     """Return the value of a field in pixels without a point; see `Scan.image`."""
     if field in Scan._columns:
         return Scan._columns[field].unused

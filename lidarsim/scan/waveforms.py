@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import extent, html_table, text_table
-from lidarsim._base.validation import Floats, shown
+from lidarsim._base.validation import Floats, short_repr
 from lidarsim._base.views import view
 from lidarsim.errors import ArgumentTypeError
 
@@ -107,7 +107,7 @@ class Waveforms(Pickled):
         try:
             i = operator.index(index)
         except TypeError:
-            raise ArgumentTypeError("index", "the number of a waveform", shown(index)) from None
+            raise ArgumentTypeError("index", "the number of a waveform", short_repr(index)) from None
         if not -len(self) <= i < len(self):
             raise IndexError(f"index: expected -{len(self)} to {len(self) - 1}, got {i}")
         i %= len(self)

@@ -132,7 +132,7 @@ class Gnss(Value):
         """
         times = sample_times(trajectory, self.rate, start, end)
         if not isinstance(georeference, Georeference):
-            raise ArgumentTypeError("georeference", "a Georeference", validation.shown(georeference))
+            raise ArgumentTypeError("georeference", "a Georeference", validation.short_repr(georeference))
         seed = validation.integer("seed", seed, at_least=0, at_most=2**64 - 1)
         position = (trajectory @ self.mount).at(times).as_matrix()[:, :3, 3]
         steps = math.inf, 1.0 / (self.rate * self.drift_time)

@@ -176,7 +176,7 @@ class Imu(Value):
         set_(self, "mount", validation.freeze(np.eye(4) if given is None else validation.pose("mount", given)))
         for name in ("gyroscope", "accelerometer"):
             if not isinstance(getattr(self, name), ImuErrors):
-                raise ArgumentTypeError(name, "ImuErrors", validation.shown(getattr(self, name)))
+                raise ArgumentTypeError(name, "ImuErrors", validation.short_repr(getattr(self, name)))
         for name, most, unit in _USUAL:
             validation.ask_above(f"gyroscope.{name}", getattr(self.gyroscope, name), most, unit, "degrees?")
         set_(self, "gravity", validation.real("gravity", self.gravity, at_least=0.0))
@@ -251,7 +251,7 @@ def sample_times(trajectory: Trajectory, rate: float, start: float | None, end: 
         If the trajectory does not cover the times or has no end, or there would be more than ten million samples.
     """
     if not isinstance(trajectory, Trajectory):
-        raise ArgumentTypeError("trajectory", "a Trajectory", validation.shown(trajectory))
+        raise ArgumentTypeError("trajectory", "a Trajectory", validation.short_repr(trajectory))
     first, last = trajectory.span
     if start is not None:
         first = validation.real("start", start, at_least=first, at_most=last)
@@ -283,7 +283,7 @@ def noise_bits(seed: int, name: str, stream: int) -> np.random.Philox:
 def sensor_name(name: object) -> str:
     """Return the name of a sensor; raise an error unless it is a text that UTF-8 can encode."""
     if not isinstance(name, str):
-        raise ArgumentTypeError("name", "a text", validation.shown(name))
+        raise ArgumentTypeError("name", "a text", validation.short_repr(name))
     try:
         name.encode()
     except UnicodeEncodeError:

@@ -29,7 +29,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import angle, array, ask_above, beam_angle, each_ring, integer, is_several, real, share
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -94,7 +94,7 @@ class Detection(Immutable):
         object.__setattr__(self, "sigma", real("sigma", self.sigma, at_least=0.0))
 
 
-@named
+@explain_arguments
 @dataclass(frozen=True)
 class Beam(Immutable):
     """A diverging beam, sampled by sub-rays over its footprint.
@@ -242,7 +242,7 @@ class Response(Immutable):
         object.__setattr__(self, "limit", real("limit", self.limit, above=0.0, infinite=True))
 
 
-@named
+@explain_arguments
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Measurement(Immutable):
     """How a sensor measures what its pulses hit. Every effect is off by default.

@@ -29,7 +29,7 @@ def lines(boxes: Boxes) -> Floats:
     return np.concatenate([edges, arrow], axis=1)
 
 
-def moved(boxes: Boxes, pose: Floats) -> Boxes:
+def transform_boxes(boxes: Boxes, pose: Floats) -> Boxes:
     """Return boxes in other coordinates, to which a rigid transform of shape (4, 4) leads."""
     turn = pose[:3, :3]
     return replace(

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.shown import plain
-from lidarsim._base.validation import Floats, array, shown
+from lidarsim._base.validation import Floats, array, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan.fields import with_unit
 from lidarsim.scan.pointcloud import PointCloud
@@ -268,14 +268,14 @@ def coloring(
     """
     known, style = known or Known(), style or Style()
     if not isinstance(color_by, str | None):
-        raise ArgumentTypeError("color_by", "the name of a field", shown(color_by))
+        raise ArgumentTypeError("color_by", "the name of a field", short_repr(color_by))
     clouds = [cloud for cloud in clouds if len(cloud)] or clouds  # a rig may have no scan in a frame
     fields = [["height", *(name for name in cloud.fields if getattr(cloud, name).ndim == 1)] for cloud in clouds]
     scalars = [name for name in fields[0] if all(name in others for others in fields)]
     if color_by is None:
         color_by = "intensity" if "intensity" in scalars else "height"
     if color_by not in scalars:
-        raise ArgumentValueError("color_by", f"one of {', '.join(scalars)}", shown(color_by))
+        raise ArgumentValueError("color_by", f"one of {', '.join(scalars)}", short_repr(color_by))
     values = np.concatenate([field_of(cloud, color_by) for cloud in clouds])
     if color_by == "height" and not len(values) and known.heights is not None:
         values = known.heights

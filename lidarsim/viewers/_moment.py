@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from lidarsim._base.validation import Floats
 from lidarsim.scan.scan import moment_and_pose
-from lidarsim.viewers._boxes import moved
+from lidarsim.viewers._boxes import transform_boxes
 from lidarsim.viewers._colors import (
     CATEGORIES,
     DARK,
@@ -241,7 +241,7 @@ class Painter:
         found: list[Boxes] = []
         known = np.empty(0, np.uint32)
         for scan, pose in zip(scans.values(), poses, strict=True):
-            boxes = moved(scan.boxes(deskew="start", min_points=1), pose)
+            boxes = transform_boxes(scan.boxes(deskew="start", min_points=1), pose)
             boxes = boxes[~np.isin(boxes.instance, known)]
             known = np.concatenate([known, boxes.instance])
             found.append(boxes)

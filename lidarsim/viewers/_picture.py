@@ -18,7 +18,7 @@ from lidarsim.errors import ArgumentValueError
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._colors import DARK, Coloring, Theme, round_step
-from lidarsim.viewers._surfaces import Surface, joined
+from lidarsim.viewers._surfaces import Surface, merge_surfaces
 
 CAMERAS: tuple[Camera, ...] = get_args(Camera)
 AXIS = 0.06
@@ -162,12 +162,12 @@ class Picture:
         shaded: npt.NDArray[np.uint8] = np.rint(rgb * (SHADE + (1.0 - SHADE) * light[:, None])).astype(np.uint8)
         return shaded
 
-    def drawn(self) -> Floats:
+    def sample_points(self) -> Floats:
         """Return points that are spread evenly over what a picture shows, shape (n, 3)."""
         surfaces = [surface for surface in self.every_surface if len(surface.faces)]
         if self.has_points or not surfaces:
-            return self.seen()
-        points, faces = joined(surfaces, np.zeros(3))
+            return self.points_to_show()
+        points, faces = merge_surfaces(surfaces, np.zeros(3))
         corners = points[faces]
         sides = corners[:, 1:] - corners[:, :1]
         ends = np.cumsum(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
@@ -176,7 +176,7 @@ class Picture:
         spread: Floats = (rng.dirichlet((1, 1, 1), SAMPLES)[:, :, None] * corners[chosen]).sum(axis=1)
         return spread
 
-    def seen(self) -> Floats:
+    def points_to_show(self) -> Floats:
         """Return the points that a picture must show: all but the farthest ones, and but stray ones on an orbit.
 
         A picture without points shows what stands on the ground, and only an orbit shows all surfaces, whose middles it
@@ -318,7 +318,7 @@ def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
     return spacing, float(np.percentile(seen[:, 2], 1)), x, y
 
 
-def colored(surface: Surface, picture: Picture) -> list[tuple[str, Surface]]:
+def split_by_color(surface: Surface, picture: Picture) -> list[tuple[str, Surface]]:
     """Split a surface into parts of one colour: by object or instance if the points are coloured so, else by label.
 
     If no object has a label, it is by instance unless the points are coloured by label.

@@ -14,7 +14,7 @@ import numpy as np
 
 from lidarsim._base import validation
 from lidarsim._base.files import PathLike, Place, check_folder, check_suffix
-from lidarsim._base.shown import counted, plain
+from lidarsim._base.shown import plain, quantity
 from lidarsim._base.validation import (
     Floats,
     Transform,
@@ -25,7 +25,7 @@ from lidarsim._base.validation import (
     named_labels,
     one_of,
     real,
-    shown,
+    short_repr,
 )
 from lidarsim._base.views import Camera, Plotted, register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -34,7 +34,7 @@ from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud, with_common_fields
 from lidarsim.scan.scan import Scan
 from lidarsim.viewers import html, open3d, pyvista
-from lidarsim.viewers._boxes import moved
+from lidarsim.viewers._boxes import transform_boxes
 from lidarsim.viewers._colors import (
     MAPS,
     THEMES,
@@ -167,7 +167,7 @@ def show(
     style = _style(limits, color_map, background)
     view = check_camera(camera)
     if not isinstance(scene, Scene | None):
-        raise ArgumentTypeError("scene", "a Scene", shown(scene))
+        raise ArgumentTypeError("scene", "a Scene", short_repr(scene))
     if point_size is not None:
         point_size = real("point_size", point_size, above=0.0)
     accumulate = flag("accumulate", accumulate)
@@ -212,7 +212,7 @@ def _list_frames(what: Shown | Iterable[Shown]) -> list[Shown]:
     if isinstance(what, PointCloud | Scan | Mapping):
         return [what]
     if not isinstance(what, Iterable):
-        raise ArgumentTypeError("what", KINDS, shown(what))
+        raise ArgumentTypeError("what", KINDS, short_repr(what))
     several = list(what)
     if not several:
         raise ArgumentValueError("what", "at least one frame", "none")
@@ -235,7 +235,7 @@ def frame_title(number: int | None, place: int, count: int | None, time: float |
 
 def together_title(count: int, times: Sequence[float]) -> str:
     """Return the title of several frames in one picture."""
-    return counted(count, "frame") + (f", 0.00 to {max(times) - min(times):.2f} s" if len(times) > 1 else "")
+    return quantity(count, "frame") + (f", 0.00 to {max(times) - min(times):.2f} s" if len(times) > 1 else "")
 
 
 def _titles(
@@ -281,7 +281,7 @@ def check_save(path: PathLike) -> None:
         If it is no path.
     """
     if not isinstance(path, str | os.PathLike):
-        raise ArgumentTypeError("save", "a path", shown(path))
+        raise ArgumentTypeError("save", "a path", short_repr(path))
     check_suffix(path, SUFFIXES)
     check_folder(path)
 
@@ -296,7 +296,7 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
     """
     given = items("size", size, "pixels")
     if len(given) != 2:
-        raise ArgumentValueError("size", "a width and a height", counted(len(given), "number"))
+        raise ArgumentValueError("size", "a width and a height", quantity(len(given), "number"))
     width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(given))
     return width, height
 
@@ -357,7 +357,7 @@ def _make_frame(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: 
         raise ArgumentValueError("boxes", expected, got.removesuffix(", as the points"), hint)
     if isinstance(what, PointCloud):
         if pose is not None and what._in_sensor_frame:
-            what, boxes = what.transformed(pose), boxes and moved(boxes, pose)
+            what, boxes = what.transformed(pose), boxes and transform_boxes(boxes, pose)
         return replace(_frame(what, np.eye(4) if pose is None else pose), boxes=boxes)
     several = what if isinstance(what, Mapping) else {"": what}
     for scan in several.values():

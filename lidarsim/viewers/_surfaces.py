@@ -149,7 +149,7 @@ def surfaces(
     return [found[object_id] for object_id, _ in objects]
 
 
-def joined(parts: Sequence[Surface], origin: Floats) -> Triangles:
+def merge_surfaces(parts: Sequence[Surface], origin: Floats) -> Triangles:
     """Merge several surfaces into one, relative to an origin in the world."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.outward() + np.uint32(start) for part, start in zip(parts, starts, strict=False)]

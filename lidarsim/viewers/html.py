@@ -13,14 +13,14 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import PathLike, atomic_writer
-from lidarsim._base.shown import counted, plain
+from lidarsim._base.shown import plain, quantity
 from lidarsim._base.validation import Floats
 from lidarsim._base.views import Camera
 from lidarsim.scan.boxes import Boxes
 from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import AXES, MISSING, PATH, Coloring, field_of
-from lidarsim.viewers._picture import AXIS, CAMERAS, MARGIN, Frame, Picture, colored
-from lidarsim.viewers._surfaces import Surface, joined
+from lidarsim.viewers._picture import AXIS, CAMERAS, MARGIN, Frame, Picture, split_by_color
+from lidarsim.viewers._surfaces import Surface, merge_surfaces
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -94,7 +94,7 @@ def page(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
 
 def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Figure:
     go = import_extra("plotly.graph_objects", "html", "a page")
-    seen = picture.seen()
+    seen = picture.points_to_show()
     every = np.concatenate(
         [seen]
         + [frame.cloud.xyz for frame in picture.frames]
@@ -291,11 +291,11 @@ def _meshes(
     by_height = colors.field == "height"
     by_color: dict[str, list[Surface]] = {}
     for surface in surfaces:
-        for color, part in colored(surface, picture):
+        for color, part in split_by_color(surface, picture):
             by_color.setdefault(color, []).append(part)
     traces: list[BaseTraceType] = []
     for color, group in by_color.items():
-        points, faces = joined(group, shift)
+        points, faces = merge_surfaces(group, shift)
         corners = {name: np.ascontiguousarray(faces[:, i], np.int32) for i, name in enumerate("ijk")}
         look: dict[str, Any] = {"color": color}
         if by_height:
@@ -331,7 +331,7 @@ def _boxes(go: ModuleType, picture: Picture, boxes: Boxes | None, shift: Floats)
             gaps = np.full((len(own), LINES, 1, 3), np.nan)  # between two lines
             points = np.concatenate([lines(own) - shift, gaps], axis=2).reshape(-1, 3)
             about = (
-                f"{name} {number}, " + " × ".join(f"{edge:.2f}" for edge in size) + f" m, {counted(count, 'point')}"
+                f"{name} {number}, " + " × ".join(f"{edge:.2f}" for edge in size) + f" m, {quantity(count, 'point')}"
                 for number, size, count in zip(
                     own.instance.tolist(), own.size.tolist(), own.points.tolist(), strict=True
                 )

@@ -21,7 +21,7 @@ from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import NAME, _channels
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._picture import Picture, colored
+from lidarsim.viewers._picture import Picture, split_by_color
 from lidarsim.viewers._surfaces import Surface, surfaces
 from lidarsim.world.scene import Scene
 
@@ -131,7 +131,7 @@ def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middl
     if by_height:  # colours are interpolated linearly in a triangle, so it must not span many
         surface = surface.refine((colors.limits[1] - colors.limits[0]) / 16)
     parts = []
-    for number, (color, part) in enumerate(colored(surface, picture)):
+    for number, (color, part) in enumerate(split_by_color(surface, picture)):
         material = o3d.visualization.rendering.MaterialRecord()
         material.shader = "defaultLitTransparency"
         channels = (255, 255, 255) if by_height else bytes.fromhex(color[1:])
@@ -181,7 +181,7 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
     """
     require_display()
     o3d = import_open3d()
-    seen = picture.seen()
+    seen = picture.points_to_show()
     middle = seen.mean(axis=0)  # graphics use float32, too coarse for map coordinates
     dots = o3d.visualization.rendering.MaterialRecord()
     dots.shader = "defaultUnlit"  # lighting must not change the colour of a class

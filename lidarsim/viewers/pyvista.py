@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import PathLike, atomic_writer, check_folder, check_suffix
-from lidarsim._base.shown import counted, plain
+from lidarsim._base.shown import plain, quantity
 from lidarsim._base.validation import Floats
 from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
@@ -26,8 +26,8 @@ from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._boxes import LINES, lines
 from lidarsim.viewers._colors import AXES, PATH, Coloring, _channels
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._picture import AXIS, TO_SUN, Frame, Picture, colored, grid
-from lidarsim.viewers._surfaces import Surface, joined, surfaces
+from lidarsim.viewers._picture import AXIS, TO_SUN, Frame, Picture, grid, split_by_color
+from lidarsim.viewers._surfaces import Surface, merge_surfaces, surfaces
 from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
@@ -268,7 +268,7 @@ class _Stage:
         self.added = 0
         width, height = plotter.window_size
         self.font = max(11, round(height / 50))
-        self.seen = picture.seen()
+        self.seen = picture.points_to_show()
         self.middle = self.seen.mean(axis=0)
         self.reach = float(np.linalg.norm(self.seen - self.middle, axis=1).max())
         legend = _Legend(picture, self.font, height)
@@ -393,7 +393,7 @@ class _Stage:
         others: list[Surface] = []
         for group in groups.values():
             vertices, faces = group[0].vertices, group[0].faces
-            whole = all(len(colored(surface, self.picture)) == 1 for surface in group)
+            whole = all(len(split_by_color(surface, self.picture)) == 1 for surface in group)
             if len(group) == 1 or len(faces) < INSTANCED or not whole or by_height:
                 others += group
                 continue
@@ -406,20 +406,20 @@ class _Stage:
                     actor = first.copy(deep=False)
                     actor.prop = first.prop.copy()
                     self.plotter.renderers[0].AddActor(actor)
-                ((actor.prop.color, _),) = colored(surface, self.picture)
+                ((actor.prop.color, _),) = split_by_color(surface, self.picture)
                 matrix = surface.matrix.copy()
                 matrix[:3, 3] += matrix[:3, :3] @ centre - self.middle
                 actor.user_matrix = matrix
                 actors.append(actor)
         if others and by_height:
-            mesh = self.pv.PolyData.from_regular_faces(*joined(others, self.middle))
+            mesh = self.pv.PolyData.from_regular_faces(*merge_surfaces(others, self.middle))
             mesh.point_data["height"] = mesh.points[:, 2] + self.middle[2]
             # Interpolates heights instead of colours within large triangles.
             scale = {"cmap": colors.table, "clim": colors.limits, "interpolate_before_map": True}
             actors.append(self._add(_add_normals(mesh), scalars="height", show_scalar_bar=False, **scale, **look))
         elif others:
-            parts = [part for surface in others for part in colored(surface, self.picture)]
-            mesh = self.pv.PolyData.from_regular_faces(*joined([surface for _, surface in parts], self.middle))
+            parts = [part for surface in others for part in split_by_color(surface, self.picture)]
+            mesh = self.pv.PolyData.from_regular_faces(*merge_surfaces([surface for _, surface in parts], self.middle))
             table = _channels([color for color, _ in parts])
             mesh.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for _, surface in parts], axis=0)
             actors.append(self._add(_add_normals(mesh), scalars="rgb", rgb=True, **look))
@@ -441,7 +441,7 @@ class _Stage:
         """Return what there is to see, and the spacing of the grid."""
         objects = len(self.picture.surfaces + frame.movers)
         points, boxes = len(frame.cloud), 0 if frame.boxes is None else len(frame.boxes)
-        parts = [counted(points, "point") if self.picture.of_points else counted(objects, "object")]
+        parts = [quantity(points, "point") if self.picture.of_points else quantity(objects, "object")]
         if boxes:
             parts.append(f"{boxes:,} box{'es' * (boxes != 1)}")
         return ", ".join([*parts, f"grid {self.spacing:,g} m"])
@@ -556,7 +556,7 @@ class _Legend:
         view = picture.view(0, seen, width / height)
         boxes = picture.frames[0].boxes
         middles = np.empty((0, 3)) if boxes is None else boxes.center
-        drawn, boxed = ((view.places(of, width / height) + 1.0) / 2 * size for of in (picture.drawn(), middles))
+        drawn, boxed = ((view.places(of, width / height) + 1.0) / 2 * size for of in (picture.sample_points(), middles))
         circles = isinstance(picture.camera, str) and picture.camera == "orbit"
         for corner in () if circles else (right, left):
             hidden, covered = (

@@ -19,11 +19,11 @@ import numpy as np
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import PathLike, Place, check_folder, replacing
-from lidarsim._base.validation import short, shown
+from lidarsim._base.validation import short, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.viewers._colors import DARK, PATH
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._surfaces import joined
+from lidarsim.viewers._surfaces import merge_surfaces
 
 if TYPE_CHECKING:
     import rerun
@@ -166,7 +166,7 @@ class Rerun:
         for part in world.static:
             groups.setdefault((part.name, part.color), []).append(part)
         for (name, color), parts in groups.items():
-            vertices, faces = joined([part.surface for part in parts], world.origin)
+            vertices, faces = merge_surfaces([part.surface for part in parts], world.origin)
             log(["world", "surfaces", name], self._mesh(vertices, faces, color), static=True)
         self._send(_blueprint(rr, world))
 
@@ -278,7 +278,7 @@ def check_target(to: PathLike) -> tuple[str, Place | None]:
     if name == NAME or name.startswith(("rerun://", "rerun+http://", "rerun+https://")):
         return name, None
     if Path(to).suffix.lower() != ".rrd":
-        raise ArgumentValueError("to", f"{NAME}, a .rrd file or rerun+http://HOST:PORT/proxy", shown(to))
+        raise ArgumentValueError("to", f"{NAME}, a .rrd file or rerun+http://HOST:PORT/proxy", short_repr(to))
     check_folder(to)
     return name, Place(to)
 
@@ -291,7 +291,7 @@ def _check_viewer(to: str) -> None:
     except ValueError:  # of the port or of an IPv6 address
         host, port = None, None
     if not host or not port or parts.path != "/proxy":
-        raise ArgumentValueError("to", "rerun+http://HOST:PORT/proxy", shown(to))
+        raise ArgumentValueError("to", "rerun+http://HOST:PORT/proxy", short_repr(to))
     expected = f"to: expected a Rerun viewer that runs, got {short(to)!r}"
     try:
         if parts.scheme != "rerun+http":

@@ -8,7 +8,7 @@ from typing import Self
 
 from lidarsim import _native
 from lidarsim._base.pickling import Immutable
-from lidarsim._base.validation import UINT32, beam_angle, integer, real, shown
+from lidarsim._base.validation import UINT32, beam_angle, integer, real, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.sensor.sensor import Sensor
 
@@ -375,7 +375,7 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor) -> None:
     if atmosphere is None:
         return
     if not isinstance(lidar, Sensor):
-        raise ArgumentTypeError("lidar", "a Lidar", shown(lidar))
+        raise ArgumentTypeError("lidar", "a Lidar", short_repr(lidar))
     measurement = lidar.measurement
     begins = measurement.crossover[0] if measurement.crossover else 0.0
     if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:

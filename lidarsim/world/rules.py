@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from lidarsim._base.validation import UINT32, integer, real, shown
+from lidarsim._base.validation import UINT32, integer, real, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.materials import Material
 
@@ -72,20 +72,20 @@ class Rule:
         for argument in ("node", "material"):
             pattern = getattr(self, argument)
             if not isinstance(pattern, str):
-                raise ArgumentTypeError(argument, "a pattern such as 'cars/*'", shown(pattern))
+                raise ArgumentTypeError(argument, "a pattern such as 'cars/*'", short_repr(pattern))
         if self.label is not None:
             object.__setattr__(self, "label", integer("label", self.label, at_least=0, at_most=UINT32))
         object.__setattr__(self, "reflectivity", check_appearance(self.reflectivity))
         if isinstance(self.instance, str):
             if self.instance not in get_args(Grouping):
                 expected = f"one of {', '.join(map(repr, get_args(Grouping)))}, or an integer"
-                raise ArgumentValueError("instance", expected, shown(self.instance))
+                raise ArgumentValueError("instance", expected, short_repr(self.instance))
         elif self.instance is not None:
             object.__setattr__(self, "instance", integer("instance", self.instance, at_least=0, at_most=UINT32))
         if self.name is not None and not isinstance(self.name, str):
-            raise ArgumentTypeError("name", "a string", shown(self.name))
+            raise ArgumentTypeError("name", "a string", short_repr(self.name))
         if not isinstance(self.skip, bool | np.bool_):
-            raise ArgumentTypeError("skip", "True or False", shown(self.skip))
+            raise ArgumentTypeError("skip", "True or False", short_repr(self.skip))
 
     def matches(self, node: str, material: str) -> bool:
         """Return whether the rule applies to a part.
@@ -109,7 +109,7 @@ class Rule:
         """
         for what, text in (("node", node), ("material", material)):
             if not isinstance(text, str):
-                raise ArgumentTypeError(what, "a string", shown(text))
+                raise ArgumentTypeError(what, "a string", short_repr(text))
         return fnmatchcase(node, self.node) and fnmatchcase(material, self.material)
 
 
@@ -119,7 +119,7 @@ def check_appearance(value: object) -> Appearance:
         return value
     if isinstance(value, str):
         if value != "color":
-            raise ArgumentValueError("reflectivity", "a number >= 0, a Material or 'color'", shown(value))
+            raise ArgumentValueError("reflectivity", "a number >= 0, a Material or 'color'", short_repr(value))
         return "color"
     return real("reflectivity", value, at_least=0.0)
 
@@ -134,14 +134,14 @@ class Options:
     reflectivity: Appearance = None
 
     @classmethod
-    def checked(cls, up: object, unit: object, rules: object, reflectivity: object) -> Options:
+    def from_arguments(cls, up: object, unit: object, rules: object, reflectivity: object) -> Options:
         """Return the options after checking them."""
         if up is not None and not (isinstance(up, str) and up in {"y", "z"}):
-            raise ArgumentValueError("up", "'y', 'z' or None", shown(up))
+            raise ArgumentValueError("up", "'y', 'z' or None", short_repr(up))
         if isinstance(rules, str | bytes | Rule) or not isinstance(rules, Sequence):
-            raise ArgumentTypeError("rules", "a sequence of Rule", shown(rules))
+            raise ArgumentTypeError("rules", "a sequence of Rule", short_repr(rules))
         for i, rule in enumerate(rules):
             if not isinstance(rule, Rule):
-                raise ArgumentTypeError("rules", "a sequence of Rule", f"rules[{i}] = {shown(rule)}")
+                raise ArgumentTypeError("rules", "a sequence of Rule", f"rules[{i}] = {short_repr(rule)}")
         scale = None if unit is None else real("unit", unit, above=0.0)
         return cls(up, scale, tuple(rules), check_appearance(reflectivity))  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from lidarsim import _native as core
 from lidarsim._base.files import PathLike, check_regular
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Immutable, Pickled
 from lidarsim._base.shown import html_table, plain
 from lidarsim._base.validation import (
@@ -33,7 +33,7 @@ from lidarsim._base.validation import (
     placement,
     rays,
     real,
-    shown,
+    short_repr,
     t_range,
 )
 from lidarsim._base.views import Plotted, view
@@ -92,7 +92,7 @@ class SceneObject(core.SceneObject, Immutable):
         return {name: getattr(self, name) for name in FIELDS}
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> SceneObject:
+    def _from_contents(cls, contents: dict[str, Any]) -> SceneObject:
         return _check(**contents)
 
     def __repr__(self) -> str:
@@ -273,7 +273,7 @@ class Scene(Pickled, Plotted):
     array([3.])
     """
 
-    @named
+    @explain_arguments
     def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
         self._class_names = named_labels("class_names", class_names)
         self._atmosphere: Atmosphere | None = None
@@ -283,7 +283,7 @@ class Scene(Pickled, Plotted):
         self._animations: Animations | None = None
         self._change()
 
-    @named
+    @explain_arguments
     def add(
         self,
         shape: Shape,
@@ -433,7 +433,7 @@ class Scene(Pickled, Plotted):
             i = int(np.argmax(wrong))
             got = f"transforms[{i}] with {tuple(places[i, 3].tolist())}"
             raise ArgumentValueError("transforms", "a last row of (0, 0, 0, 1)", got)
-        changed = dict(zip(numbers, core.placed(items, places), strict=True))
+        changed = dict(zip(numbers, core.place(items, places), strict=True))
         if len(changed) < len(numbers):
             twice = next(number for number in numbers if numbers.count(number) > 1)
             raise ArgumentValueError("ids", "each id once", f"{twice} twice")
@@ -536,7 +536,7 @@ class Scene(Pickled, Plotted):
         plays the animations of glTF; those of other formats, cameras and lights are passed over. What else is left out,
         such as points, lines and nodes scaled to nothing, is reported to the logger ``lidarsim``.
         """
-        options = Options.checked(up, unit, rules, reflectivity)
+        options = Options.from_arguments(up, unit, rules, reflectivity)
         path = Path(path)
         check_regular(path)
         kind = _kind_of(path)
@@ -548,7 +548,7 @@ class Scene(Pickled, Plotted):
         for name, value in given.items():
             if name not in known:
                 expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
-                raise ArgumentTypeError(name, expected, shown(value))
+                raise ArgumentTypeError(name, expected, short_repr(value))
         scene = read(path, **given)
         if time is not None or animation is not None:
             scene.animate(0.0 if time is None else time, animation=animation)
@@ -597,11 +597,11 @@ class Scene(Pickled, Plotted):
         moment = real("time", time)
         known = self.animations
         if animation is not None and not isinstance(animation, str):
-            raise ArgumentTypeError("animation", "the name of an animation", shown(animation))
+            raise ArgumentTypeError("animation", "the name of an animation", short_repr(animation))
         if self._animations is None or (animation is not None and animation not in known):
             names = ", ".join(plain(name, most=60) for name in known)
             expected = f"one of {names}" if known else "a scene from a glTF file with animations"
-            got = "a scene without" if animation is None else shown(animation)
+            got = "a scene without" if animation is None else short_repr(animation)
             raise ArgumentValueError("animation", expected, got)
         changed = {}
         for number, shape, transform in self._animations.at(animation or next(iter(known)), moment):
@@ -634,7 +634,7 @@ class Scene(Pickled, Plotted):
     @atmosphere.setter
     def atmosphere(self, value: Atmosphere | None) -> None:
         if value is not None and not isinstance(value, Atmosphere):
-            raise ArgumentTypeError("atmosphere", "an Atmosphere or None", shown(value))
+            raise ArgumentTypeError("atmosphere", "an Atmosphere or None", short_repr(value))
         self._atmosphere = value
         self._change()
 
@@ -975,13 +975,13 @@ class Scene(Pickled, Plotted):
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         # Objects are immutable. The hierarchy over them is shared until either scene changes.
         version, kept = self._version, self._kept
-        scene = self._restored({**self._contents(), "class_names": dict(self._class_names)})
+        scene = self._from_contents({**self._contents(), "class_names": dict(self._class_names)})
         if kept is not None and kept.version is version and kept.items == scene.objects:
             scene._version, scene._kept = version, kept
         return scene
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         scene = cls.__new__(cls)
         Scene.__init__(scene)
         scene._class_names = contents["class_names"]
@@ -1026,7 +1026,9 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
     if isinstance(value, str):
         expected = f"an integer from 0 to {UINT32}"
-        raise ArgumentTypeError("label", expected, shown(value), "names of labels are the class_names of the scene")
+        raise ArgumentTypeError(
+            "label", expected, short_repr(value), "names of labels are the class_names of the scene"
+        )
     if not isinstance(value, (np.ndarray, list, tuple)):
         return integer("label", value, at_least=0, at_most=UINT32)
     given = as_array("label", value, "one integer, or one per face")

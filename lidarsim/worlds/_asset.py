@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, Transform, affine, shown
+from lidarsim._base.validation import Floats, Transform, affine, short_repr
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.materials import Material
 from lidarsim.motion.trajectory import Trajectory
@@ -26,12 +26,12 @@ __all__ = [
     "box",
     "bridge",
     "check_generator",
-    "drawn",
+    "draw",
     "extrude",
     "lathe",
     "loft",
     "merge",
-    "moved",
+    "move",
     "translation",
     "tube",
 ]
@@ -147,7 +147,7 @@ class Asset:
             As in `Scene.add`, or if `scene` is no Scene.
         """
         if not isinstance(scene, Scene):
-            raise ArgumentTypeError("scene", "a Scene", shown(scene))
+            raise ArgumentTypeError("scene", "a Scene", short_repr(scene))
         ids: list[int] = []
         outer = None if transform is None else affine("transform", transform)
         for part in self.parts:
@@ -215,15 +215,17 @@ def merge(name: str, pieces: Iterable[Piece]) -> Iterator[Part]:
 def check_generator(rng: object) -> None:
     """Check that something is a generator of random numbers."""
     if not isinstance(rng, np.random.Generator):
-        raise ArgumentTypeError("rng", "a numpy.random.Generator", shown(rng), "np.random.default_rng(0) makes one")
+        raise ArgumentTypeError(
+            "rng", "a numpy.random.Generator", short_repr(rng), "np.random.default_rng(0) makes one"
+        )
 
 
-def drawn(rng: np.random.Generator, span: Sequence[float]) -> float:
+def draw(rng: np.random.Generator, span: Sequence[float]) -> float:
     """Return a number between two."""
     return float(rng.uniform(span[0], span[1]))
 
 
-def moved(vertices: Floats, to: npt.ArrayLike, yaw: float = 0.0) -> Floats:
+def move(vertices: Floats, to: npt.ArrayLike, yaw: float = 0.0) -> Floats:
     """Return vertices turned about the z axis, then moved."""
     c, s = np.cos(yaw), np.sin(yaw)
     turned: Floats = vertices @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + np.asarray(to)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lidarsim import materials
 from lidarsim._base.validation import Floats, integer, one_of, real
 from lidarsim.materials import Material
-from lidarsim.worlds._asset import Asset, Piece, box, check_generator, drawn, extrude, merge
+from lidarsim.worlds._asset import Asset, Piece, box, check_generator, draw, extrude, merge
 from lidarsim.worlds._labels import BUILDING
 
 __all__ = ["BUILDINGS", "BuildingKind", "building"]
@@ -86,7 +86,7 @@ def building(
     check_generator(rng)
     spans = SIZES[kind]
     wide, deep = (
-        drawn(rng, span) if given is None else real(name, given, at_least=2.0, at_most=100.0)
+        draw(rng, span) if given is None else real(name, given, at_least=2.0, at_most=100.0)
         for name, given, span in (("width", width, spans[0]), ("depth", depth, spans[1]))
     )
     drawn_storeys = int(rng.integers(spans[2][0], spans[2][1] + 1))
@@ -96,7 +96,7 @@ def building(
 
 def _pieces(kind: BuildingKind, rng: np.random.Generator, wide: float, deep: float, storeys: int) -> Iterator[Piece]:
     wall, roof = _tint(rng, WALLS), _tint(rng, ROOFS)
-    storey = drawn(rng, STOREY)
+    storey = draw(rng, STOREY)
     height = storeys * storey + (0.3 if kind != "garage" else 0.0)
     half = wide / 2
     outline = np.array([(-deep, -half), (0.0, -half), (0.0, half), (-deep, half)])
@@ -117,7 +117,7 @@ def _pieces(kind: BuildingKind, rng: np.random.Generator, wide: float, deep: flo
         if kind == "block":
             yield box((3.0, 4.0, 2.2), (-deep / 2, 0.0, height + 1.3), BUILDING, wall)
         return
-    rise = drawn(rng, PITCH) * deep / 2
+    rise = draw(rng, PITCH) * deep / 2
     middle = -deep / 2
     gable = np.array([(-deep, height), (0.0, height), (middle, height + rise)])
     yield _across(gable, -half + 0.01, half - 0.01, wall)
@@ -152,7 +152,7 @@ def _walls(
     `levels` has the heights of the ground, of the doorstep, of the sill and lintel of each storey, and of the eaves.
     The front is the second side of the outline, and has a door.
     """
-    window, gap, recess = drawn(rng, WINDOW), rng.uniform(0.7, 1.5), rng.uniform(0.08, 0.2)
+    window, gap, recess = draw(rng, WINDOW), rng.uniform(0.7, 1.5), rng.uniform(0.08, 0.2)
     ring, vertices, faces, is_glass = [], [], [], []
     total = 0
     for side, start in enumerate(outline):

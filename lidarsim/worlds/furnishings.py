@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from lidarsim import materials
-from lidarsim._base.validation import Floats, one_of, real, shown
+from lidarsim._base.validation import Floats, one_of, real, short_repr
 from lidarsim.errors import ArgumentValueError
 from lidarsim.materials import Material
 from lidarsim.worlds._asset import (
@@ -17,11 +17,11 @@ from lidarsim.worlds._asset import (
     along,
     box,
     check_generator,
-    drawn,
+    draw,
     extrude,
     lathe,
     merge,
-    moved,
+    move,
     tube,
 )
 from lidarsim.worlds._labels import FENCE, OTHER_OBJECT, POLE, TRAFFIC_SIGN
@@ -78,13 +78,13 @@ def furniture(kind: FurnitureKind, rng: np.random.Generator, *, length: float | 
     check_generator(rng)
     if kind not in LONG:
         if length is not None:
-            raise ArgumentValueError("length", f"None, but for {', '.join(LONG)}", shown(length))
+            raise ArgumentValueError("length", f"None, but for {', '.join(LONG)}", short_repr(length))
         pieces = list(_MADE[kind](rng))
         # What is overhead is a part of its own, so that the box of a post does not reach over the road.
         low = [piece for piece in pieces if piece.vertices[:, 2].min() < OVERHEAD]
         high = [piece for piece in pieces if piece.vertices[:, 2].min() >= OVERHEAD]
         return Asset((*merge(kind, low), *merge(f"{kind} head", high)))
-    long = drawn(rng, LONG[kind]) if length is None else real("length", length, at_least=0.5, at_most=100.0)
+    long = draw(rng, LONG[kind]) if length is None else real("length", length, at_least=0.5, at_most=100.0)
     return Asset(tuple(merge(kind, _LONG[kind](rng, long))))
 
 
@@ -115,7 +115,7 @@ def _sign(rng: np.random.Generator) -> Iterator[Piece]:
     top = low + outline[:, 1].max()
     yield tube([(0, 0, 0), (0, 0, top)], 0.038, 8, POLE, METAL)
     plate = extrude(outline, 0.045, 0.06, TRAFFIC_SIGN, METAL)
-    plate = Piece(moved(along("x", plate.vertices), (0, 0, low)), plate.faces, TRAFFIC_SIGN)
+    plate = Piece(move(along("x", plate.vertices), (0, 0, low)), plate.faces, TRAFFIC_SIGN)
     is_face = np.min(plate.vertices[plate.faces][:, :, 0], axis=1) > 0.055
     yield plate.of(is_face, materials.SIGN_SHEETING)
     yield plate.of(~is_face, METAL)
@@ -128,7 +128,7 @@ def _traffic_light(rng: np.random.Generator) -> Iterator[Piece]:
     for z in (-0.3, 0.0, 0.3):
         lens = lathe([(0.1, 0.0), (0.1, 0.03)], 10, OTHER_OBJECT, Material(reflectivity=3.0))
         yield Piece(
-            moved(along("x", lens.vertices), (0.325, 0, height - 0.5 + z)), lens.faces, OTHER_OBJECT, lens.material
+            move(along("x", lens.vertices), (0.325, 0, height - 0.5 + z)), lens.faces, OTHER_OBJECT, lens.material
         )
 
 
@@ -136,7 +136,7 @@ def _bin(rng: np.random.Generator) -> Iterator[Piece]:
     if rng.random() < 0.4:  # a litter bin on its post
         yield tube([(0, 0, 0), (0, 0, 1.1)], 0.03, 6, POLE, METAL)
         barrel = lathe([(0.15, 0.5), (0.19, 0.6), (0.2, 1.05)], 12, OTHER_OBJECT, METAL)
-        yield Piece(moved(barrel.vertices, (0.22, 0, 0)), barrel.faces, OTHER_OBJECT, METAL)
+        yield Piece(move(barrel.vertices, (0.22, 0, 0)), barrel.faces, OTHER_OBJECT, METAL)
         return
     wide, deep, tall = (0.48, 0.55, 0.94) if rng.random() < 0.5 else (0.58, 0.73, 1.07)
     material = Material(reflectivity=float(rng.uniform(0.1, 0.5)))

@@ -24,7 +24,7 @@ from lidarsim.worlds._asset import (
     lathe,
     loft,
     merge,
-    moved,
+    move,
     translation,
     tube,
 )
@@ -223,7 +223,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
         canopy = lathe([(radius, top + z) for radius, z in profile], 16, material=materials.CLOTH)
         hand = (0.26 * height, -0.15 * height, 0.0)
         stick = tube([(*hand[:2], 0.62 * height), (*hand[:2], top + 0.01)], 0.01, 6, material=materials.PAINTED_METAL)
-        return [replace(canopy, vertices=moved(canopy.vertices, hand)), stick]
+        return [replace(canopy, vertices=move(canopy.vertices, hand)), stick]
     if load == "pram":
         x = 0.3 * height + 0.45
         body = _make_rounded((0.75, 0.4, 0.3), (x, 0, 0.62), materials.CLOTH)
@@ -236,7 +236,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
         for ahead in (0.28, -0.28):
             for side in (0.26, -0.26):
                 disc = lathe([(0.14, -0.02), (0.14, 0.02)], 12, material=materials.RUBBER)
-                wheels.append(replace(disc, vertices=moved(along("y", disc.vertices), (x + ahead, side, 0.14))))
+                wheels.append(replace(disc, vertices=move(along("y", disc.vertices), (x + ahead, side, 0.14))))
                 wheels.append(
                     tube(
                         [(x + ahead, side * 0.8, 0.14), (x + ahead * 0.5, side * 0.7, 0.5)],

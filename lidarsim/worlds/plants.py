@@ -8,11 +8,11 @@ from typing import Literal, get_args
 import numpy as np
 
 from lidarsim import materials
-from lidarsim._base.validation import Floats, one_of, real, shown
+from lidarsim._base.validation import Floats, one_of, real, short_repr
 from lidarsim.errors import ArgumentValueError
 from lidarsim.materials import Material
 from lidarsim.world.shapes import Disks
-from lidarsim.worlds._asset import Asset, Part, Piece, check_generator, drawn, merge, tube
+from lidarsim.worlds._asset import Asset, Part, Piece, check_generator, draw, merge, tube
 from lidarsim.worlds._labels import TERRAIN, TRUNK, VEGETATION
 
 __all__ = ["TREES", "TreeKind", "tree"]
@@ -132,17 +132,17 @@ def tree(
     one_of("kind", kind, TREES)
     check_generator(rng)
     habit = HABITS[kind]
-    tall = drawn(rng, habit.height) if height is None else real("height", height, at_least=0.05, at_most=60.0)
+    tall = draw(rng, habit.height) if height is None else real("height", height, at_least=0.05, at_most=60.0)
     if kind in {"hedge", "bed"}:
-        long = drawn(rng, (2.0, 6.0)) if length is None else real("length", length, at_least=0.5, at_most=50.0)
+        long = draw(rng, (2.0, 6.0)) if length is None else real("length", length, at_least=0.5, at_most=50.0)
         wide = BED if kind == "bed" else 2 * HEDGE_DEPTH * min(tall, 1.5)
         return Asset((_make_clipped(rng, habit, np.array([long, wide, tall])),))
     if length is not None:
-        raise ArgumentValueError("length", "None, but for a hedge or bed", shown(length))
+        raise ArgumentValueError("length", "None, but for a hedge or bed", short_repr(length))
     if kind == "grass":
         return Asset((_tufts(rng, habit, tall),))
     clear = real("clearance", clearance, at_least=0.0, at_most=60.0)
-    foot, radius = drawn(rng, habit.stem) * tall, drawn(rng, habit.spread) * tall
+    foot, radius = draw(rng, habit.stem) * tall, draw(rng, habit.spread) * tall
     foot = max(foot, min(clear, 0.8 * tall))
     twigs = _twigs(kind, rng, foot, tall, radius)
     volume = 2 / 3 * 2 * np.pi * radius**2 * (tall - foot) / 2 * (0.5 if kind == "conifer" else 1.0)

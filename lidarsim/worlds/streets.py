@@ -21,7 +21,7 @@ from lidarsim.materials import Material
 from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import TriangleMesh
 from lidarsim.worlds import _labels as labels
-from lidarsim.worlds._asset import Asset, drawn
+from lidarsim.worlds._asset import Asset, draw
 from lidarsim.worlds.buildings import BuildingKind, building
 from lidarsim.worlds.furnishings import FurnitureKind, furniture
 from lidarsim.worlds.pedestrians import pedestrian
@@ -200,7 +200,7 @@ def street(seed: int = 0, kind: StreetKind = "residential", *, length: float = 3
     """
     rng = np.random.default_rng(integer("seed", seed, at_least=0, at_most=2**64 - 1))
     one_of("kind", kind, STREETS)
-    plan = Plan.drawn(rng, kind, real("length", length, at_least=60.0, at_most=1000.0))
+    plan = Plan.draw(rng, kind, real("length", length, at_least=60.0, at_most=1000.0))
     scene = Scene(class_names=labels.CLASS_NAMES)
     for name, mesh, material in _ground(rng, plan):
         scene.add(mesh, name=name, label=_CLASSES[name], material=material)
@@ -280,17 +280,17 @@ class Plan:
     """Amplitude, wave number and phase of curvature, of the grade, and of the hills beside, shape (3, 3, 3)."""
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, kind: StreetKind, length: float) -> Plan:
+    def draw(cls, rng: np.random.Generator, kind: StreetKind, length: float) -> Plan:
         """Draw a plan."""
         layout = LAYOUTS[kind]
-        lane = drawn(rng, layout.lane)
+        lane = draw(rng, layout.lane)
         sides = {
             side: Side(
                 lane,
                 float(rng.choice(layout.parking)),
-                drawn(rng, layout.verge) * (rng.random() < 0.3),
-                drawn(rng, layout.pavement),
-                drawn(rng, layout.set_back),
+                draw(rng, layout.verge) * (rng.random() < 0.3),
+                draw(rng, layout.pavement),
+                draw(rng, layout.set_back),
             )
             for side in (1, -1)
         }
@@ -300,7 +300,7 @@ class Plan:
             arms = ((1,), (-1,), (1, -1))[rng.integers(3)]
             half = rng.uniform(2.6, 3.2)
             junctions.append(Junction(round(s), arms, half, min(2.0, sides[1].pavement)))
-            s += drawn(rng, layout.junctions)
+            s += draw(rng, layout.junctions)
         waves = np.stack([rng.uniform(0.3, 1.0, (3, 3)), rng.uniform(0.006, 0.03, (3, 3)), rng.uniform(0, 6.3, (3, 3))])
         waves[0] *= np.array([[BEND / 3 * rng.random()], [0.012], [0.9]])
         return cls(kind, layout, length, sides, tuple(junctions), waves)
@@ -316,13 +316,15 @@ class Plan:
         s = np.arange(-self.length / 2 - REACH, self.length / 2 + REACH + 0.25, 0.5)
         middle = len(s) // 2
 
-        def summed(values: Floats) -> Floats:
+        def integrate(values: Floats) -> Floats:
             total: Floats = np.concatenate([[0.0], np.cumsum((values[:-1] + values[1:]) / 2 * 0.5)])
             total -= total[middle]
             return total
 
-        heading = summed(self._wave(0, s))
-        return np.column_stack([s, summed(np.cos(heading)), summed(np.sin(heading)), heading, summed(self._wave(1, s))])
+        heading = integrate(self._wave(0, s))
+        return np.column_stack(
+            [s, integrate(np.cos(heading)), integrate(np.sin(heading)), heading, integrate(self._wave(1, s))]
+        )
 
     def heading(self, s: npt.ArrayLike) -> Floats:
         """Return the heading of the street."""
@@ -662,7 +664,7 @@ class _Builder:
         while s < self.plan.length / 2:
             if self._free(s, side, room):
                 yield s
-            s += drawn(self.rng, spacing)
+            s += draw(self.rng, spacing)
 
     def _park(self, side: int) -> None:
         widths, layout = self.plan.sides[side], self.plan.layout
@@ -690,11 +692,11 @@ class _Builder:
         widths, layout, rng = self.plan.sides[side], self.plan.layout, self.rng
         holes = [(j.s - j.plot - 1.0, j.s + j.plot + 1.0) for j in self.plan.junctions if side in j.sides]
         for start, stop in _between(-self.plan.length / 2 - 20.0, self.plan.length / 2 + 20.0, holes):
-            s = start + drawn(rng, layout.gap) / 2
+            s = start + draw(rng, layout.gap) / 2
             while s < stop - 7.0:
                 kind = layout.buildings[rng.integers(len(layout.buildings))]
                 room = stop - s
-                house = building(kind, rng, width=min(drawn(rng, _WIDTHS[kind]), room - 0.5))
+                house = building(kind, rng, width=min(draw(rng, _WIDTHS[kind]), room - 0.5))
                 width = float(np.diff(house.bounds, axis=0)[0, 1])
                 if width > room:
                     break
@@ -703,7 +705,7 @@ class _Builder:
                 at = middle, side * max(back, widths.plot + 0.3)
                 self._put(house, "building", at, -side * np.pi / 2, sunk=0.25)
                 self._garden(side, s, s + width)
-                s += width + drawn(rng, layout.gap)
+                s += width + draw(rng, layout.gap)
 
     def _garden(self, side: int, start: float, stop: float) -> None:
         """Put a fence, wall, hedge or bed at the pavement, and plants behind it and behind the house."""
@@ -783,7 +785,7 @@ class _Builder:
     def _background(self) -> None:
         """Put houses of a second row and plants at random places behind the fronts."""
         plan, rng = self.plan, self.rng
-        density = drawn(rng, plan.layout.wild) / 100.0
+        density = draw(rng, plan.layout.wild) / 100.0
         for side in (1, -1):
             low = plan.sides[side].front + 14.0
             for s in np.arange(-plan.length / 2, plan.length / 2, 24.0):

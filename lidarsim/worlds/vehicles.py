@@ -22,7 +22,7 @@ from lidarsim.worlds._asset import (
     lathe,
     loft,
     merge,
-    moved,
+    move,
     translation,
     tube,
 )
@@ -329,7 +329,7 @@ def _lorry(size: Drawn, axles: tuple[float, ...], paint: Material) -> Iterator[P
     small = replace(size, length=cab, width=0.96 * width, height=min(0.88 * height, 2.9))
     ahead = (length - cab) / 2
     shell, shares = _shell(profile, small, (axles[0] - ahead,))
-    yield from _glaze(replace(shell, vertices=moved(shell.vertices, (ahead, 0.0, 0.0))), shares, profile, paint)
+    yield from _glaze(replace(shell, vertices=move(shell.vertices, (ahead, 0.0, 0.0))), shares, profile, paint)
     deck = 2 * wheel + 0.12
     back = length - cab - 0.12
     yield box(

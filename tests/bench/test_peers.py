@@ -41,7 +41,7 @@ def test_casters_find_what_is_there(name: str, threads: int, worlds: list[tuple[
         if not kind.serves(world) or not (rays.one_origin or kind.any_origin):
             continue
         caster = kind(world, threads)
-        error = judge(exact.first_hits(world, rays), caster.found(caster.cast(caster.prepare(rays), threads)))
+        error = judge(exact.first_hits(world, rays), caster.convert(caster.cast(caster.prepare(rays), threads)))
         assert error.hits >= 50
         assert error.median_mm is not None
         assert error.max_ulp is not None
@@ -69,19 +69,19 @@ def test_missing_casters_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def load() -> None:
         raise ModuleNotFoundError("No module named 'embreex'", name="embreex")
 
-    def broken() -> None:
+    def fail_to_load() -> None:
         raise OSError("libGL.so.1: cannot open shared object file")
 
     monkeypatch.setattr(peers.Embreex, "load", load)
-    monkeypatch.setattr(peers.Open3D, "load", broken)
+    monkeypatch.setattr(peers.Open3D, "load", fail_to_load)
 
-    def changed(*_: object) -> None:
+    def fail_to_cast(*_: object) -> None:
         raise TypeError("mj_multiRay(): incompatible function arguments")
 
     monkeypatch.setattr(peers.MuJoCo, "load", lambda: None)
     monkeypatch.setattr(peers.MuJoCo, "__init__", lambda *_: None)
     monkeypatch.setattr(peers.MuJoCo, "prepare", lambda *_: None)
-    monkeypatch.setattr(peers.MuJoCo, "cast", changed)
+    monkeypatch.setattr(peers.MuJoCo, "cast", fail_to_cast)
     casters, states = peers.find_installed()
     assert states["MuJoCo"] == "fails here (TypeError: mj_multiRay(): incompatible function arguments)"
     assert states["embreex"] == "not installed (embreex)"

@@ -113,7 +113,7 @@ def test_what_is_no_document(text: str, message: str) -> None:
     assert str(caught.value) == message
 
 
-def nested(levels: int, width: int, inner: str) -> str:
+def nest(levels: int, width: int, inner: str) -> str:
     """A list of lists of lists …, each of which says the one before many times."""
     lines = [f"a0: &a0 {inner}"]
     lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * width)}]" for k in range(1, levels + 1)]
@@ -123,10 +123,10 @@ def nested(levels: int, width: int, inner: str) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (nested(30, 10, "x"), "f.yaml:7: expected at most 1,000,000 values, counting aliases, got 1,111,111"),
-        (nested(101, 1, "x"), "f.yaml:102: not valid YAML: nested too deeply"),
+        (nest(30, 10, "x"), "f.yaml:7: expected at most 1,000,000 values, counting aliases, got 1,111,111"),
+        (nest(101, 1, "x"), "f.yaml:102: not valid YAML: nested too deeply"),
         (
-            nested(2, 200, "x" * 1000),
+            nest(2, 200, "x" * 1000),
             "f.yaml:3: expected at most 16,777,216 characters, counting aliases, got 40,000,000",
         ),
     ],
@@ -240,7 +240,7 @@ def test_values_of_other_types_are_not_given() -> None:
 
 
 def test_each_mapping_is_looked_through_once_for_all_errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    from lidarsim.config.loader import checked
+    from lidarsim.config.loader import validate
     from lidarsim.config.schema import SceneDocument
 
     looked = []
@@ -249,7 +249,7 @@ def test_each_mapping_is_looked_through_once_for_all_errors(monkeypatch: pytest.
     random.Random(1).shuffle(labels)
     root = parse("scene: []\nclass_names:\n" + "".join(f"  {label}: 5\n" for label in labels), "f")
     with pytest.raises(ConfigError) as caught:
-        checked(SceneDocument, root)
+        validate(SceneDocument, root)
     assert str(caught.value) == f"f:3: class_names.{labels[0]}: expected text, got 5 (and 499 more)"
     assert len(looked) < 20
 

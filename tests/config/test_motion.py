@@ -38,7 +38,7 @@ TUM = "".join(
 Pose = npt.NDArray[np.float64]
 
 
-def placed(position: Any, yaw: float = 0.0, scale: Any = 1.0) -> Pose:
+def place(position: Any, yaw: float = 0.0, scale: Any = 1.0) -> Pose:
     """Return R diag(scale) and the position, as configs/README.md says of a placement."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("ZYX", [yaw, 0, 0], degrees=True).as_matrix() * scale
@@ -47,10 +47,10 @@ def placed(position: Any, yaw: float = 0.0, scale: Any = 1.0) -> Pose:
 
 
 def waypoints() -> ls.Trajectory:
-    return ls.Trajectory([0.0, 0.25, 0.5], [placed((0, -2, 0)), placed((1, 0, 0), 10.0), placed((1, 3, 0), 40.0)])
+    return ls.Trajectory([0.0, 0.25, 0.5], [place((0, -2, 0)), place((1, 0, 0), 10.0), place((1, 3, 0), 40.0)])
 
 
-def saved(name: str, **options: Any) -> ls.Trajectory:
+def save_and_load(name: str, **options: Any) -> ls.Trajectory:
     """Write poses in the format that the suffix says, with their times beside them, and load them."""
     Path("drive.tum").write_text(TUM, encoding="ascii")
     drive = ls.Trajectory.load("drive.tum")
@@ -62,7 +62,7 @@ def saved(name: str, **options: Any) -> ls.Trajectory:
 MOTIONS: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {
     "velocity": (
         "position_m: [8, 1, 1], rotation_deg: {yaw: 30}, motion: {linear_m_per_s: [9, 0, 0]}",
-        lambda: {"motion": ls.Trajectory.from_twist(placed((8, 1, 1), 30.0), (9, 0, 0))},
+        lambda: {"motion": ls.Trajectory.from_twist(place((8, 1, 1), 30.0), (9, 0, 0))},
     ),
     "twist of what is scaled": (
         (
@@ -71,7 +71,7 @@ MOTIONS: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {
         ),
         lambda: {
             "transform": np.diag([1, 1.5, 0.5, 1]),
-            "motion": ls.Trajectory.from_twist(placed((8, 1, 1)), (3, -1, 0), np.radians([0, 0, -90])),
+            "motion": ls.Trajectory.from_twist(place((8, 1, 1)), (3, -1, 0), np.radians([0, 0, -90])),
         },
     ),
     "twist from a matrix": (
@@ -89,16 +89,16 @@ MOTIONS: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {
             "{time_s: 0.25, position_m: [1, 0, 0], rotation_deg: {yaw: 10}}, "
             "{time_s: 0.5, position_m: [1, 3, 0], rotation_deg: {yaw: 40}}]"
         ),
-        lambda: {"transform": placed((8, 0, 1), 20.0, 1.25), "motion": waypoints()},
+        lambda: {"transform": place((8, 0, 1), 20.0, 1.25), "motion": waypoints()},
     ),
-    "file": ("motion: {file: drive.tum}", lambda: {"motion": saved("drive.tum")}),
+    "file": ("motion: {file: drive.tum}", lambda: {"motion": save_and_load("drive.tum")}),
     "file, spline": (
         "motion: {file: drive.csv, interpolation: spline}",
-        lambda: {"motion": saved("drive.csv", interpolation="spline")},
+        lambda: {"motion": save_and_load("drive.csv", interpolation="spline")},
     ),
     "file without times": (
         "position_m: [1, 0, 0], motion: {file: drive.kitti, times: times.txt}",
-        lambda: {"transform": placed((1, 0, 0)), "motion": saved("drive.kitti", times="times.txt")},
+        lambda: {"transform": place((1, 0, 0)), "motion": save_and_load("drive.kitti", times="times.txt")},
     ),
 }
 
@@ -131,7 +131,7 @@ def test_a_motion_in_yaml_is_the_same_in_python(kind: str) -> None:
     still.add(ls.Box((4, 2, 2)), transform=item["motion"].at(0.25).as_matrix() @ item.get("transform", np.eye(4)))
     run = ls.config.load("run.yaml")
     assert (run.scene[1].name, run.scene[1].label) == ("van", 10)
-    pose = ls.Trajectory.from_twist(placed((0, 0, 1.5)), (2, 0, 0))
+    pose = ls.Trajectory.from_twist(place((0, 0, 1.5)), (2, 0, 0))
     expected = list(run.lidar.frames(scene, pose, 3, first=1, seed=9))
     assert command("scan", "run.yaml", "-o", "a.npz") == 0
     for k, (scan, of_run, of_scene, other) in enumerate(
@@ -158,7 +158,7 @@ def test_velocities_of_nothing_leave_an_object_where_it_is() -> None:
     write("position_m: [8, 1, 1], scale: 2, motion: {linear_m_per_s: [0, 0, 0]}")
     item = ls.config.load("run.yaml").scene[1]
     assert item.motion is None
-    assert np.array_equal(item.transform, placed((8, 1, 1), scale=2.0))
+    assert np.array_equal(item.transform, place((8, 1, 1), scale=2.0))
 
 
 MISTAKES = {

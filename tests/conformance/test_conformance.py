@@ -333,7 +333,7 @@ def test_input_of_any_layout_is_taken_and_kept(sample):
     assert_same_hits(shape.cast(o, d), hits)
 
 
-def unaligned(values):
+def misalign(values):
     return np.frombuffer(b"\0" + values.tobytes(), np.uint8)[1:].view(values.dtype).reshape(values.shape)
 
 
@@ -343,7 +343,7 @@ FORMS = {
     "by columns": np.asfortranarray,
     "with gaps": lambda values: np.repeat(values, 2, axis=0)[::2],
     "backwards": lambda values: np.flip(np.flip(values).copy()),
-    "unaligned": unaligned,
+    "unaligned": misalign,
     "swapped bytes": lambda values: values.astype(values.dtype.newbyteorder()),
     "long doubles": lambda values: values.astype(np.longdouble),
     "masked": np.ma.array,

@@ -36,12 +36,12 @@ def drop(cloud, rng):
 """
 
 
-def unchanged(cloud: ls.PointCloud, rng: np.random.Generator) -> ls.PointCloud:
+def keep(cloud: ls.PointCloud, rng: np.random.Generator) -> ls.PointCloud:
     del rng
     return cloud
 
 
-def thinned(cloud: ls.PointCloud, rng: np.random.Generator) -> ls.PointCloud:
+def thin(cloud: ls.PointCloud, rng: np.random.Generator) -> ls.PointCloud:
     return cloud[rng.random(len(cloud)) < 0.5]
 
 
@@ -89,7 +89,7 @@ def named(recipe: Path) -> Path:
 
 
 def test_the_cloud_that_is_returned_is_written(recipe: Path, tmp_path: Path) -> None:
-    whole, half = points(make(recipe, tmp_path / "whole")), points(make(recipe, tmp_path / "half", thinned))
+    whole, half = points(make(recipe, tmp_path / "whole")), points(make(recipe, tmp_path / "half", thin))
     assert len(whole) == len(half) == 12
     kept = []
     for all_points, some in zip(whole, half, strict=True):
@@ -110,7 +110,7 @@ def test_an_unchanged_cloud_gives_the_same_files(
 ) -> None:
     for layout in LAYOUTS.keys() - {"bags"}:
         before = tree(make(recipe, tmp_path / layout, layout=layout))
-        after = tree(make(recipe, tmp_path / f"{layout}_after", unchanged, layout))
+        after = tree(make(recipe, tmp_path / f"{layout}_after", keep, layout))
         differing = {name for name in before if before[name] != after.get(name)}
         about = {name for name in before if name.startswith(("manifest", "recipe.yaml", "README.md", "v1.0-"))}
         assert differing <= about, layout  # tokens of nuScenes depend on the recipe
@@ -155,7 +155,7 @@ def test_each_sensor_has_its_own_generator(recipe: Path, tmp_path: Path) -> None
     text = recipe.read_text()
     head, rest = text[: text.index("vary:")], text[text.index("  pose:") :]
     recipe.write_text(f"{head}run:\n  rig: {{a: {grid}, b: {grid}}}\n{rest}")
-    out = make(recipe, tmp_path / "out", thinned)
+    out = make(recipe, tmp_path / "out", thin)
     first = [np.fromfile(path, np.float32) for path in sorted((out / "a").rglob("velodyne/*.bin"))]
     second = [np.fromfile(path, np.float32) for path in sorted((out / "b").rglob("velodyne/*.bin"))]
     assert len(first) == len(second) == 12
@@ -171,7 +171,7 @@ def test_boxes_count_the_points_that_are_left(recipe: Path, tmp_path: Path) -> N
     whole = boxes(make(recipe, tmp_path / "whole", **options))
     balls = boxes(make(recipe, tmp_path / "balls", ball_alone, **options))
     planes = boxes(make(recipe, tmp_path / "planes", plane_alone, **options))
-    some = boxes(make(recipe, tmp_path / "some", thinned, **options))
+    some = boxes(make(recipe, tmp_path / "some", thin, **options))
     assert any(whole)
     assert balls == whole
     assert not any(planes)
@@ -196,7 +196,7 @@ def test_it_is_part_of_what_a_data_set_is_made_of(named: Path, tmp_path: Path) -
     (named.parent / "ray_drop.py").write_text("# moved\n" + MODULE.format(share=0.5))
     make(named, out)
     with pytest.raises(LidarsimError, match="same recipe"):
-        make(named, out, unchanged)
+        make(named, out, keep)
 
 
 def test_a_module_that_python_finds(recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -244,7 +244,7 @@ def test_bad_arguments(recipe: Path, tmp_path: Path) -> None:
         with pytest.raises(TypeError, match=said):
             make(recipe, tmp_path / "out", value)
     with pytest.raises(ConfigError, match="after_scan: expected none with bags"):
-        make(recipe, tmp_path / "out", unchanged, "bags")
+        make(recipe, tmp_path / "out", keep, "bags")
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def tables(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
     return {path.stem: {row["token"]: row for row in json.loads(path.read_text())} for path in files}
 
 
-def placed(row: dict[str, Any], points: np.ndarray) -> np.ndarray:
+def place(row: dict[str, Any], points: np.ndarray) -> np.ndarray:
     """Points in the frame in which a row of a table places them."""
     return Rotation.from_quat(row["rotation"], scalar_first=True).apply(points) + row["translation"]
 
@@ -77,7 +77,7 @@ def within(box: dict[str, Any], points: np.ndarray) -> np.ndarray:
 def in_world(folder: Path, index: dict[str, dict[str, dict[str, Any]]], data: dict[str, Any]) -> np.ndarray:
     points = np.fromfile(folder / data["filename"], np.float32).reshape(-1, 5)[:, :3].astype(float)
     sensor = index["calibrated_sensor"][data["calibrated_sensor_token"]]
-    return placed(index["ego_pose"][data["ego_pose_token"]], placed(sensor, points))
+    return place(index["ego_pose"][data["ego_pose_token"]], place(sensor, points))
 
 
 def test_sweeps_and_key_frames(sweeps: Path) -> None:
@@ -284,20 +284,20 @@ def count(folder: Path) -> dict[str, int]:
 
 
 def test_filters(tmp_path: Path) -> None:
-    def made(**boxes: Any) -> dict[str, int]:
+    def count_with(**boxes: Any) -> dict[str, int]:
         folder = tmp_path / str(len([*tmp_path.iterdir()]))
         ls.generate(drive, folder, layout={"type": "nuscenes", "boxes": boxes}, pictures=0)
         return count(folder)
 
     every = {"barrier": 1, "human.pedestrian.adult": 1, "vehicle.car": 1, "vehicle.truck": 1}
-    assert made() == every
-    assert made(classes=["barrier", 2]) == {"barrier": 1, "vehicle.car": 1}
-    assert made(max_range_m=20.0) == {"human.pedestrian.adult": 1, "vehicle.car": 1}  # 14 m and 4 m from the body
-    assert made(max_range_m=30.0) == {name: 1 for name in every if name != "barrier"}
+    assert count_with() == every
+    assert count_with(classes=["barrier", 2]) == {"barrier": 1, "vehicle.car": 1}
+    assert count_with(max_range_m=20.0) == {"human.pedestrian.adult": 1, "vehicle.car": 1}  # 14 m and 4 m from the body
+    assert count_with(max_range_m=30.0) == {name: 1 for name in every if name != "barrier"}
     rows = tables(tmp_path / "0")["sample_annotation"].values()
     least = sorted(row["num_lidar_pts"] for row in rows)
-    assert sum(made(min_points=least[2]).values()) == 2
-    assert sum(made(min_points=least[2] + 1).values()) == 1
+    assert sum(count_with(min_points=least[2]).values()) == 2
+    assert sum(count_with(min_points=least[2] + 1).values()) == 1
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def cells(name: str) -> list[str]:
     return re.findall(r"<td>(.*?)</td>", html, re.DOTALL)
 
 
-def shown(name: str) -> str:
+def printable(name: str) -> str:
     return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in name).strip(" ")
 
 
@@ -44,12 +44,12 @@ def test_a_name_is_one_cell_of_text(name: str) -> None:
     first, second, third = cells(name)
     assert (first, third) == ("1", "3")
     assert "<" not in second
-    assert unescape(second) == shown(name)
+    assert unescape(second) == printable(name)
 
 
 @given(st.text(alphabet=st.sampled_from("ab \\|`*_[]()<>&!~$#-+.:/@^{}=\n\t\x1b\x00'\"1"), max_size=30))
 def test_any_name_is_one_cell_of_text(name: str) -> None:
-    assert unescape(cells(name)[1]) == shown(name)
+    assert unescape(cells(name)[1]) == printable(name)
     assert "<" not in cells(name)[1]
 
 
@@ -87,7 +87,7 @@ def test_the_card_of_a_data_set(tmp_path: Path) -> None:
     assert not re.search(r"<(script|img|a|b|em)\b", html)
     rows = [re.findall(r"<td.*?>(.*?)</td>", row, re.DOTALL) for row in re.findall(r"<tr>(.*?)</tr>", html, re.DOTALL)]
     classes = {int(row[0]): unescape(row[1]) for row in rows if len(row) == 5}
-    assert classes == {label: shown(name) for label, name in (names | {7: NASTY[6]}).items()}
+    assert classes == {label: printable(name) for label, name in (names | {7: NASTY[6]}).items()}
     assert text.isascii() or "\x1b" not in text
 
 

@@ -189,11 +189,11 @@ def test_both_have_the_boxes_of_the_scan(made: dict[str, Path]) -> None:
 
 
 def test_rigs_have_a_folder_per_sensor(tmp_path: Path, layout: str) -> None:
-    def rigged(rng: np.random.Generator, sequence: int) -> Any:
+    def scene_rig_and_path(rng: np.random.Generator, sequence: int) -> Any:
         scene, lidar, path = around(rng, sequence)
         return scene, ls.Rig({"top": (lidar, np.eye(4)), "left": (lidar, np.eye(4))}), path
 
-    ls.generate(rigged, tmp_path, layout=layout, frames=2, pictures=0)
+    ls.generate(scene_rig_and_path, tmp_path, layout=layout, frames=2, pictures=0)
     for sensor in ("top", "left"):
         assert (tmp_path / sensor / "ImageSets/train.txt").read_text().split() == ["000000", "000001"]
         assert len(labels_of(tmp_path / sensor, 1)[1]) == 3

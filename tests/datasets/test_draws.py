@@ -10,7 +10,7 @@ from scipy import stats
 
 from lidarsim import _native
 from lidarsim.config.document import Place, parse
-from lidarsim.config.loader import checked
+from lidarsim.config.loader import validate
 from lidarsim.datasets.draws import MOST_SIGMAS, Draw, Stream
 from lidarsim.errors import ConfigError
 
@@ -102,7 +102,7 @@ HUGE = "1" + "0" * 300
 def test_what_cannot_be_drawn(draw: str, message: str) -> None:
     root = parse(f"{{{draw}}}", "f")
     with pytest.raises(ConfigError) as caught:
-        checked(Draw, root).check(Place(root))
+        validate(Draw, root).check(Place(root))
     assert str(caught.value) == message
 
 
@@ -122,7 +122,7 @@ def test_what_cannot_be_drawn(draw: str, message: str) -> None:
 )
 def test_the_ends_of_what_can_be_drawn(draw: str) -> None:
     root = parse(f"{{{draw}}}", "f")
-    made = checked(Draw, root)
+    made = validate(Draw, root)
     made.check(Place(root), numbers=True)
     values = np.array([float(made.draw(stream)) for stream in streams()])
     assert np.isfinite(values).all()

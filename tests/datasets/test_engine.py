@@ -68,7 +68,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     return workers
 
 
-def ended(*arguments: object) -> object:
+def exit_code(*arguments: object) -> object:
     """The exit code of ``lidarsim generate`` in this process."""
     with pytest.raises(SystemExit) as caught:
         main(["generate", *map(str, arguments), "--pictures", "0"])
@@ -290,7 +290,7 @@ def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, driv
     assert process.returncode == 2
     assert complaints == "lidarsim: lost the connection to the scheduler: run the same command again to resume\n"
     assert not (out / "manifest.jsonl").exists()
-    assert ended(recipe, "-o", out, *of(DRIVE)) == 0
+    assert exit_code(recipe, "-o", out, *of(DRIVE)) == 0
     assert tree(out) == drive
 
 
@@ -362,7 +362,7 @@ def test_interrupted_and_gone_on(
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         patch.setattr(engine, "samples", interrupting)
-        assert ended(recipe, "-o", out) == 130
+        assert exit_code(recipe, "-o", out) == 130
     assert manifest.finished_shards(open_store(out)) == {0}
     assert not (out / "manifest.jsonl").exists()
     assert ls.generate(recipe, out, pictures=0).frames == 7
@@ -400,7 +400,7 @@ def test_a_full_disk(recipe: Path, tmp_path: Path, tree: Tree, layout: str, caps
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest - 1, hard))
     try:
-        assert ended(recipe, "-o", out, *of(settings)) == 2
+        assert exit_code(recipe, "-o", out, *of(settings)) == 2
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     complaint = capsys.readouterr().err

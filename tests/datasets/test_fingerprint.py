@@ -281,10 +281,10 @@ class Maker:
 
 
 def closure(radius: float) -> Callable[..., Any]:
-    def made(rng: np.random.Generator, sequence: int) -> Any:
+    def make(rng: np.random.Generator, sequence: int) -> Any:
         return Maker(radius)(rng, sequence)
 
-    return made
+    return make
 
 
 def keyword(rng: np.random.Generator, sequence: int, *, radius: float = 1.0) -> Any:

@@ -155,7 +155,7 @@ def test_paths_of_no_file(name: str, tmp_path: Path) -> None:
 
 
 @functools.wraps(scenes)
-def wrapped(*arguments: Any) -> Any:
+def call_scenes(*arguments: Any) -> Any:
     return scenes(*arguments)
 
 
@@ -164,7 +164,7 @@ def wrapped(*arguments: Any) -> Any:
     [
         functools.partial(scenes),
         functools.lru_cache(scenes),
-        wrapped,
+        call_scenes,
         lambda rng, sequence: (*scenes(rng, sequence)[:2], np.eye(4)),
         lambda *arguments, **more: (*scenes(*arguments, **more)[:2], None),
         staticmethod(scenes).__func__,

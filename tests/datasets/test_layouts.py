@@ -345,10 +345,10 @@ def test_bags(recipe: Path, tmp_path: Path) -> None:
                 file, decoder_factories=[DecoderFactory()]
             ).iter_decoded_messages():
                 if channel.topic == "/tf_static":
-                    mounts = {part.child_frame_id: placed(part.transform) for part in message.transforms}
+                    mounts = {part.child_frame_id: rigid_transform(part.transform) for part in message.transforms}
                 elif channel.topic == "/tf":
                     (part,) = message.transforms
-                    bodies[part.header.stamp.sec, part.header.stamp.nanosec] = placed(part.transform)
+                    bodies[part.header.stamp.sec, part.header.stamp.nanosec] = rigid_transform(part.transform)
                 elif channel.topic.endswith("/points"):
                     assert channel.topic == f"/{message.header.frame_id}/points"
                     messages.append(message)
@@ -412,7 +412,7 @@ def test_bad_cuts_of_bags(recipe: Path, options: str, message: str, tmp_path: Pa
         load(path)
 
 
-def placed(transform: Any) -> RigidTransform:
+def rigid_transform(transform: Any) -> RigidTransform:
     """A transform of ROS."""
     position, turn = transform.translation, transform.rotation
     return RigidTransform.from_components(

@@ -266,7 +266,7 @@ def test_large_sets_are_held_in_little_memory(made: Any) -> None:
     assert held < 200_000
 
 
-def damaged(made: Any, tmp_path: Path, layout: str = "kitti") -> Path:
+def copy_to_damage(made: Any, tmp_path: Path, layout: str = "kitti") -> Path:
     shutil.copytree(made(layout)[1], tmp_path / "out")
     return tmp_path / "out"
 
@@ -282,7 +282,7 @@ def damaged(made: Any, tmp_path: Path, layout: str = "kitti") -> Path:
     ],
 )
 def test_damaged_notes(made: Any, tmp_path: Path, name: str, change: bytes | None, said: str) -> None:
-    out = damaged(made, tmp_path)
+    out = copy_to_damage(made, tmp_path)
     (out / name).unlink()
     if change is not None:
         (out / name).write_bytes(change)
@@ -293,7 +293,7 @@ def test_damaged_notes(made: Any, tmp_path: Path, name: str, change: bytes | Non
 
 @pytest.mark.parametrize("layout", sorted(LAYOUTS.keys()))
 def test_damaged_points(made: Any, tmp_path: Path, layout: str) -> None:
-    out = damaged(made, tmp_path, layout)
+    out = copy_to_damage(made, tmp_path, layout)
     suffixes = {".bin", ".npy", ".tar", ".mcap"}
     files = [path for path in out.rglob("*") if path.suffix in suffixes]
     assert files

@@ -28,7 +28,7 @@ LAYOUTS = ("semantickitti", "nuscenes", "shards", "bags")
 make = functools.partial(ls.generate, pictures=0)
 
 
-def changed(head: str, *lines: str) -> list[str]:
+def manifest_of(head: str, *lines: str) -> list[str]:
     """A manifest of other lines, whose head fits them."""
     text = "".join(f"{line}\n" for line in lines)
     told = json.loads(head) | {"files": len(lines), "lines": hashlib.sha256(text.encode()).hexdigest()}
@@ -109,7 +109,7 @@ def test_an_older_manifest_without_a_count_is_read(out: Path, shared: Path) -> N
 )  # fmt: skip
 def test_names_that_lead_elsewhere(out: Path, name: Any) -> None:
     head, *lines = lines_of(out)
-    write(out, changed(head, *lines, json.dumps({"file": name, "sha256": "0" * 64, "bytes": 1})))
+    write(out, manifest_of(head, *lines, json.dumps({"file": name, "sha256": "0" * 64, "bytes": 1})))
     with pytest.raises(FileFormatError, match=rf"manifest\.jsonl: line {len(lines) + 2}: ") as caught:
         ls.datasets.verify(out)
     assert str(caught.value).isprintable()
@@ -119,7 +119,7 @@ def test_names_that_lead_elsewhere(out: Path, name: Any) -> None:
 @pytest.mark.parametrize("line", ["[" * 100_000, "{", "[]", "null", "1" * 100_000, '{"file": "\\ud800"}', "\xff", ""])
 def test_lines_that_are_none(out: Path, line: str) -> None:
     head, *lines = lines_of(out)
-    write(out, changed(head, *lines, line))
+    write(out, manifest_of(head, *lines, line))
     with pytest.raises(FileFormatError, match=rf"manifest\.jsonl: line {len(lines) + 2}: damaged"):
         ls.datasets.verify(out)
 
@@ -390,13 +390,13 @@ json_values = st.recursive(
 )
 
 
-def mutated(data: st.DataObject, value: Any) -> Any:
+def mutate(data: st.DataObject, value: Any) -> Any:
     """A document that differs in one place."""
     if isinstance(value, dict | list) and value and data.draw(st.integers(0, 9)):
         key = data.draw(st.sampled_from(sorted(value) if isinstance(value, dict) else range(len(value))))
         copy = value.copy()
         if data.draw(st.integers(0, 9)):
-            copy[key] = mutated(data, value[key])
+            copy[key] = mutate(data, value[key])
         else:
             del copy[key]
         return copy
@@ -429,7 +429,7 @@ def test_damaged_notes_end_in_nothing_but_documented_errors(
         elif how == "json" and name != "recipe.yaml":
             lines = content.splitlines()
             number = data.draw(st.integers(0, len(lines) - 1))
-            lines[number] = json.dumps(mutated(data, json.loads(lines[number]))).encode()
+            lines[number] = json.dumps(mutate(data, json.loads(lines[number]))).encode()
             content = b"\n".join(lines) + b"\n"
         complete = name == "manifest.jsonl" or data.draw(st.booleans())
         out = folder / "damaged"

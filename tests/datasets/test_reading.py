@@ -33,7 +33,7 @@ run:
 """
 
 
-def made(folder: Path, layout: str) -> Path:
+def make_set(folder: Path, layout: str) -> Path:
     (folder / "recipe_of_test.yaml").write_text(RECIPE.format(layout=layout), encoding="utf-8")
     ls.generate(folder / "recipe_of_test.yaml", folder / "set", pictures=0)
     return folder / "set"
@@ -45,7 +45,7 @@ def frames(path: Path, first: int = 0) -> list[Frame]:
 
 @pytest.mark.parametrize("layout", ["semantickitti", "nuscenes", "shards", "bags"])
 def test_every_layout_is_read_as_it_was_written(layout: str, tmp_path: Path) -> None:
-    folder = made(tmp_path, layout)
+    folder = make_set(tmp_path, layout)
     found = open_frames(folder)
     all_of_them = frames(folder)
     assert len(all_of_them) == 4
@@ -67,7 +67,7 @@ def test_every_layout_is_read_as_it_was_written(layout: str, tmp_path: Path) -> 
 
 
 def test_boxes_of_nuscenes_hold_their_points(tmp_path: Path) -> None:
-    for frame in frames(made(tmp_path, "nuscenes")):
+    for frame in frames(make_set(tmp_path, "nuscenes")):
         assert frame.boxes is not None
         assert frame.boxes.label.tolist() == [10]
         # The boxes have room for points in float32, whose coordinates, up to 16 m, are rounded by 2**-24 of them.
@@ -127,7 +127,7 @@ def test_kitti_says_that_there_are_no_boxes_behind(tmp_path: Path) -> None:
 
 
 def test_the_titles_of_frames_count_from_the_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = made(tmp_path, "bags")
+    folder = make_set(tmp_path, "bags")
     assert (frames(folder)[0].time or 0.0) > 1e9  # the time of a clock
     titles: list[object] = []
     monkeypatch.setattr(cli.commands.ls, "show", lambda *_, **looks: titles.append(looks["title"]))
@@ -192,7 +192,7 @@ def test_damaged_labels_of_kitti(file: str, text: str, message: str, tmp_path: P
 def test_hostile_tables_of_nuscenes(
     table: str, row: int, key: str, value: object, message: str, tmp_path: Path
 ) -> None:
-    folder = made(tmp_path, "nuscenes")
+    folder = make_set(tmp_path, "nuscenes")
     (tmp_path / "secret.pcd.bin").write_bytes(b"\0" * 20)
     path = folder / "v1.0-lidarsim" / f"{table}.json"
     rows = json.loads(path.read_text(encoding="utf-8"))
@@ -205,7 +205,7 @@ def test_hostile_tables_of_nuscenes(
 
 
 def test_tables_that_are_no_tables(tmp_path: Path) -> None:
-    folder = made(tmp_path, "nuscenes")
+    folder = make_set(tmp_path, "nuscenes")
     for text in ("", "{", "[" * 100_000, "3", '{"token": 1}'):
         (folder / "v1.0-lidarsim/sample.json").write_text(text, encoding="utf-8")
         with pytest.raises(FileFormatError, match=r"sample\.json: "):
@@ -234,7 +234,7 @@ def test_classes_of_las_have_the_names_of_the_standard(tmp_path: Path) -> None:
 
 
 def test_damaged_shards(tmp_path: Path) -> None:
-    folder = made(tmp_path, "shards")
+    folder = make_set(tmp_path, "shards")
     path = folder / "shards" / "000000.tar"
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
@@ -248,7 +248,7 @@ def test_damaged_shards(tmp_path: Path) -> None:
 
 
 def test_damaged_tables_of_semantickitti(tmp_path: Path) -> None:
-    sequence = made(tmp_path, "semantickitti") / "sequences" / "00"
+    sequence = make_set(tmp_path, "semantickitti") / "sequences" / "00"
     for name, text, message in (
         ("times.txt", "0.0\n", "expected a time for each of the 2 frames, got 1"),
         ("times.txt", "soon\n", "line 1: expected finite numbers, got soon"),

@@ -82,9 +82,9 @@ def test_the_resolved_recipe_makes_the_same(recipe: Path, tmp_path: Path) -> Non
     here = tmp_path / "here.yaml"
     here.write_text(yaml.safe_dump({**yaml.safe_load(recipe.read_text()), "run": {"file": "runs/run.yaml"}}))
     resolved = tmp_path / "resolved.yaml"
-    resolved.write_text(yaml.safe_dump(load(here).resolved()))
+    resolved.write_text(yaml.safe_dump(load(here).to_dict()))
     again = load(resolved)
-    assert again.resolved() == load(here).resolved() == load(recipe).resolved()
+    assert again.to_dict() == load(here).to_dict() == load(recipe).to_dict()
     for sequence in range(3):
         scans = [load(path).source.run(sequence, 2).scan(2) for path in (recipe, resolved)]
         np.testing.assert_array_equal(scans[0].range, scans[1].range)

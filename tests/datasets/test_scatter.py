@@ -71,7 +71,7 @@ def recipe(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @functools.cache
-def placed(path: Path, sequence: int, *overrides: str) -> tuple[ls.Scene, list[Placed]]:
+def scene_and_objects(path: Path, sequence: int, *overrides: str) -> tuple[ls.Scene, list[Placed]]:
     source = load(path, overrides).source
     assert isinstance(source, Document)
     run = source.run(sequence)
@@ -98,7 +98,7 @@ def outline(item: ls.scene.SceneObject, n: int = 24) -> npt.NDArray[np.float64]:
 def test_nothing_overlaps(recipe: Path) -> None:
     found = 0
     for sequence in SEQUENCES:
-        scene, there = placed(recipe, sequence)
+        scene, there = scene_and_objects(recipe, sequence)
         items = [(item, outline(item)) for item in scene.objects[2:]]
         found += len(there)
         for (_, first), (second_item, second) in combinations(items, 2):
@@ -111,7 +111,7 @@ def test_nothing_overlaps(recipe: Path) -> None:
 def test_they_stand_on_the_ground(recipe: Path) -> None:
     heights = set()
     for sequence in SEQUENCES:
-        scene, _ = placed(recipe, sequence)
+        scene, _ = scene_and_objects(recipe, sequence)
         for item in scene.objects[3:]:
             assert item.transform is not None
             bottom = float(item.transform[2, 3])
@@ -127,7 +127,7 @@ def test_they_stand_on_the_ground(recipe: Path) -> None:
 def test_the_sensor_is_kept_clear(recipe: Path) -> None:
     track = np.stack([np.linspace(-10, 6, 200), np.zeros(200)], 1)
     for sequence in SEQUENCES:
-        scene, _ = placed(recipe, sequence)
+        scene, _ = scene_and_objects(recipe, sequence)
         for item in scene.objects[3:]:
             if item.label:
                 assert np.linalg.norm(outline(item)[:, None] - track[None], axis=2).min() >= 3
@@ -136,23 +136,23 @@ def test_the_sensor_is_kept_clear(recipe: Path) -> None:
 def test_places_depend_on_their_own_group(recipe: Path) -> None:
     alone = yaml.safe_dump({"cars": RECIPE["scatter"]["cars"]}, default_flow_style=True, width=10_000)  # type: ignore[index]
     for sequence in (0, 3):
-        _, both = placed(recipe, sequence)
-        _, one = placed(recipe, sequence, f"scatter={alone}")
+        _, both = scene_and_objects(recipe, sequence)
+        _, one = scene_and_objects(recipe, sequence, f"scatter={alone}")
         cars = [item for item in both if item.group == "cars"]
         assert len(cars) == len(one) >= 5
         for first, second in zip(cars, one, strict=True):
             np.testing.assert_array_equal(first.motion, second.motion)
-    _, fewer = placed(recipe, 0, "scatter.cars.count=3")
-    for first, second in zip(placed(recipe, 0)[1][:3], fewer, strict=False):
+    _, fewer = scene_and_objects(recipe, 0, "scatter.cars.count=3")
+    for first, second in zip(scene_and_objects(recipe, 0)[1][:3], fewer, strict=False):
         np.testing.assert_array_equal(first.motion, second.motion)
-    assert not np.array_equal(placed(recipe, 1)[1][0].motion, placed(recipe, 0)[1][0].motion)
+    assert not np.array_equal(scene_and_objects(recipe, 1)[1][0].motion, scene_and_objects(recipe, 0)[1][0].motion)
 
 
 def test_along_a_path_they_keep_to_it(recipe: Path) -> None:
     path = np.array([[-14, 0], [0, 3], [14, 0]])
     pieces = list(pairwise(path))
     for sequence in SEQUENCES:
-        for item in placed(recipe, sequence)[1]:
+        for item in scene_and_objects(recipe, sequence)[1]:
             if item.group == "boxes":
                 pose = np.asarray(item.motion)
                 off = [abs(np.linalg.det([b - a, pose[:2, 3] - a]) / np.linalg.norm(b - a)) for a, b in pieces]
@@ -299,14 +299,17 @@ def test_points_on_movers_of_the_street_move() -> None:
 )  # fmt: skip
 def test_mistakes_are_named(recipe: Path, change: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message) as caught:
-        placed(recipe, 0, change)
+        scene_and_objects(recipe, 0, change)
     assert str(caught.value).startswith((f"{recipe}:", "--set "))
 
 
 def test_numbers_are_checked_as_they_are_drawn(recipe: Path) -> None:
     """A normal number may be anything: one that is no count is 0, and one out of range is an error of its sequence."""
     counts = [
-        sum(item.group == "cars" for item in placed(recipe, sequence, "scatter.cars.count={normal: [0.5, 2]}")[1])
+        sum(
+            item.group == "cars"
+            for item in scene_and_objects(recipe, sequence, "scatter.cars.count={normal: [0.5, 2]}")[1]
+        )
         for sequence in SEQUENCES
     ]
     assert 0 in counts
@@ -332,7 +335,7 @@ def test_numbers_are_checked_as_they_are_drawn(recipe: Path) -> None:
     ],
 )
 def test_unusual_places_are_places(recipe: Path, change: str) -> None:
-    _, there = placed(recipe, 1, "scatter.boxes.count=0", change)
+    _, there = scene_and_objects(recipe, 1, "scatter.boxes.count=0", change)
     wanted = 0 if "count=0" in change.rpartition("boxes")[2] or "1.0e+300, 4" in change else 2
     assert len(there) >= wanted
     for item in there:
@@ -365,8 +368,8 @@ def test_places_do_not_depend_on_how_many_are_tried_at_once(recipe: Path, monkey
         for more in (scattering.MORE, 1):
             monkeypatch.setattr(scattering, "MORE", more)
             tried.clear()
-            placed.cache_clear()
-            found.append(placed(path, sequence, *changes)[1])
+            scene_and_objects.cache_clear()
+            found.append(scene_and_objects(path, sequence, *changes)[1])
             assert (max(tried) > 1) == (more > 1)
         assert len(found[0]) > 5
         for one, other in zip(*found, strict=True):
@@ -382,9 +385,9 @@ def test_a_group_ends_when_there_is_no_room(recipe: Path, monkeypatch: pytest.Mo
     tried = []
     monkeypatch.setattr(Way, "poses", lambda *_, of=Way.poses: tried.append(1) or of(*_))
     small = ["scatter.cars.area_m=[[4, -14], [9, -9]]", "scatter.boxes.count=0", "scatter.cars.count=10000"]
-    _, there = placed(recipe, 0, *small)
+    _, there = scene_and_objects(recipe, 0, *small)
     assert 1 <= len(there) < 10
-    again = placed(recipe, 0, *small[:2], "scatter.cars.count=100")[1]
+    again = scene_and_objects(recipe, 0, *small[:2], "scatter.cars.count=100")[1]
     assert [np.asarray(item.motion).tolist() for item in there] == [np.asarray(item.motion).tolist() for item in again]
     assert scattering.FULL * scattering.TRIES <= len(tried) < 200 * scattering.TRIES
 
@@ -397,7 +400,7 @@ PACKAGED = sorted((CONFIGS / "recipes").glob("*.yaml"))
 def test_each_group_of_each_packaged_recipe_appears(path: Path, slow: bool) -> None:
     source = load(path).source
     sequences = 1 if path.stem == "traffic" else 4 if slow else 2
-    counts = sum((source.scattered(sequence) for sequence in range(sequences)), Scattered())
+    counts = sum((source.scatter_counts(sequence) for sequence in range(sequences)), Scattered())
     assert counts.groups.keys() == yaml.safe_load(path.read_text(encoding="utf-8"))["scatter"].keys()
     for name, tally in counts.groups.items():
         assert tally.placed >= 0.75 * tally.asked > 0, (name, tally)
@@ -429,7 +432,7 @@ def lanes(tmp_path: Path, offset: float, **more: object) -> tuple[list[Placed], 
     source = load(path).source
     assert isinstance(source, Document)
     source.run(0)
-    return source.scatter(0)[0], source.scattered(0)
+    return source.scatter(0)[0], source.scatter_counts(0)
 
 
 def test_gaps_count_along_the_way_between_lanes(tmp_path: Path) -> None:

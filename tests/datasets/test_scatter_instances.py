@@ -51,7 +51,7 @@ def recipe(folder: Path, frames: int = 40, ground: dict[str, Any] = FLOOR, **gro
     return path
 
 
-def placed(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
+def scene_and_objects(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
     source = load(path).source
     assert isinstance(source, Document)
     run = source.run(sequence)
@@ -103,7 +103,7 @@ def test_the_wheels_of_a_vehicle_turn_and_the_limbs_of_pedestrians_swing(tmp_pat
             "speed_m_per_s": 1.3,
         },
     }
-    scene, found = placed(
+    scene, found = scene_and_objects(
         recipe(tmp_path, frames=10, cars={"count": 1} | groups["cars"], people={"count": 1} | groups["people"])
     )
     assert len(found) == 2
@@ -122,7 +122,7 @@ def test_the_wheels_of_a_vehicle_turn_and_the_limbs_of_pedestrians_swing(tmp_pat
 def test_someone_who_sits_keeps_the_posture(tmp_path: Path) -> None:
     instance = {"shape": "pedestrian", "posture": "sitting", "seed": 3}
     people = {"objects": [instance], "count": 1, "area_m": [[-5, -5], [5, 5]]}
-    scene, _ = placed(recipe(tmp_path, frames=2, people=people))
+    scene, _ = scene_and_objects(recipe(tmp_path, frames=2, people=people))
     heights = np.concatenate([surface(item, 0.0) for item in instances(scene)[0]])[:, 2]
     assert heights.min() == pytest.approx(0.0, abs=0.02)
     assert heights.max() < 1.5
@@ -134,7 +134,7 @@ def test_someone_who_sits_keeps_the_posture(tmp_path: Path) -> None:
 @pytest.mark.parametrize("speed", [0.3, 0.9, 1.4, 2.2])
 def test_a_walker_takes_strides_of_its_speed(tmp_path: Path, speed: float) -> None:
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speed}
-    ((*parts,),) = instances(placed(recipe(tmp_path, people=group))[0])
+    ((*parts,),) = instances(scene_and_objects(recipe(tmp_path, people=group))[0])
     hip = 0.53 * 1.75
     cycle = 1.346 * np.sqrt(speed / hip) * hip / speed  # Boulic et al., in their words: RLc = 1.346 √RV
     times = np.linspace(0.0, 4.0, 401)
@@ -161,7 +161,7 @@ def test_a_walker_takes_strides_of_its_speed(tmp_path: Path, speed: float) -> No
 @pytest.mark.parametrize("speed", [0.0, 1.4, 2.2])
 def test_limbs_hold_together_and_a_foot_is_on_the_ground(tmp_path: Path, speed: float) -> None:
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speed, "yaw_deg": 30}
-    ((_, _, *parts),) = instances(placed(recipe(tmp_path, people=group))[0])
+    ((_, _, *parts),) = instances(scene_and_objects(recipe(tmp_path, people=group))[0])
     thigh, shank = 0.245 * 1.75, 0.246 * 1.75
     standing = []
     for time in np.linspace(0, 4, 161):
@@ -178,7 +178,7 @@ def test_limbs_hold_together_and_a_foot_is_on_the_ground(tmp_path: Path, speed: 
 def test_the_foot_on_the_ground_stays(tmp_path: Path) -> None:
     """In the middle of a stance, the ankle goes at less than a third of the walker's speed; in swing, much faster."""
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": 1.4}
-    ((_, _, *parts),) = instances(placed(recipe(tmp_path, people=group))[0])
+    ((_, _, *parts),) = instances(scene_and_objects(recipe(tmp_path, people=group))[0])
     times = np.linspace(0, 4, 401)
     for foot in (2, 7):
         x = np.array([pose(parts[foot], time)[0, 3] for time in times])
@@ -191,7 +191,7 @@ def test_the_foot_on_the_ground_stays(tmp_path: Path) -> None:
 def test_a_walker_that_stops_stands(tmp_path: Path) -> None:
     speeds = [[0.5, 1.4], [1.5, 0], [3, 0], [4, 1.4]]
     group = {"objects": [WALKER], "count": 1, "area_m": [[-1, -1], [1, 1]], "speed_m_per_s": speeds}
-    ((*parts,),) = instances(placed(recipe(tmp_path, people=group))[0])
+    ((*parts,),) = instances(scene_and_objects(recipe(tmp_path, people=group))[0])
     for item in parts:
         assert item.motion is not None
         still = item.motion.at(np.linspace(1.6, 2.9, 20)).as_matrix()
@@ -214,7 +214,7 @@ def spin(item: ls.scene.SceneObject, body: ls.scene.SceneObject, times: Floats) 
 def test_wheels_roll(tmp_path: Path, speed: Any) -> None:
     """A wheel of radius 0.3 m turns by the way over the radius; the point on the ground rests."""
     group = {"objects": [CART], "count": 2, "along_m": [[-200, 3], [200, 3]], "speed_m_per_s": speed, "scale": 0.9}
-    scene, _ = placed(recipe(tmp_path, carts=group))
+    scene, _ = scene_and_objects(recipe(tmp_path, carts=group))
     assert len(instances(scene)) == 2
     for body, *wheels in instances(scene):
         assert body.motion is not None
@@ -231,10 +231,10 @@ def test_wheels_roll(tmp_path: Path, speed: Any) -> None:
 
 def test_wheels_roll_backwards_in_reverse(tmp_path: Path) -> None:
     group = {"objects": [CART], "count": 1, "area_m": [[-9, -9], [9, 9]], "speed_m_per_s": -3}
-    ((body, wheel, *_),) = instances(placed(recipe(tmp_path, carts=group))[0])
+    ((body, wheel, *_),) = instances(scene_and_objects(recipe(tmp_path, carts=group))[0])
     np.testing.assert_allclose(np.diff(spin(wheel, body, np.array([0.0, 0.05]))), [-0.15 / 0.3], rtol=2.0**-38)
     group |= {"along_m": [[-20, 0], [20, 0]], "area_m": None}
-    ((body, wheel, *_),) = instances(placed(recipe(tmp_path, carts=group))[0])
+    ((body, wheel, *_),) = instances(scene_and_objects(recipe(tmp_path, carts=group))[0])
     np.testing.assert_allclose(np.diff(spin(wheel, body, np.array([0.0, 0.05]))), [0.15 / 0.3], rtol=2.0**-38)
 
 
@@ -244,7 +244,7 @@ def test_wheels_roll_backwards_in_reverse(tmp_path: Path) -> None:
 def test_speeds_change_as_told_and_places_do_not_jump(tmp_path: Path) -> None:
     speeds = [[1, 8], [2, 0], [2.5, 0], [3.5, 5]]
     group = {"objects": [BODY], "count": 3, "along_m": [[-200, 3], [200, 3]], "speed_m_per_s": speeds}
-    for item in placed(recipe(tmp_path, cars=group))[1]:
+    for item in scene_and_objects(recipe(tmp_path, cars=group))[1]:
         assert isinstance(item.motion, ls.Trajectory)
         x = item.motion.at([0.0, 1.0, 2.0, 2.5, 3.5, 4.0]).translation[:, 0]
         np.testing.assert_allclose(np.diff(x), [8, 4, 0, 2.5, 2.5], rtol=0, atol=2.0**-44)
@@ -261,7 +261,7 @@ def test_paths_with_bends_are_followed_without_jumps(tmp_path: Path, interpolati
              "offset_m": offset, "speed_m_per_s": 8, "gap_m": 0.5}  # fmt: skip
     bent = 0
     for sequence in range(3):
-        for item in placed(recipe(tmp_path, cars=group), sequence)[1]:
+        for item in scene_and_objects(recipe(tmp_path, cars=group), sequence)[1]:
             assert isinstance(item.motion, ls.Trajectory)
             where = item.motion.at(item.motion.times).as_matrix()
             way = np.linalg.norm(np.diff(where[:, :2, 3], axis=0), axis=1)
@@ -286,7 +286,7 @@ def test_paths_with_bends_are_followed_without_jumps(tmp_path: Path, interpolati
 def test_a_spline_goes_through_its_points(tmp_path: Path) -> None:
     points = [[-40, 0], [-10, 0], [0, 12], [20, 30]]
     group = {"objects": [BODY], "count": 1, "along_m": points, "interpolation": "spline", "speed_m_per_s": 18}
-    (item,) = placed(recipe(tmp_path, cars=group))[1]
+    (item,) = scene_and_objects(recipe(tmp_path, cars=group))[1]
     assert isinstance(item.motion, ls.Trajectory)
     track = item.motion.at(np.linspace(0, 4, 4001)).translation[:, :2]
     for point in points[1:3]:
@@ -296,7 +296,7 @@ def test_a_spline_goes_through_its_points(tmp_path: Path) -> None:
 def test_several_paths_are_all_taken(tmp_path: Path) -> None:
     paths = [[[-40, y], [40, y]] for y in (-9, 0, 9)]
     group = {"objects": [BODY], "count": 12, "along_m": paths}
-    there = placed(recipe(tmp_path, cars=group))[1]
+    there = scene_and_objects(recipe(tmp_path, cars=group))[1]
     assert {float(np.asarray(item.motion)[1, 3]) for item in there} == {-9.0, 0.0, 9.0}
 
 
@@ -308,7 +308,7 @@ def test_cars_are_parallel_to_the_ground(tmp_path: Path, speed: float) -> None:
     path = [[-40, 0], [-10, 5], [10, -8], [40, 0]]
     group = {"objects": [CART], "count": 4, "along_m": path, "interpolation": "spline", "speed_m_per_s": speed,
              "tilt": True}  # fmt: skip
-    scene, there = placed(recipe(tmp_path, ground=HILL, cars=group))
+    scene, there = scene_and_objects(recipe(tmp_path, ground=HILL, cars=group))
     assert len(there) >= 3
     normal = np.array([-0.2, 0.1, 1]) / np.linalg.norm([-0.2, 0.1, 1])
     for parts, item in zip(instances(scene), there, strict=True):
@@ -325,7 +325,7 @@ def test_cars_are_parallel_to_the_ground(tmp_path: Path, speed: float) -> None:
 
 def test_people_stand_upright_on_slopes(tmp_path: Path) -> None:
     group = {"objects": [WALKER], "count": 3, "area_m": [[-9, -9], [9, 9]], "speed_m_per_s": 1}
-    scene, there = placed(recipe(tmp_path, ground=HILL, people=group))
+    scene, there = scene_and_objects(recipe(tmp_path, ground=HILL, people=group))
     for parts, item in zip(instances(scene), there, strict=True):
         assert isinstance(item.motion, ls.Trajectory)
         assert (item.motion.at(1.0).as_matrix()[:3, 2] == (0, 0, 1)).all()
@@ -340,7 +340,7 @@ def test_a_rotation_is_obeyed(tmp_path: Path) -> None:
               "position_m": [0.5, 0, 0.1]}  # fmt: skip
     for speed in (0, 5):
         group = {"objects": [turned], "count": 3, "along_m": [[-50, 9], [50, 9]], "speed_m_per_s": speed}
-        scene, _ = placed(recipe(tmp_path, cars=group))
+        scene, _ = scene_and_objects(recipe(tmp_path, cars=group))
         for (item,) in instances(scene):
             bounds = np.ptp(plan([item], 0.3), axis=0)
             np.testing.assert_allclose(bounds, [4, 1], rtol=0, atol=2.0**-40)
@@ -366,7 +366,7 @@ def model(folder: Path) -> Path:
     return path
 
 
-def filed(folder: Path) -> dict[str, Any]:
+def scene_file(folder: Path) -> dict[str, Any]:
     rules = [{"node": "*flag", "skip": True}, {"node": "*wheel*", "label": 5}, {"node": "*shell", "label": 7}]
     return {"shape": "scene_file", "file": str(model(folder)), "rules": rules, "wheels": "wheel*",
             "rotation_deg": {"yaw": 90}}  # fmt: skip
@@ -374,8 +374,8 @@ def filed(folder: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize("speed", [0, 7])
 def test_a_scene_file_is_one_instance(tmp_path: Path, speed: float) -> None:
-    group = {"objects": [filed(tmp_path)], "count": 3, "along_m": [[-50, 9], [50, 19]], "speed_m_per_s": speed}
-    scene, _ = placed(recipe(tmp_path, cars=group))
+    group = {"objects": [scene_file(tmp_path)], "count": 3, "along_m": [[-50, 9], [50, 19]], "speed_m_per_s": speed}
+    scene, _ = scene_and_objects(recipe(tmp_path, cars=group))
     assert len(instances(scene)) == 3
     for parts in instances(scene):
         assert [item.label for item in parts] == [7, 5, 5, 5, 5]
@@ -390,9 +390,9 @@ def test_a_scene_file_is_one_instance(tmp_path: Path, speed: float) -> None:
 @pytest.mark.parametrize("deskew", ["start", "middle", "end"])
 def test_boxes_hold_the_points_and_head_along_the_motion(tmp_path: Path, deskew: Any) -> None:
     groups: dict[str, dict[str, Any]] = {
-        "carts": {"objects": [CART, filed(tmp_path)], "count": 8, "along_m": [[-80, 6], [0, 9], [80, 6]],
+        "carts": {"objects": [CART, scene_file(tmp_path)], "count": 8, "along_m": [[-80, 6], [0, 9], [80, 6]],
                   "interpolation": "spline", "speed_m_per_s": {"uniform": [10, 15]}, "tilt": True, "gap_m": 1},
-        "parked": {"objects": [CART, filed(tmp_path)], "count": 8, "along_m": [[-40, 14], [40, 14]], "gap_m": 1},
+        "parked": {"objects": [CART, scene_file(tmp_path)], "count": 8, "along_m": [[-40, 14], [40, 14]], "gap_m": 1},
         "people": {"objects": [WALKER], "count": 14, "area_m": [[-9, -9], [12, 2]], "gap_m": 0.3, "clear_m": 1.5,
                    "yaw_deg": {"uniform": [0, 360]}, "speed_m_per_s": {"choice": [0, 1, 1.6, 2.3]}},
     }  # fmt: skip
@@ -472,7 +472,7 @@ def test_instances_of_parts_never_meet(tmp_path: Path) -> None:
     path = recipe(tmp_path, frames=20, **groups)
     least, pairs = np.inf, 0
     for sequence in range(1):
-        scene, there = placed(path, sequence)
+        scene, there = scene_and_objects(path, sequence)
         assert {item.group for item in there} == set(groups)
         shapes = instances(scene)
         for time in np.linspace(0, 2.1, 36):
@@ -581,12 +581,12 @@ def test_traffic_of_two_hundred_instances() -> None:
 def test_mistakes_are_named(tmp_path: Path, instance: dict[str, Any], more: dict[str, Any], message: str) -> None:
     group = {"objects": [instance], "count": 1, "area_m": [[-1, -1], [1, 1]]} | more
     with pytest.raises(ConfigError, match=message) as caught:
-        placed(recipe(tmp_path, people=group))
+        scene_and_objects(recipe(tmp_path, people=group))
     assert re.match(r".*recipe\.yaml:\d+: ", str(caught.value))
 
 
 def test_a_scene_file_has_no_instances_of_its_own(tmp_path: Path) -> None:
-    instance = filed(tmp_path) | {"rules": [{"node": "*", "instance": 3}]}
+    instance = scene_file(tmp_path) | {"rules": [{"node": "*", "instance": 3}]}
     group = {"objects": [instance], "count": 1, "area_m": [[-1, -1], [1, 1]]}
     with pytest.raises(ConfigError, match=r"rules\.0\.instance: expected none, since the file is one instance"):
         load(recipe(tmp_path, cars=group))
@@ -598,8 +598,8 @@ def test_a_scene_file_has_no_instances_of_its_own(tmp_path: Path) -> None:
 def test_an_offset_that_a_bend_has_no_room_for(tmp_path: Path) -> None:
     hook = [[-20, 0], [0, 0], [0.5, 0.5], [0, 1], [-20, 1]]
     group = {"objects": [BODY], "count": 2, "along_m": hook, "offset_m": 3}
-    assert placed(recipe(tmp_path, cars=group))[1] == []
-    assert len(placed(recipe(tmp_path, cars=group | {"offset_m": -3}))[1]) == 2
+    assert scene_and_objects(recipe(tmp_path, cars=group))[1] == []
+    assert len(scene_and_objects(recipe(tmp_path, cars=group | {"offset_m": -3}))[1]) == 2
 
 
 def test_the_outline_holds_what_turns(tmp_path: Path) -> None:
@@ -622,6 +622,6 @@ def test_movers_of_the_scene_are_kept_clear_of(tmp_path: Path) -> None:
     run = {"sensor": SENSOR, "scene": [FLOOR, tram], "pose": {"position_m": [0, 0, 2]}}
     path = tmp_path / "recipe.yaml"
     path.write_text(yaml.safe_dump({"layout": "shards", "frames": 40, "scatter": {"cars": group}, "run": run}))
-    y = [float(np.asarray(item.motion)[1, 3]) for item in placed(path)[1]]
+    y = [float(np.asarray(item.motion)[1, 3]) for item in scene_and_objects(path)[1]]
     assert len(y) >= 4
     assert np.abs(y).min() >= 1 + 0.85

@@ -42,7 +42,7 @@ def recipe(folder: Path, groups: dict[str, Any], *, scene: Any = STREET, **keys:
     return path
 
 
-def placed(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
+def scene_and_objects(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
     source = load(path).source
     assert isinstance(source, Document)
     return source.run(sequence).scene, source.scatter(sequence)[0]
@@ -50,7 +50,7 @@ def placed(path: Path, sequence: int = 0) -> tuple[ls.Scene, list[Placed]]:
 
 def test_traffic_follows_the_lanes_and_people_cross(tmp_path: Path) -> None:
     world = ls.worlds.street(3, length=160.0)
-    scene, found = placed(recipe(tmp_path, {"cars": CARS, "people": PEOPLE}))
+    scene, found = scene_and_objects(recipe(tmp_path, {"cars": CARS, "people": PEOPLE}))
     assert [item.group for item in found] == ["cars"] * 6 + ["people"] * 5
     assert len(scene) > len(world.scene)
     lines = {
@@ -105,17 +105,17 @@ def test_assets_without_a_seed_differ_from_object_to_object_and_from_sequence_to
     path = recipe(tmp_path, {"people": PEOPLE | {"count": 12}}, sequences=2)
     bodies = []
     for sequence in (0, 1):
-        _, found = placed(path, sequence)
+        _, found = scene_and_objects(path, sequence)
         bodies.append({float(item.parts[0].part.shape.bounds[1, 2]) for item in found})
     assert 3 < len(bodies[0]) <= 8
     assert not bodies[0] & bodies[1]
     fixed = PEOPLE | {"objects": [{"shape": "pedestrian", "seed": 4, "posture": "walking"}]}
-    _, found = placed(recipe(tmp_path, {"people": fixed}))
+    _, found = scene_and_objects(recipe(tmp_path, {"people": fixed}))
     assert len({id(item.parts[0].part.shape) for item in found}) == 1
 
 
 def test_weights_choose_among_the_objects(tmp_path: Path) -> None:
-    _, found = placed(recipe(tmp_path, {"cars": CARS | {"count": 12, "weights": [1, 1e9]}}))
+    _, found = scene_and_objects(recipe(tmp_path, {"cars": CARS | {"count": 12, "weights": [1, 1e9]}}))
     assert {item.index for item in found} == {1}
 
 
@@ -123,9 +123,9 @@ def test_a_street_without_junctions_has_no_turns(tmp_path: Path) -> None:
     kind = next(seed for seed in range(99) if not ls.worlds.street(seed, "rural", length=60.0).ways.turns)
     scene = {"street": {"seed": kind, "kind": "rural", "length_m": 60.0}}
     path = recipe(tmp_path, {"cars": CARS | {"along": "turns"}}, scene=scene)
-    _, found = placed(path)
+    _, found = scene_and_objects(path)
     assert found == []
-    assert load(path).source.scattered(0).groups["cars"].asked == 6
+    assert load(path).source.scatter_counts(0).groups["cars"].asked == 6
 
 
 def test_every_sequence_may_be_another_street(tmp_path: Path) -> None:
@@ -142,9 +142,9 @@ def test_models_join_by_folder(tmp_path: Path) -> None:
         shutil.copy(STARTER / "scenes/car.glb", tmp_path / "models" / name)
     cars = CARS | {"objects": {"files": "models/*.glb", "label": "truck", "wheels": "wheel*"}, "count": 8}
     path = recipe(tmp_path, {"cars": cars})
-    _, found = placed(path)
+    _, found = scene_and_objects(path)
     assert {item.index for item in found} == {0, 1}
-    scene, _ = placed(path)
+    scene, _ = scene_and_objects(path)
     assert {item.label for item in scene if "wheel" in item.name and "hub" not in item.name} >= {18}
     files = load(path).source.files()
     assert {"models/a.glb", "models/b.glb"} <= set(files)
@@ -173,6 +173,6 @@ def test_models_join_by_folder(tmp_path: Path) -> None:
 )
 def test_mistakes_are_named(tmp_path: Path, group: dict[str, Any], scene: Any, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        placed(recipe(tmp_path, {"cars": group}, scene=scene))
+        scene_and_objects(recipe(tmp_path, {"cars": group}, scene=scene))
     assert message in str(caught.value)
     assert "scatter.cars" in str(caught.value)

@@ -191,7 +191,7 @@ def test_paths_of_overrides_are_relative_to_the_working_folder(tmp_path: Path, m
     made = load(path, ["run.scene.0={shape: mesh, file: deep/a.ply}", "vary={scene.0.file: {choice: [deep/b.ply]}}"])
     assert made.source.files().keys() == {"elsewhere/deep/a.ply", "elsewhere/deep/b.ply"}
     (tmp_path / "again.yaml").write_text(made.text())
-    assert load(tmp_path / "again.yaml").resolved() == made.resolved()
+    assert load(tmp_path / "again.yaml").to_dict() == made.to_dict()
     assert load(tmp_path / "again.yaml").source.files() == made.source.files()
 
 
@@ -216,8 +216,8 @@ def test_words_for_people_are_no_files(tmp_path: Path) -> None:
     sensor = f"run: {{scene: [], sensor: {{preset: velodyne-vlp16, {sheet}}}}}"
     made = load(write(tmp_path, sensor, {}))
     assert made.source.files() == {}
-    assert made.resolved()["run"]["sensor"]["datasheet"]["file"] == "notes.txt"
-    assert made.resolved()["run"]["sensor"]["sources"]["file"] == "http://a"
+    assert made.to_dict()["run"]["sensor"]["datasheet"]["file"] == "notes.txt"
+    assert made.to_dict()["run"]["sensor"]["sources"]["file"] == "http://a"
 
 
 @pytest.mark.parametrize(

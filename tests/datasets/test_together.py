@@ -45,18 +45,18 @@ class Worker:
     def __init__(self) -> None:
         pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
         self.process = subprocess.Popen([sys.executable, "-c", WORKER], **pipes)
-        self.said()
+        self.read_line()
 
     def tell(self, recipe: Path, out: Path, **options: Any) -> None:
         assert self.process.stdin
         self.process.stdin.write(json.dumps([str(recipe), str(out), options]) + "\n")
 
-    def said(self) -> str:
+    def read_line(self) -> str:
         assert self.process.stdout
         return self.process.stdout.readline()
 
     def answer(self) -> list[Any]:
-        line = self.said()
+        line = self.read_line()
         assert line, "the process has ended"
         answer: list[Any] = json.loads(line)
         return answer

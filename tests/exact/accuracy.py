@@ -149,7 +149,7 @@ def _lidarsim(spec: cases.Spec, origins: Floats, directions: Floats) -> Floats:
     return t
 
 
-def _unscaled(t: Floats, exponent: npt.NDArray[np.int32]) -> Floats:
+def _undo_scaling(t: Floats, exponent: npt.NDArray[np.int32]) -> Floats:
     """Return t for the directions as they were before `_of_order_one`, inf where it overflows."""
     with np.errstate(over="ignore"):
         return np.ldexp(t, -exponent)
@@ -180,7 +180,7 @@ def _open3d_cast(vertices: Floats, faces: Any, origins: Floats, directions: Floa
     )
     unit, exponent = _of_order_one(directions)
     rays = np.concatenate([origins, unit], axis=1).astype(np.float32)
-    return _unscaled(scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy().astype(np.float64), exponent)
+    return _undo_scaling(scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy().astype(np.float64), exponent)
 
 
 def _mujoco(spec: cases.Spec, origins: Floats, directions: Floats) -> Floats | None:
@@ -200,7 +200,7 @@ def _mujoco(spec: cases.Spec, origins: Floats, directions: Floats) -> Floats | N
     t = np.array(
         [mujoco.mj_ray(model, data, o, d, None, 1, -1, found, normal) for o, d in zip(origins, unit, strict=True)]
     )
-    return np.where(t < 0, np.inf, _unscaled(t, exponent))
+    return np.where(t < 0, np.inf, _undo_scaling(t, exponent))
 
 
 def _mujoco_geom(spec: cases.Spec) -> str | None:
@@ -229,7 +229,7 @@ def _mujoco_geom(spec: cases.Spec) -> str | None:
 ENGINES: dict[str, Engine] = {"textbook": _textbook, "lidarsim": _lidarsim, "Open3D": _open3d, "MuJoCo": _mujoco}
 
 
-def _installed() -> dict[str, Engine]:
+def _available_engines() -> dict[str, Engine]:
     from lidarsim.errors import MissingExtraError
     from lidarsim.viewers.open3d import import_open3d
 
@@ -309,7 +309,7 @@ def measure(groups: Iterable[cases.Case] | None = None, engines: dict[str, Engin
     Report
         One row per group.
     """
-    engines = _installed() if engines is None else engines
+    engines = _available_engines() if engines is None else engines
     report = Report()
     for case in cases.hard_cases() if groups is None else groups:
         row = report.rows.setdefault(case.group, dict.fromkeys(engines))
@@ -341,7 +341,7 @@ def measure_leaks(offsets: dict[str, float] | None = None) -> dict[str, dict[str
         "textbook": lambda v, f, o, d: _first_ahead(cases.Spec("TriangleMesh", (v, f)).textbook(o, d)),  # type: ignore[arg-type]
         "lidarsim": lambda v, f, o, d: np.asarray(lidarsim.TriangleMesh(v, f).cast(o, d).t),
     }
-    if "Open3D" in _installed():
+    if "Open3D" in _available_engines():
         casters["Open3D"] = _open3d_cast
     counts: dict[str, dict[str, tuple[int, int]]] = {}
     for offset, shift in (cases.OFFSETS if offsets is None else offsets).items():

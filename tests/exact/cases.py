@@ -84,8 +84,8 @@ def hard_cases() -> list[Case]:
         _triangles,
         _meshes,
         _polygons,
-        _scaled,
-        _transformed,
+        _scalings,
+        _transformations,
     )
     return list(itertools.chain.from_iterable(maker() for maker in makers))
 
@@ -765,7 +765,7 @@ def basic_specs() -> dict[str, Spec]:
     return specs
 
 
-def _scaled() -> Iterator[Case]:
+def _scalings() -> Iterator[Case]:
     rng = np.random.default_rng(13)
     for name, spec in basic_specs().items():
         origins = rng.normal(size=(20, 3)) * 3
@@ -799,7 +799,7 @@ def transforms() -> dict[str, Floats]:
     }
 
 
-def _transformed() -> Iterator[Case]:
+def _transformations() -> Iterator[Case]:
     rng = np.random.default_rng(15)
     for (shape, spec), (name, matrix) in itertools.product(basic_specs().items(), transforms().items()):
         origins = rng.normal(size=(40, 3)) * 3

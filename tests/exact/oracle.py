@@ -119,7 +119,7 @@ class Surd:
                 p, s, d = p + s * root, 0, 0
         self.p, self.q, self.s, self.d = p, q, s, d
 
-    def scaled(self, by: Rational) -> Surd:
+    def times(self, by: Rational) -> Surd:
         """Return this number times a positive rational."""
         result = Surd.__new__(Surd)
         result.p, result.q, result.s, result.d = self.p * by[0], self.q * by[1], self.s * by[0], self.d
@@ -304,7 +304,7 @@ class Plane(Shape):
         if slope == 0:
             return []
         top, bottom = self.offset
-        return [Crossing(Surd(top * ray.w - bottom * _dot(self.n, ray.o), bottom * slope).scaled(ray.scale))]
+        return [Crossing(Surd(top * ray.w - bottom * _dot(self.n, ray.o), bottom * slope).times(ray.scale))]
 
     def _normal(self, _point: Point, _face: int, /) -> Point:
         return Fraction(self.n[0]), Fraction(self.n[1]), Fraction(self.n[2])
@@ -320,7 +320,7 @@ class Sphere(Shape):
     def _crossings(self, ray: Ray) -> list[Crossing]:
         f, g = ray.about(self.center, self.w)
         r = self.radius * ray.w
-        return [Crossing(t.scaled(ray.scale)) for t in _quadratic(_dot(g, g), _dot(f, g), _dot(f, f) - r * r)]
+        return [Crossing(t.times(ray.scale)) for t in _quadratic(_dot(g, g), _dot(f, g), _dot(f, f) - r * r)]
 
     def _normal(self, point: Point, _face: int, /) -> Point:
         x, y, z = (p - Fraction(c, self.w) for p, c in zip(point, self.center, strict=True))
@@ -349,7 +349,7 @@ class Box(Shape):
         if leave < entry:
             return []
         return [
-            Crossing(t.scaled(ray.scale), self._faces(f, g, ray.w, t))
+            Crossing(t.times(ray.scale), self._faces(f, g, ray.w, t))
             for t in ((entry,) if entry == leave else (entry, leave))
         ]
 
@@ -389,7 +389,7 @@ class Cylinder(Shape):
         level = () if rate else tuple(face for face, at in ((1, 0), (2, top)) if height == at and self.capped)
         if not self.capped:
             inside = [t for t in side if not slab or slab[0][0] <= t <= slab[1][0]]
-            return [Crossing(t.scaled(ray.scale)) for t in inside]
+            return [Crossing(t.times(ray.scale)) for t in inside]
         if not side and (a or c > 0):
             return []
         ends = []
@@ -410,7 +410,7 @@ class Cylinder(Shape):
             return []
         if order == 0:
             ends = [(entry[0], tuple(sorted({*entry[1], *leave[1]})))]
-        return [Crossing(t.scaled(ray.scale), faces) for t, faces in ends]
+        return [Crossing(t.times(ray.scale), faces) for t, faces in ends]
 
     def _normal(self, point: Point, face: int, /) -> Point:
         x, y, z = (Fraction(a) for a in self.axis)
@@ -436,7 +436,7 @@ class Capsule(Shape):
             for t in _quadratic(_dot(g, g), _dot(f, g), _dot(f, f) - r * r):
                 above = _sign(height * t.q + rate * t.p, rate * t.s, t.d)  # the plane through the ball's centre
                 if above in {0, -1 if face == 1 else 1}:
-                    found.append((t.scaled(ray.scale), face))
+                    found.append((t.times(ray.scale), face))
         return _merge(found)
 
     def _normal(self, point: Point, face: int, /) -> Point:
@@ -458,7 +458,7 @@ class Disk(Shape):
         x, y, z = (p * a + q * b for p, q in zip(f, g, strict=True))
         if x * x + y * y + z * z > (self.ball.radius * ray.w * a) ** 2:
             return []
-        return [Crossing(Surd(b, a).scaled(ray.scale))]
+        return [Crossing(Surd(b, a).times(ray.scale))]
 
     def _normal(self, point: Point, face: int, /) -> Point:
         return self.plane._normal(point, face)
@@ -547,7 +547,7 @@ class TriangleMesh(Shape):
             signs = (_dot(d, _cross(b, c)), _dot(d, _cross(c, a)), _dot(d, _cross(a, b)))
             if min(signs) < 0 < max(signs):
                 continue
-            found.append((Surd(_dot(n, a), slope * scale).scaled(ray.scale), face))
+            found.append((Surd(_dot(n, a), slope * scale).times(ray.scale), face))
         return _merge(found)
 
     def _normal(self, _point: Point, face: int, /) -> Point:
@@ -605,10 +605,10 @@ class Polygon(Shape):
             ax, ay, bx, by = a[u] * w - x, a[v] * w - y, b[u] * w - x, b[v] * w - y
             turn = ax * by - ay * bx
             if turn == 0 and ax * bx + ay * by <= 0:
-                return [Crossing(tau.scaled(ray.scale))]
+                return [Crossing(tau.times(ray.scale))]
             if (ay > 0) != (by > 0):
                 inside ^= (turn > 0) == (by > ay)
-        return [Crossing(tau.scaled(ray.scale))] if inside else []
+        return [Crossing(tau.times(ray.scale))] if inside else []
 
     def _normal(self, _point: Point, _face: int, /) -> Point:
         return Fraction(self.n[0]), Fraction(self.n[1]), Fraction(self.n[2])

@@ -94,7 +94,7 @@ def test_table_of_a_few_cases():
 
 def test_peers_agree_on_easy_rays():
     # each engine, asked what it can answer, answers to its precision: the table compares like with like
-    engines = accuracy._installed()
+    engines = accuracy._available_engines()
     assert {"textbook", "lidarsim"} <= set(engines)
     rng = np.random.default_rng(1)
     origins = rng.normal(size=(40, 3)) * 3

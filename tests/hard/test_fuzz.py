@@ -106,7 +106,7 @@ def functions() -> dict[str, inspect.Signature]:
     return found
 
 
-def turned(angle: float, *position: float) -> np.ndarray:
+def pose_at(angle: float, *position: float) -> np.ndarray:
     return RigidTransform.from_components(position, Rotation.from_euler("z", angle)).as_matrix()
 
 
@@ -136,7 +136,7 @@ def growing(folder: Path) -> ls.Scene:
 
 
 def drive() -> ls.Trajectory:
-    return ls.Trajectory([0.0, 0.5, 2.0], [turned(a, a, 0, 0) for a in (0.0, 1.0, 3.0)], interpolation="spline")
+    return ls.Trajectory([0.0, 0.5, 2.0], [pose_at(a, a, 0, 0) for a in (0.0, 1.0, 3.0)], interpolation="spline")
 
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -157,7 +157,7 @@ scene: [{shape: sphere, center_m: [3, 0, 0], radius_m: 1}]
 """
 
 
-def written(folder: Path, name: str, text: str) -> Path:
+def write(folder: Path, name: str, text: str) -> Path:
     (folder / name).write_text(text)
     return folder / name
 
@@ -166,12 +166,12 @@ def cloud() -> ls.PointCloud:
     return ls.PointCloud(xyz=np.arange(6.0).reshape(2, 3), label=[1, 2])
 
 
-def saved(folder: Path, name: str = "cloud.pcd") -> Path:
+def save(folder: Path, name: str = "cloud.pcd") -> Path:
     cloud().save(folder / name)
     return folder / name
 
 
-def recorded(folder: Path) -> Path:
+def record(folder: Path) -> Path:
     lidar().scan(ball_and_floor()).waveforms().save(folder / "recorded.npz")
     return folder / "recorded.npz"
 
@@ -195,7 +195,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys(("position_sigma", "orientation_sigma"), lambda _: 0.01),
     "correlation_time": lambda _: 1.0,
     **dict.fromkeys(("boresight", "lever_arm"), lambda _: (0.01, 0.0, 0.02)),
-    **dict.fromkeys(("transform", "pose", "mount"), lambda _: turned(0.2, 0.1, 0.2, 0.3)),
+    **dict.fromkeys(("transform", "pose", "mount"), lambda _: pose_at(0.2, 0.1, 0.2, 0.3)),
     "bounds": lambda _: np.array([(-1.0, -1, -1), (1, 1, 1)]),
     # Casts
     "origins": lambda _: np.array([(0.0, 0, 0), (0, 0, 5)]),
@@ -286,10 +286,10 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "ignore": lambda _: [1],
     "out": lambda _: None,
     "count": lambda _: 2,
-    "sensors": lambda _: {"top": (lidar(), turned(0.0, 0, 0, 2))},
+    "sensors": lambda _: {"top": (lidar(), pose_at(0.0, 0, 0, 2))},
     # Trajectories
     "times": lambda _: np.array([0.0, 0.5, 2.0]),
-    "poses": lambda _: np.array([turned(a, a, 0, 0) for a in (0.0, 1.0, 3.0)]),
+    "poses": lambda _: np.array([pose_at(a, a, 0, 0) for a in (0.0, 1.0, 3.0)]),
     "interpolation": lambda _: "spline",
     "axes": lambda _: "camera",
     # Inertial data
@@ -323,7 +323,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "xpos": lambda _: np.zeros((2, 3)),
     "xquat": lambda _: np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
     "ids": lambda _: [0],
-    "transforms": lambda _: turned(0.2, 0.1, 0.2, 0.3)[None],
+    "transforms": lambda _: pose_at(0.2, 0.1, 0.2, 0.3)[None],
     "resolution": lambda _: 0.5,
     "free_from": lambda _: None,
     "animation": lambda _: None,
@@ -362,8 +362,8 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys(("Rig.fixes.end", "ImuSamples.between.end", "GnssFixes.between.end"), lambda _: 1.5),
     "Georeference.origin": lambda _: (0.8, 0.2, 500.0),
     "Georeference.crs": lambda _: None,
-    "GnssFixes.load.path": lambda folder: written(folder, "gnss.csv", "0,48,11,500\n"),
-    "ImuSamples.load.path": lambda folder: written(folder, "imu.csv", "0,1,2,3,4,5,6\n"),
+    "GnssFixes.load.path": lambda folder: write(folder, "gnss.csv", "0,48,11,500\n"),
+    "ImuSamples.load.path": lambda folder: write(folder, "imu.csv", "0,1,2,3,4,5,6\n"),
     "PointCloud.save.start": lambda _: 0.0,
     "Scan.point_cloud.pose": lambda _: None,
     "PointCloud.raster.field": lambda _: "z",
@@ -387,7 +387,7 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "patterns.Pulses.origins": lambda _: np.zeros((2, 3)),
     "patterns.Table.columns": lambda _: None,
     "patterns.Table.times": lambda _: np.array([0.0, 0.1]),
-    "patterns.Table.from_file.path": lambda folder: written(folder, "table.csv", "x,y,z\n1,0,0\n0,1,0\n"),
+    "patterns.Table.from_file.path": lambda folder: write(folder, "table.csv", "x,y,z\n1,0,0\n0,1,0\n"),
     **dict.fromkeys(("Spheres.centers", "Disks.centers"), lambda _: np.arange(12.0).reshape(4, 3)),
     **dict.fromkeys(("Spheres.radii", "Disks.radii"), lambda _: np.array([0.5, 1.0, 2.0, 0.25])),
     "Disks.normals": lambda _: np.eye(4, 3) + 1.0,
@@ -396,10 +396,10 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Disks.from_points.neighbours": lambda _: 5,
     "Disks.from_points.return_index": lambda _: True,
     "PointCloud.save.fields": lambda _: ["xyz"],
-    "PointCloud.load.path": saved,
+    "PointCloud.load.path": save,
     "PointCloud.load.columns": lambda _: None,
     "PointCloud.save.pose": lambda _: None,
-    "Trajectory.load.path": lambda folder: written(folder, "poses.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 3),
+    "Trajectory.load.path": lambda folder: write(folder, "poses.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 3),
     "Trajectory.load.scene": lambda _: None,
     "Trajectory.load.start": lambda _: 0.5,
     "io.las.flight_fields.scan": lambda _: lidar().scan(ball_and_floor(), drive()),
@@ -410,10 +410,8 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys(("Trajectory.strips.overlap", "Trajectory.strips.heading"), lambda _: 0.3),
     **dict.fromkeys(("Trajectory.strips.ground", "Trajectory.strips.margin"), lambda _: 5.0),
     "Trajectory.save.path": lambda folder: folder / "poses.tum",
-    "TriangleMesh.from_file.path": lambda folder: written(
-        folder, "m.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
-    ),
-    "Scene.from_file.path": lambda folder: written(folder, "m.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    "TriangleMesh.from_file.path": lambda folder: write(folder, "m.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
+    "Scene.from_file.path": lambda folder: write(folder, "m.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
     "Scene.from_file.up": lambda _: "y",
     "Scene.from_file.time": lambda _: None,
     "Scene.animate.self": growing,
@@ -421,7 +419,7 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Scan.waveforms.pulses": lambda _: [3, 1],
     "Scan.waveforms.sample_period": lambda _: 1e-9,
     "Waveforms.save.path": lambda folder: folder / "waveforms.npz",
-    "Waveforms.load.path": recorded,
+    "Waveforms.load.path": record,
     "occupancy.z": lambda _: 0.1,
     "occupancy.bounds": lambda _: ((-2.0, -2.0), (5.0, 2.0)),
     "OccupancyGrid.index.points": lambda _: [(0.0, 1.0)],
@@ -434,12 +432,12 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Rule.instance": lambda _: "node",
     "Rule.name": lambda _: "car",
     "Rule.skip": lambda _: False,
-    "Lidar.from_file.path": lambda folder: written(folder, "s.yaml", "pattern: {type: mid360}\nname: a\n"),
-    "config.read_lidar.path": lambda folder: written(folder, "s.yaml", "pattern: {type: mid360}\nname: a\n"),
-    "config.load.path": lambda folder: written(folder, "run.yaml", RUN),
+    "Lidar.from_file.path": lambda folder: write(folder, "s.yaml", "pattern: {type: mid360}\nname: a\n"),
+    "config.read_lidar.path": lambda folder: write(folder, "s.yaml", "pattern: {type: mid360}\nname: a\n"),
+    "config.load.path": lambda folder: write(folder, "run.yaml", RUN),
     "io.las.Writer.path": lambda folder: folder / "cloud.las",
-    "io.las.read.path": lambda folder: saved(folder, "cloud.las"),
-    "io.semantickitti.read_labels.path": lambda folder: written(folder, "a.label", "abcd"),
+    "io.las.read.path": lambda folder: save(folder, "cloud.las"),
+    "io.semantickitti.read_labels.path": lambda folder: write(folder, "a.label", "abcd"),
     "Scan.point_cloud.frame": lambda _: "world",
     "Scan.boxes.frame": lambda _: "world",
     "Scan.boxes.min_points": lambda _: 1,
@@ -447,7 +445,7 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Scan.point_cloud.deskew": lambda _: "middle",
     "Scan.point_cloud.deskew_movers": lambda _: True,
     "Boxes.contain.xyz": lambda _: np.zeros((2, 3)),
-    "TriangleMesh.from_raster.path": lambda folder: written(
+    "TriangleMesh.from_raster.path": lambda folder: write(
         folder, "dem.asc", "ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 2 3\n2 3 4\n"
     ),
     "TriangleMesh.from_raster.band": lambda _: 1,
@@ -511,8 +509,8 @@ def nasty(folder: Path) -> list[Any]:
             np.eye(3, dtype="m8"),
         ),
         *(
-            turned(1.0, 1e308, -1e308, 0),
-            turned(1.0, 1e200, 0, 0),
+            pose_at(1.0, 1e308, -1e308, 0),
+            pose_at(1.0, 1e200, 0, 0),
             np.diag([1e-300, 1, 1, 1]),
             np.diag([1e300, 1, 1, 1]),
         ),
@@ -556,7 +554,7 @@ NUMBERS = (math.nan, math.inf, -0.0, 0.0, 5e-324, 1e-200, 1e160, 1e200, 1e308, -
 
 
 @st.composite
-def replaced(draw: st.DrawFn, value: Any, folder: Path) -> Any:
+def replacement(draw: st.DrawFn, value: Any, folder: Path) -> Any:
     """Something else in place of a value: anything, or the value altered."""
     array = numeric(value)
     kind = draw(st.integers(0, 2)) if array is not None else 0
@@ -579,7 +577,7 @@ def example(name: str, signature: inspect.Signature, folder: Path) -> dict[str, 
             arguments[parameter] = PARTICULAR[f"{name}.{parameter}"](folder)
         elif parameter == "self":
             owner = name.rpartition(".")[0]
-            arguments[parameter] = INSTANCES[owner]() if owner in INSTANCES else made(owner, folder)
+            arguments[parameter] = INSTANCES[owner]() if owner in INSTANCES else make(owner, folder)
         else:
             arguments[parameter] = VALUES.get(parameter, absent)(folder)
     return arguments
@@ -607,11 +605,11 @@ def absent(_: Path) -> Any:
     raise AssertionError("no value is known for this parameter: add one to VALUES or PARTICULAR")
 
 
-def made(name: str, folder: Path) -> Any:
-    return call(name, example(name, inspect.signature(found(name)), folder))
+def make(name: str, folder: Path) -> Any:
+    return call(name, example(name, inspect.signature(find(name)), folder))
 
 
-def found(name: str) -> Any:
+def find(name: str) -> Any:
     value: Any = ls
     for part in name.split("."):
         value = getattr(value, part)
@@ -620,7 +618,7 @@ def found(name: str) -> Any:
 
 def call(name: str, arguments: dict[str, Any]) -> Any:
     """Call a function, and take what it yields first."""
-    function = found(name)
+    function = find(name)
     bound = inspect.signature(function).bind_partial()
     bound.arguments.update(arguments)
     result = function(*bound.args, **bound.kwargs)
@@ -657,7 +655,7 @@ def everything(module: ModuleType, prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 @contextmanager
-def bounded_memory() -> Iterator[None]:
+def limit_memory() -> Iterator[None]:
     """Let the process have some GB more than it has, where a system can do that: no request is to take all there is."""
     try:
         import resource
@@ -680,7 +678,7 @@ def is_small(value: Any) -> bool:
     return not isinstance(pattern, ls.patterns.Pattern) or math.prod(pattern.shape) < 10_000
 
 
-def unnamed(error: Exception, name: str, arguments: dict[str, Any]) -> bool:
+def names_nothing(error: Exception, name: str, arguments: dict[str, Any]) -> bool:
     """Whether an error tells neither which argument it is about nor which file."""
     if isinstance(error, OSError | ls.errors.LidarsimError) or "os.PathLike" in str(error) or "null byte" in str(error):
         return not str(error)
@@ -704,14 +702,14 @@ def check(folder: Path, data: st.DataObject) -> None:
     names = [parameter for parameter in arguments if parameter != "self"]
     changed = data.draw(st.lists(st.sampled_from(names), min_size=1, max_size=3, unique=True)) if names else []
     for parameter in changed:
-        arguments[parameter] = data.draw(replaced(arguments[parameter], folder), label=parameter)
+        arguments[parameter] = data.draw(replacement(arguments[parameter], folder), label=parameter)
         if parameter in {"more", "options", "changes"}:  # what is given by keyword
             arguments[parameter] = {"xyz": arguments[parameter]}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", r".*\?$", UserWarning)  # questions about unlikely numbers
         result, error = outcome(name, arguments)
-        assert error is None or not unnamed(error, name, arguments), f"{type(error).__name__}: {error}"
+        assert error is None or not names_nothing(error, name, arguments), f"{type(error).__name__}: {error}"
         for method in FUNCTIONS if error is None and is_small(result) else ():
             if method.startswith(f"{name}.") and "self" in FUNCTIONS[method].parameters:
                 _, error = outcome(method, {**example(method, FUNCTIONS[method], folder), "self": result})
@@ -727,7 +725,7 @@ def outcome(name: str, arguments: dict[str, Any]) -> tuple[Any, Exception | None
 
 
 def test_whatever_is_given_the_outcome_is_documented(folder: Path, slow: bool) -> None:
-    with bounded_memory():
+    with limit_memory():
         settings(
             max_examples=20_000 if slow else 60,
             deadline=None,

@@ -64,7 +64,7 @@ def test_noise_makes_no_infinite_hit() -> None:
     assert set(scan.status[~hit]) == {ls.Status.below_min_range, ls.Status.beyond_max_range}
 
 
-def misaligned(array: np.ndarray) -> np.ndarray:
+def misalign(array: np.ndarray) -> np.ndarray:
     """Return a copy whose numbers lie a byte off."""
     room = np.zeros(array.nbytes + 1, np.uint8)
     copy = room[1:].view(array.dtype).reshape(array.shape)
@@ -77,15 +77,15 @@ def test_misaligned_arrays_are_copied() -> None:
     rng = np.random.default_rng(1)
     vertices, faces = rng.normal(size=(90, 3)), rng.integers(0, 90, (60, 3)).astype(np.uint32)
     origins, directions = rng.normal(size=(500, 3)), rng.normal(size=(500, 3))
-    mesh, other = ls.TriangleMesh(vertices, faces), ls.TriangleMesh(misaligned(vertices), misaligned(faces))
-    hits, same = mesh.cast(origins, directions), other.cast(misaligned(origins), misaligned(directions))
+    mesh, other = ls.TriangleMesh(vertices, faces), ls.TriangleMesh(misalign(vertices), misalign(faces))
+    hits, same = mesh.cast(origins, directions), other.cast(misalign(origins), misalign(directions))
     assert np.isfinite(hits.t).any()
     np.testing.assert_array_equal(hits.t, same.t)
     times = np.linspace(0, 1, 9)
     drive = ls.Trajectory.from_twist(np.eye(4), linear=(5, 0, 0))
-    assert (drive.at(misaligned(times)).as_matrix() == drive.at(times).as_matrix()).all()
-    ring = misaligned(np.arange(2, dtype=np.uint16))
-    pulses = ls.patterns.Pulses(misaligned(np.eye(3)[:2]), np.zeros((2, 3)), time=[0, 0], ring=ring, column=[0, 1])
+    assert (drive.at(misalign(times)).as_matrix() == drive.at(times).as_matrix()).all()
+    ring = misalign(np.arange(2, dtype=np.uint16))
+    pulses = ls.patterns.Pulses(misalign(np.eye(3)[:2]), np.zeros((2, 3)), time=[0, 0], ring=ring, column=[0, 1])
     assert pulses.ring.flags.aligned
     assert pulses.ring.tolist() == [0, 1]
 

@@ -15,7 +15,7 @@ import lidarsim as ls
 MESHES = cases.closed_meshes()
 
 
-def judged(vertices, faces, origins, directions):
+def check(vertices, faces, origins, directions):
     """Assert that everything agrees with the oracle, and return the hits."""
     spec = cases.Spec("TriangleMesh", (vertices, faces))
     mesh = spec.build()
@@ -70,7 +70,7 @@ def test_apex_of_a_fan_is_hit_once(valence, offset):
     origins = apex - directions * 2.0 ** rng.integers(-3, 3, (60, 1))
     exact = (apex - origins) / directions  # keep the rays that pass through the apex exactly
     exact = (exact == exact[:, :1]).all(axis=1) & (apex - exact[:, :1] * directions == origins).all(axis=1)
-    judged(vertices, faces, origins, directions)
+    check(vertices, faces, origins, directions)
     if offset == "0":
         assert exact.sum() >= 10
 
@@ -81,10 +81,10 @@ def test_tie_of_coplanar_triangles_goes_to_the_lowest_index():
     half = np.arange(-1, 10) / 2
     origins = np.array([(x, y, 3.0) for x in half for y in half])
     directions = np.tile((0.0, 0.0, -2.0), (len(origins), 1))
-    hits = judged(vertices, faces, origins, directions)
+    hits = check(vertices, faces, origins, directions)
     assert set(hits.primitive_id[hits.hit].tolist()) == {0, 1}
     shuffled = np.random.default_rng(3).permutation(len(faces))
-    judged(vertices, faces[shuffled], origins, directions)
+    check(vertices, faces[shuffled], origins, directions)
 
 
 def test_no_area_no_hit_but_counted():
@@ -107,7 +107,7 @@ QUARTER = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])  
 SHIFT = np.array([[1, 0, 0, 0.1], [0, 1, 0, 5e5], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])
 
 
-def judged_alone(spec, o, d):
+def check_alone(spec, o, d):
     """Assert that the exact oracle and casts of one ray agree with a cast; return the verdict and the hits."""
     mesh = spec.build()
     hits = mesh.cast(o, d)
@@ -131,7 +131,7 @@ def test_rays_in_the_planes_of_a_mesh_meet_what_stands_on_them(matrix, instructi
     o, d = origins @ matrix[:3, :3].T + matrix[:3, 3], directions @ matrix[:3, :3].T
     for isa in instruction_sets:
         monkeypatch.setenv("LIDARSIM_ISA", isa)
-        _, hits = judged_alone(spec, o, d)
+        _, hits = check_alone(spec, o, d)
         assert 60 <= hits.hit.sum() <= 240, "rays that hit walls, and rays that miss"
 
 
@@ -156,7 +156,7 @@ TILT = np.array([[1, 0, 0], [0, math.sqrt(0.75), -0.5], [0, 0.5, math.sqrt(0.75)
 SLOPE = np.array([[1, 0, 0], [0, 0.75, -1], [0, 1, 0.75]])  # exact for the whole numbers of terraces
 
 
-def placed(linear, offset):
+def affine(linear, offset):
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = linear, offset
     return matrix
@@ -164,10 +164,10 @@ def placed(linear, offset):
 
 PLACED = {
     "as-given": np.eye(4),
-    "tilted": placed(TILT, (0, 0, 0)),
-    "tilted-and-far": placed(TILT @ cases.rotations(1, 3)[0], (0.1, 5e5, 0.3)),
-    "stretched": placed(np.diag((3.0, 0.1, 1.7)) @ TILT, (0.5, 0.0, -0.25)),
-    "on-an-exact-slope": placed(SLOPE, (0, 0, 0)),
+    "tilted": affine(TILT, (0, 0, 0)),
+    "tilted-and-far": affine(TILT @ cases.rotations(1, 3)[0], (0.1, 5e5, 0.3)),
+    "stretched": affine(np.diag((3.0, 0.1, 1.7)) @ TILT, (0.5, 0.0, -0.25)),
+    "on-an-exact-slope": affine(SLOPE, (0, 0, 0)),
 }
 
 
@@ -191,7 +191,7 @@ def test_rays_that_graze_the_planes_of_a_mesh(place, instruction_sets, monkeypat
     o, d = origins @ matrix[:3, :3].T + matrix[:3, 3], directions @ matrix[:3, :3].T
     for isa in instruction_sets:
         monkeypatch.setenv("LIDARSIM_ISA", isa)
-        verdict, hits = judged_alone(spec, o, d)
+        verdict, hits = check_alone(spec, o, d)
         assert verdict.rounded == verdict.values, "not the exact value correctly rounded"
         assert 100 < hits.hit.sum() < 250
 
@@ -238,7 +238,7 @@ def test_coordinates_near_the_largest_float(size, instruction_sets, monkeypatch)
     targets = np.concatenate([vertices, a / 2 + b / 2, size * rng.uniform(-1, 1, (50, 3))])
     origins = np.concatenate([rng.normal(size=(60, 3)), size * rng.uniform(-0.05, 0.05, (60, 3))])
     directions = (targets / 2 - origins / 2) * rng.choice([1.0, 1e-200, 2.0**-1000, 1e-307], (120, 1))
-    hits = judged(vertices, faces, origins, directions)
+    hits = check(vertices, faces, origins, directions)
     assert hits.hit.sum() > 60
     assert hits.t.max(where=hits.hit, initial=0.0) > 1e306
     for isa in instruction_sets:
@@ -270,7 +270,7 @@ def test_t_junction_that_is_exact_does_not_leak():
     rng = np.random.default_rng(5)
     s = np.concatenate([[0.5], rng.integers(1, 1024, 200) / 1024])
     origins = np.stack([s, s, np.ones_like(s)], axis=1)
-    assert judged(vertices, faces, origins, np.tile((0.0, 0.0, -1.0), (len(s), 1))).hit.all()
+    assert check(vertices, faces, origins, np.tile((0.0, 0.0, -1.0), (len(s), 1))).hit.all()
 
 
 def test_t_junction_that_is_rounded_leaks_as_documented():
@@ -282,7 +282,7 @@ def test_t_junction_that_is_rounded_leaks_as_documented():
     x = y / 3
     around = np.concatenate([x, np.nextafter(x, 9), np.nextafter(x, -9)])
     origins = np.stack([around, np.tile(y, 3), np.ones_like(around)], axis=1)
-    hits = judged(vertices, faces, origins, np.tile((0.0, 0.0, -1.0), (len(around), 1)))
+    hits = check(vertices, faces, origins, np.tile((0.0, 0.0, -1.0), (len(around), 1)))
     leaks = int((~hits.hit).sum())
     assert 0 < leaks < 250
     assert "T-junction" in ls.TriangleMesh.__doc__
@@ -301,7 +301,7 @@ def test_hierarchy_is_brute_force():
             rng.random((120, 1)) < 0.7, vertices[rng.integers(0, 9000, 120)] - origins, rng.normal(size=(120, 3))
         )
         directions[:25] = np.eye(3)[rng.integers(0, 3, 25)] * rng.choice([-1, 1], (25, 1))
-        hits = judged(vertices, faces, origins, directions)
+        hits = check(vertices, faces, origins, directions)
         assert hits.hit.sum() > 70
 
 
@@ -327,7 +327,7 @@ def test_heightfield(offset):
     assert (hits.normal[:, 2] > 0).all()
     pick = rng.integers(0, len(down), 120)
     origins = down[pick] + rng.normal(size=(120, 3)) * (3, 3, 0)
-    judged(mesh.vertices, mesh.faces, origins, mesh.vertices[rng.permutation(len(down))[:120]] - origins)
+    check(mesh.vertices, mesh.faces, origins, mesh.vertices[rng.permutation(len(down))[:120]] - origins)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.7])
@@ -361,7 +361,7 @@ def test_real_meshes():
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         origins = low + (high - low) * rng.uniform(-0.5, 1.5, (80, 3))
         directions = vertices[rng.integers(0, len(vertices), 80)] - origins
-        hits = judged(vertices, mesh.faces, origins, directions)
+        hits = check(vertices, mesh.faces, origins, directions)
         assert hits.hit.sum() >= 70  # a vertex of the rim of an open mesh may be missed by an ulp
         assert len(mesh) == surface.n_cells
 

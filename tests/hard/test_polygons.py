@@ -13,7 +13,7 @@ from lidarsim.world.shapes import _polygons
 from lidarsim.world.shapes._polygons import of_strips, triangulate
 
 
-def cut(outline):
+def faces_of(outline):
     n = len(outline)
     faces, of = triangulate(np.asarray(outline, float), np.arange(n), np.array([n]))
     assert of.tolist() == [0] * (n - 2)
@@ -67,7 +67,7 @@ def test_outlines(outline, backwards):
     rng = np.random.default_rng(5)
     for turn in [np.eye(3), *Rotation.random(5, rng=rng).as_matrix()]:
         points = np.column_stack([flat, np.zeros(len(flat))]) @ turn.T
-        faces = cut(points)
+        faces = faces_of(points)
         areas = area(points, faces) @ turn[:, 2]
         tolerance = 1e-12 * abs(twice)  # products of numbers below 10, rounded a few times
         assert abs(areas.sum() - twice / 2) < tolerance
@@ -93,7 +93,7 @@ def test_random_outlines_with_corners_on_their_edges():
         except ValueError:  # it touches itself
             continue
         points = np.column_stack([outline, np.zeros(len(outline))])
-        faces = cut(points)
+        faces = faces_of(points)
         twice = shoelace(outline)
         areas = area(points, faces)[:, 2]
         assert (areas * np.sign(twice) >= 0).all()  # whole numbers: exact
@@ -118,7 +118,7 @@ def test_order_and_orientation_of_faces():
 @pytest.mark.parametrize("scale", [1e-160, 1.0, 1e150])
 def test_outlines_of_any_size(scale):
     points = np.array([(0, 4, 1), (0, 0, 1), (4, 0, 1), (4, 4, 1), (2, 1, 1)]) * scale
-    mesh_faces = cut(points)
+    mesh_faces = faces_of(points)
     areas = area(points / scale, mesh_faces)[:, 2]
     assert (areas > 0).all()
     assert areas.sum() == pytest.approx(10)
@@ -126,14 +126,14 @@ def test_outlines_of_any_size(scale):
 
 def test_an_outline_without_an_area_or_that_crosses_itself_has_its_corners():
     for outline in ([(0, 0, 0)] * 5, [(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)], [(k, 0, 0) for k in range(6)]):
-        faces = cut(outline)
+        faces = faces_of(outline)
         assert set(faces.ravel().tolist()) == set(range(len(outline)))
 
 
 def test_rays_see_what_a_polygon_is(monkeypatch):
     """The same decisions as Polygon's, which are exact, at the corners and in the notches."""
     outline = np.column_stack([comb(7), np.zeros(30)])
-    mesh = ls.TriangleMesh(outline, cut(outline))
+    mesh = ls.TriangleMesh(outline, faces_of(outline))
     x, y = np.meshgrid(np.arange(-1, 16, 0.25), np.arange(-1, 11, 0.25))
     origins = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
     directions = np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
@@ -146,7 +146,7 @@ def test_rays_see_what_a_polygon_is(monkeypatch):
         return np.stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)], axis=1)
 
     monkeypatch.setattr(_polygons, "_clip", fan)
-    assert (ls.TriangleMesh(outline, cut(outline)).cast(origins, directions).hit != expected).any()
+    assert (ls.TriangleMesh(outline, faces_of(outline)).cast(origins, directions).hit != expected).any()
 
 
 def test_strips():

@@ -17,7 +17,7 @@ from exact import cases, oracle
 import lidarsim as ls
 
 
-def judged(specs, origins, directions, t_min=0.0, t_max=math.inf):
+def check(specs, origins, directions, t_min=0.0, t_max=math.inf):
     """Assert that a scene of (spec, transform) agrees with brute force over exact roots, and return the hits."""
     scene, judge = ls.Scene(), oracle.Scene()
     for number, (spec, transform) in enumerate(specs):
@@ -60,10 +60,10 @@ def test_nearest_of_many(count):
     specs = list(random_specs(rng, count, spread=2.0 * count ** (1 / 3)))
     specs.append((cases.Spec("Plane", ((0.1, 0.0, 1.0), -3.0)), None))
     origins, directions = random_rays(rng, 150, spread=2.5 * count ** (1 / 3))
-    hits = judged(specs, origins, directions)
+    hits = check(specs, origins, directions)
     assert hits.hit.sum() > 50
     assert len(set(hits.object_id.tolist())) > min(count, 10) / 2
-    judged(specs, origins, directions, t_min=0.2, t_max=0.5)
+    check(specs, origins, directions, t_min=0.2, t_max=0.5)
 
 
 @pytest.mark.parametrize("shift", [5e6, 1e9])
@@ -75,7 +75,7 @@ def test_nearest_of_many_far_away(shift):
         moved[:3, 3] += shift
         specs.append((spec, moved))
     origins, directions = random_rays(rng, 100, spread=3.0)
-    assert judged(specs, origins + shift, directions).hit.sum() > 50
+    assert check(specs, origins + shift, directions).hit.sum() > 50
 
 
 @pytest.mark.parametrize("distance", [5e5, 1e8, 1e12, 1e20])
@@ -89,10 +89,10 @@ def test_nearest_of_many_from_far_away(distance):
     ways[40:60] = np.eye(3)[rng.integers(0, 3, 20)]
     origins = targets + distance * ways
     directions = (targets - origins) * 2.0 ** rng.integers(-40, 40, (120, 1))
-    hits = judged(specs, origins, directions)
+    hits = check(specs, origins, directions)
     # From very far, float64 origins and directions say no better where the rays go.
     assert hits.hit.sum() > (50 if distance < 1e15 else 0)
-    judged(specs, origins, directions, t_min=float(np.nanmin(hits.t)), t_max=float(np.median(hits.t[hits.hit])))
+    check(specs, origins, directions, t_min=float(np.nanmin(hits.t)), t_max=float(np.median(hits.t[hits.hit])))
 
 
 def coincident():
@@ -121,10 +121,10 @@ def test_tie_goes_to_the_lowest_object(first):
     quarter = np.arange(-8, 9) / 4
     origins = np.array([(0.0, 0.0, 5.0), *((x, y, 5.0) for x in quarter for y in quarter)])
     directions = np.tile((0.0, 0.0, -1.0), (len(origins), 1))
-    hits = judged(specs, origins, directions)
+    hits = check(specs, origins, directions)
     assert hits.object_id[0] == 0
     assert hits.t[0] == 4
-    hits = judged(specs[::-1], origins, directions)
+    hits = check(specs[::-1], origins, directions)
     assert hits.object_id[0] == 0
 
 
@@ -140,13 +140,13 @@ def test_tie_of_irrational_roots_goes_to_the_lowest_object():
     ]
     rng = np.random.default_rng(12)
     origins, directions = random_rays(rng, 200, 3.0)
-    assert judged(specs[1:], origins, directions).hit.sum() > 40
-    hits = judged(specs[1:], origins, directions)
+    assert check(specs[1:], origins, directions).hit.sum() > 40
+    hits = check(specs[1:], origins, directions)
     assert set(hits.object_id[hits.hit].tolist()) == {0}
-    hits = judged(specs, origins, directions)  # a rounded rotation makes another surface: either may be nearer
+    hits = check(specs, origins, directions)  # a rounded rotation makes another surface: either may be nearer
     assert len(set(hits.object_id[hits.hit].tolist())) == 2
     larger = (cases.Spec("Sphere", ((0.5, 0.25, 0), math.nextafter(1.5, 2))), None)
-    hits = judged([*specs[1:], larger], origins, directions)
+    hits = check([*specs[1:], larger], origins, directions)
     assert len(set(hits.object_id[hits.hit].tolist())) == 2  # seen from outside the larger, from inside the smaller
 
 
@@ -158,10 +158,10 @@ def test_roots_closer_than_an_ulp_are_told_apart():
     origins = np.concatenate([aside, np.full((80, 1), 3.0)], axis=1)
     down, through = np.tile((0.0, 0.0, -1.0), (80, 1)), np.array((0.0, 0.0, 1.0)) - origins
     for order in (1, -1):
-        hits = judged(specs[::order], origins, down)
+        hits = check(specs[::order], origins, down)
         assert set(hits.object_id.tolist()) == {0 if order == 1 else 3}
         assert (hits.t == 2.0).sum() > 5  # all four round to the same
-        hits = judged(specs[::order], origins, through)
+        hits = check(specs[::order], origins, through)
         assert set(hits.object_id.tolist()) == {0}  # a tie, exactly
         assert set(hits.t.tolist()) == {1.0}
 

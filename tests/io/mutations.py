@@ -330,7 +330,7 @@ WORDS = (
 )
 
 
-def reworded(content: bytes, rng: np.random.Generator) -> bytes:
+def reword(content: bytes, rng: np.random.Generator) -> bytes:
     """Change one to three words of a text: by another of its words, by a hostile one, by none, or with its line."""
     parts = re.split(r"(\w+|\n)", content.decode("utf-8", errors="replace"))
     for _ in range(rng.integers(1, 4)):
@@ -349,10 +349,10 @@ def reworded(content: bytes, rng: np.random.Generator) -> bytes:
     return "".join(parts).encode("utf-8", errors="replace")
 
 
-def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+def mutate(content: bytes, rng: np.random.Generator) -> bytes:
     """Change one to three places, half of them near an end, where headers and indices are."""
     if content.isascii() and rng.integers(2):
-        return reworded(content, rng)
+        return reword(content, rng)
     data = bytearray(content)
     for _ in range(rng.integers(1, 4)):
         if not data:
@@ -393,7 +393,7 @@ def faults(
     outcomes: Counter[str] = Counter()
     wrong = []
     for index in range(count):
-        damaged.write_bytes(mutated(content, rng))
+        damaged.write_bytes(mutate(content, rng))
         try:
             read(damaged)
             outcomes["read"] += 1

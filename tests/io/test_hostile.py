@@ -416,25 +416,26 @@ def readers(path: Path) -> dict[str, Callable[[], object]]:
     return {
         "trajectory": lambda: ls.Trajectory.load(path),
         "times": lambda: ls.Trajectory.load(poses, times=path),
-        "table": lambda: Table.from_file(named(path, ".csv"), rate=10.0),
-        "table of NumPy": lambda: Table.from_file(named(path, ".npy"), rate=10.0),
+        "table": lambda: Table.from_file(link_to(path, ".csv"), rate=10.0),
+        "table of NumPy": lambda: Table.from_file(link_to(path, ".npy"), rate=10.0),
         "firing times": lambda: ls.Lidar.from_file(angles, firing_times=path),
         "sensor": lambda: ls.Lidar.from_file(path),
-        "labels": lambda: ls.io.semantickitti.read_labels(named(path, ".label")),
-        "bag": lambda: list(ls.io.rosbag.read(named(path, ".mcap"))),
-        "bag of SQLite": lambda: list(ls.io.rosbag.read(named(path, ".db3"))),
+        "labels": lambda: ls.io.semantickitti.read_labels(link_to(path, ".label")),
+        "bag": lambda: list(ls.io.rosbag.read(link_to(path, ".mcap"))),
+        "bag of SQLite": lambda: list(ls.io.rosbag.read(link_to(path, ".db3"))),
         "scene in YAML": lambda: ls.Scene.from_file(path),
         "run": lambda: config.load(path),
         "raster": lambda: ls.TriangleMesh.from_raster(path),
-        **{f"scene{suffix}": lambda suffix=suffix: ls.Scene.from_file(named(path, suffix)) for suffix in suffixes},
+        **{f"scene{suffix}": lambda suffix=suffix: ls.Scene.from_file(link_to(path, suffix)) for suffix in suffixes},
         **{
-            f"mesh{suffix}": lambda suffix=suffix: ls.TriangleMesh.from_file(named(path, suffix)) for suffix in suffixes
+            f"mesh{suffix}": lambda suffix=suffix: ls.TriangleMesh.from_file(link_to(path, suffix))
+            for suffix in suffixes
         },
-        **{f"cloud{suffix}": lambda suffix=suffix: ls.PointCloud.load(named(path, suffix)) for suffix in clouds},
+        **{f"cloud{suffix}": lambda suffix=suffix: ls.PointCloud.load(link_to(path, suffix)) for suffix in clouds},
     }
 
 
-def named(path: Path, suffix: str) -> Path:
+def link_to(path: Path, suffix: str) -> Path:
     """A link to `path` whose name ends in `suffix`."""
     link = path.with_name(f"link{suffix}")
     if not link.is_symlink():

@@ -151,7 +151,7 @@ def test_we_read_what_laspy_writes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.scan_angle, np.radians([-15, 30]))
 
 
-def added(path: Path, dimensions: dict[str, tuple[str, list[float]]], point_format: int = 6) -> None:
+def write_dimensions(path: Path, dimensions: dict[str, tuple[str, list[float]]], point_format: int = 6) -> None:
     """Write a file of three points to which a program has added dimensions, also by names that laspy cannot write."""
     dimensions = {{"x": "q", "scales": "scalez"}.get(name, name): part for name, part in dimensions.items()}
     header = laspy.LasHeader(version="1.4", point_format=point_format)
@@ -172,7 +172,7 @@ def added(path: Path, dimensions: dict[str, tuple[str, list[float]]], point_form
 @pytest.mark.parametrize("point_format", [3, 6])
 def test_added_dimensions_lose_nothing_and_replace_nothing(point_format: int, suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"cloud{suffix}"
-    added(
+    write_dimensions(
         path,
         {
             "label": ("i4", [-1, 7, 8]),
@@ -199,7 +199,7 @@ def test_added_dimensions_lose_nothing_and_replace_nothing(point_format: int, su
     np.testing.assert_array_equal(cloud.ring_raw, [np.nan, 1, 2])
     colours = {"red", "green", "blue"} if point_format == 3 else set()
     assert set(cloud.fields) == {*expected, *colours, "xyz", "intensity", "return_number", "ring_raw"}
-    added(path, {"scales": ("u2", [1, 2, 3])})
+    write_dimensions(path, {"scales": ("u2", [1, 2, 3])})
     with pytest.raises(FileFormatError, match="it has a dimension named 'scales', which laspy cannot read"):
         PointCloud.load(path)
 
@@ -425,7 +425,7 @@ def test_the_same_cloud_gives_the_same_bytes_on_any_day(tmp_path: Path, monkeypa
     assert (tmp_path / "a.laz").read_bytes() == (tmp_path / "b.laz").read_bytes()
 
 
-def changed(content: bytes, *changes: tuple[int, bytes]) -> bytes:
+def patch(content: bytes, *changes: tuple[int, bytes]) -> bytes:
     data = bytearray(content)
     for place, new in changes:
         data[place : place + len(new)] = new
@@ -449,7 +449,7 @@ COUNT_AT = 247  # of the 64-bit number of points in a header of version 1.4
 def test_damaged_files(suffix: str, changes: list[tuple[int, bytes]], reason: str | None, tmp_path: Path) -> None:
     path = tmp_path / f"cloud{suffix}"
     make(300).save(path)
-    path.write_bytes(changed(path.read_bytes(), *changes))
+    path.write_bytes(patch(path.read_bytes(), *changes))
     for load in (PointCloud.load, lambda path: list(read(path))):
         with pytest.raises(FileFormatError) as caught:
             load(path)
@@ -463,11 +463,11 @@ def test_a_table_of_chunks_that_claims_too_many(tmp_path: Path) -> None:
     content = path.read_bytes()
     start = int.from_bytes(content[96:100], "little")
     table = int.from_bytes(content[start : start + 8], "little")
-    path.write_bytes(changed(content, (table + 4, b"\xff" * 4)))
+    path.write_bytes(patch(content, (table + 4, b"\xff" * 4)))
     with pytest.raises(FileFormatError, match="its table claims more chunks than the file has bytes for"):
         PointCloud.load(path)
     point = int.from_bytes(content[105:107], "little")
-    path.write_bytes(changed(content, (start + 8 + point + 4, b"\xff" * 4)))  # the size of the first layer
+    path.write_bytes(patch(content, (start + 8 + point + 4, b"\xff" * 4)))  # the size of the first layer
     with pytest.raises(FileFormatError, match="it is truncated inside a chunk"):
         PointCloud.load(path)
 

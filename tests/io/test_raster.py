@@ -67,7 +67,7 @@ def nodes(path: Path, band: int = 1, **options: Any) -> tuple[Grid, Grid]:
     return np.stack([x, y, z], axis=-1), ~np.ma.getmaskarray(values) & ~np.isnan(z)
 
 
-def composed(*transforms: Affine) -> Affine:
+def compose(*transforms: Affine) -> Affine:
     """The transforms after each other, the last first."""
     matrix = np.linalg.multi_dot([np.reshape(transform, (3, 3)) for transform in (*transforms, Affine.identity())])
     return Affine(*matrix[:2].ravel())
@@ -155,7 +155,7 @@ def test_either_order_of_the_rows_is_the_same_terrain(columns: int, tmp_path: Pa
 
 @pytest.mark.parametrize("degrees", [30, -100, 190])
 def test_a_rotated_and_sheared_raster(degrees: float, tmp_path: Path) -> None:
-    transform = composed(NORTH_UP, Affine.rotation(degrees), Affine.shear(10))
+    transform = compose(NORTH_UP, Affine.rotation(degrees), Affine.shear(10))
     path = tiff(tmp_path / "dem.tif", heights(), transform=transform)
     points, there = nodes(path)
     agrees(ls.TriangleMesh.from_raster(path), points[::-1], there[::-1])
@@ -275,7 +275,7 @@ def test_a_stride_leaves_two_rows(tmp_path: Path) -> None:
 @pytest.mark.parametrize("south_up", [False, True])
 @pytest.mark.parametrize("stride", [1, 3])
 def test_windows_are_covered_by_the_fewest_nodes(stride: int, south_up: bool, tmp_path: Path) -> None:
-    transform = composed(NORTH_UP, Affine.translation(0, 30), Affine.scale(1, -1)) if south_up else NORTH_UP
+    transform = compose(NORTH_UP, Affine.translation(0, 30), Affine.scale(1, -1)) if south_up else NORTH_UP
     path = tiff(tmp_path / "dem.tif", heights(holes=0), transform=transform)
     points, there = nodes(path)
     points, there = points[::stride, ::stride], there[::stride, ::stride]
@@ -411,12 +411,12 @@ def test_other_coordinates_are_refused(crs: str, reason: str, tmp_path: Path) ->
 
 def test_a_metre_of_the_projection_is_one_on_the_ground(tmp_path: Path) -> None:
     """In Web Mercator at 47° north it is cos 47°; at the equator the same projection is right, and so is UTM."""
-    north = composed(Affine.translation(1_000_000, 5_950_000), Affine.scale(30, -30))
+    north = compose(Affine.translation(1_000_000, 5_950_000), Affine.scale(30, -30))
     path = tiff(tmp_path / "dem.tif", heights(), crs="EPSG:3857", transform=north)
     assert re.match(
         "expected coordinates in metres, got EPSG:3857, where 1 m is 0.68. m on the ground; repro", refusal(path)
     )
-    equator = composed(Affine.translation(1_000_000, 0), Affine.scale(30, -30))
+    equator = compose(Affine.translation(1_000_000, 0), Affine.scale(30, -30))
     tiff(path, heights(), crs="EPSG:3857", transform=equator)
     assert ls.TriangleMesh.from_raster(path).crs == "EPSG:3857"
 
@@ -452,22 +452,24 @@ def refusal(path: Path, **options: Any) -> str:
 def test_rasters_that_are_no_terrain(tmp_path: Path) -> None:
     z, path = heights(), tmp_path / "dem.tif"
 
-    def told(*bands: Grid, **more: Any) -> str:
+    def refusal_of(*bands: Grid, **more: Any) -> str:
         return refusal(tiff(path, *bands, **more))
 
-    assert told(z.astype(np.complex64), nodata=None) == "band 1: expected real numbers, got complex64"
+    assert refusal_of(z.astype(np.complex64), nodata=None) == "band 1: expected real numbers, got complex64"
     colours = [z.astype(np.uint8)] * 3
-    assert told(*colours, nodata=None, photometric="RGB") == "band 1: expected heights, got colours (red)"
-    assert told(z[:1]) == "expected at least 2 rows and 2 columns, got 1 × 40"
-    assert told(np.full_like(z, NO_DATA)).startswith("expected a triangle of heights, got no data")
+    assert refusal_of(*colours, nodata=None, photometric="RGB") == "band 1: expected heights, got colours (red)"
+    assert refusal_of(z[:1]) == "expected at least 2 rows and 2 columns, got 1 × 40"
+    assert refusal_of(np.full_like(z, NO_DATA)).startswith("expected a triangle of heights, got no data")
     with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
         tiff(path, z, transform=None)
     with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
         assert refusal(path) == "it has no geotransform, which would place its pixels"
-    assert told(z, transform=Affine(1, 1, 0, 1, 1, 0)).startswith("its geotransform cannot be inverted: (1.0, 1.0, 0.0")
-    assert told(z, transform=Affine(1e307, 0, 0, 0, 1e-3, 1)).startswith("expected coordinates within the range")
+    assert refusal_of(z, transform=Affine(1, 1, 0, 1, 1, 0)).startswith(
+        "its geotransform cannot be inverted: (1.0, 1.0, 0.0"
+    )
+    assert refusal_of(z, transform=Affine(1e307, 0, 0, 0, 1e-3, 1)).startswith("expected coordinates within the range")
     z[4, 5] = np.inf
-    assert told(z) == "expected finite heights, got inf in row 4, column 5"
+    assert refusal_of(z) == "expected finite heights, got inf in row 4, column 5"
     z[4, 5] = 1
     for field, value, reason in (
         ("units", ("degC",), "band 1: expected heights in metres or feet, got the unit 'degC'"),
@@ -523,7 +525,7 @@ def test_only_the_file_itself_is_read(tmp_path: Path) -> None:
     z = heights()
     path = tiff(tmp_path / "dem.tif", z)
     mesh = ls.TriangleMesh.from_raster(path)
-    moved = composed(Affine.translation(1, 0), NORTH_UP)
+    moved = compose(Affine.translation(1, 0), NORTH_UP)
     bare = tiff(tmp_path / "bare.tif", np.where(z == -9999, 0, z), transform=moved, crs=None, nodata=None)
     plain = ls.TriangleMesh.from_raster(bare)
     grid = asc(tmp_path / "grid.asc", z.astype(np.float64))
@@ -572,11 +574,11 @@ def test_options_of_gdal_hold_for_the_reader_alone(tmp_path: Path, monkeypatch: 
         with ThreadPoolExecutor(1) as pool:
             return pool.submit(option).result()
 
-    def watched(*arguments: Any) -> Grid:
+    def watch(*arguments: Any) -> Grid:
         seen.append((option(), elsewhere()))
         return read(*arguments)
 
-    monkeypatch.setattr(raster, "_heights", watched)
+    monkeypatch.setattr(raster, "_heights", watch)
     before = option(), elsewhere()
     ls.TriangleMesh.from_raster(path)
     assert before == (None, None)

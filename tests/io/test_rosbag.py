@@ -878,7 +878,7 @@ STAMP = 1_700_000_000_123_456_789
 XYZ = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 
 
-def stamped(ros: Any, records: np.ndarray, stamp: int = STAMP, **changes: Any) -> Any:
+def cloud_message(ros: Any, records: np.ndarray, stamp: int = STAMP, **changes: Any) -> Any:
     header = ros.types["std_msgs/msg/Header"](ros.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)), "map")
     return point_cloud(ros, records, header=header, **changes)
 
@@ -924,7 +924,7 @@ def test_times_of_points_in_any_unit(field: tuple[str, str], values: list[float]
     big = field[1].startswith(">")
     types = [(name, code.replace("<", ">") if big else code) for name, code in [*XYZ, field]]
     records = np.array([(1, 2, 3, value) for value in values], types)
-    cloud = read_back(tmp_path, ros, stamped(ros, records, is_bigendian=big))
+    cloud = read_back(tmp_path, ros, cloud_message(ros, records, is_bigendian=big))
     assert cloud.fields == ("xyz", "time")
     # float64 has steps of 0.24 µs at 1.7e9 s, and of 0.26 µs at 1.7e18 ns
     assert np.abs(cloud.time - [0.0, 0.05]).max() < 1e-6
@@ -932,10 +932,10 @@ def test_times_of_points_in_any_unit(field: tuple[str, str], values: list[float]
 
 def test_times_before_the_stamp_and_of_points_without_one(ros: Any, tmp_path: Path) -> None:
     late = np.array([(1, 2, 3, -0.1), (1, 2, 3, 0.0)], [*XYZ, ("time", "<f4")])
-    assert read_back(tmp_path, ros, stamped(ros, late)).time.tolist() == [float(np.float32(-0.1)), 0.0]
+    assert read_back(tmp_path, ros, cloud_message(ros, late)).time.tolist() == [float(np.float32(-0.1)), 0.0]
     zeros = np.array([(0, 0, 0, 0.0), (1, 2, 3, SECONDS + 0.05)], [*XYZ, ("timestamp", "<f8")])
     (tmp_path / "zeros").mkdir()
-    first, second = read_back(tmp_path / "zeros", ros, stamped(ros, zeros)).time
+    first, second = read_back(tmp_path / "zeros", ros, cloud_message(ros, zeros)).time
     assert np.isnan(first)
     assert abs(second - 0.05) < 1e-6
 
@@ -954,7 +954,7 @@ def test_times_of_points_by_other_clocks(
     field: tuple[str, str], values: list[float], stamp: int, expected: list[float], ros: Any, tmp_path: Path
 ) -> None:
     records = np.array([(1, 2, 3, value) for value in values], [*XYZ, field])
-    assert np.abs(read_back(tmp_path, ros, stamped(ros, records, stamp)).time - expected).max() < 1e-6
+    assert np.abs(read_back(tmp_path, ros, cloud_message(ros, records, stamp)).time - expected).max() < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -973,7 +973,7 @@ def test_times_of_points_in_no_unit(
 ) -> None:
     records = np.array([(1, 2, 3, value) for value in values], [*XYZ, field])
     with pytest.raises(FileFormatError, match=re.escape(message)):
-        read_back(tmp_path, ros, stamped(ros, records))
+        read_back(tmp_path, ros, cloud_message(ros, records))
 
 
 def test_long_frames_keep_their_seconds(tmp_path: Path) -> None:
@@ -995,7 +995,7 @@ def test_rows_of_clouds(padding: int, claimed: bool, last: bool, height: int, ro
     if padding and not last:
         data = data[:-padding]
     step = (4 * 12 + padding) if claimed or padding else 0
-    message = stamped(
+    message = cloud_message(
         ros,
         records.reshape(-1),
         width=4,
@@ -1014,7 +1014,7 @@ def test_types_of_fields(order: str, ros: Any, tmp_path: Path) -> None:
     types = [(axis, f"{order}f8") for axis in "xyz"]
     types += [("intensity", f"{order}u2"), ("ring", "u1"), ("range", f"{order}f4"), ("tag", f"{order}i2")]
     records = np.array([(5e6, 1 / 3, 2.0, 300, 7, 2.5, -3), (0, 0, 1, 0, 1, 0.5, 0)], types)
-    cloud = read_back(tmp_path, ros, stamped(ros, records, is_bigendian=order == ">"))
+    cloud = read_back(tmp_path, ros, cloud_message(ros, records, is_bigendian=order == ">"))
     assert cloud.xyz.tolist() == [[5e6, 1 / 3, 2.0], [0, 0, 1]]
     assert (cloud.intensity.dtype, cloud.intensity.tolist()) == (np.float32, [300, 0])
     assert (cloud.ring.dtype, cloud.ring.tolist()) == (np.uint16, [7, 1])
@@ -1024,7 +1024,7 @@ def test_types_of_fields(order: str, ros: Any, tmp_path: Path) -> None:
 
 def test_clouds_of_no_points(ros: Any, tmp_path: Path) -> None:
     records = np.zeros(0, [*XYZ, ("intensity", "u1"), ("timestamp", "<f8")])
-    cloud = read_back(tmp_path, ros, stamped(ros, records))
+    cloud = read_back(tmp_path, ros, cloud_message(ros, records))
     assert (len(cloud), cloud.fields) == (0, ("xyz", "intensity", "time"))
 
 
@@ -1097,7 +1097,7 @@ def test_laser_scans_are_refused_of_other_sensors_and_of_clouds(cloud: PointClou
 COMPRESSED = [(plugin, mode) for plugin in StoragePlugin for mode in (CompressionMode.FILE, CompressionMode.MESSAGE)]
 
 
-def compressed(folder: Path, ros: Any, plugin: StoragePlugin, mode: CompressionMode, *clouds: Any) -> Path:
+def compress(folder: Path, ros: Any, plugin: StoragePlugin, mode: CompressionMode, *clouds: Any) -> Path:
     """The bag of some clouds as the recorder compresses it."""
     writer = BagWriter(folder, version=8, storage_plugin=plugin)
     writer.set_compression(mode, CompressionFormat.ZSTD)
@@ -1113,7 +1113,7 @@ def test_bags_that_the_recorder_compresses(
     plugin: StoragePlugin, mode: CompressionMode, ros: Any, tmp_path: Path
 ) -> None:
     clouds = [point_cloud(ros, THREE), point_cloud(ros, np.zeros(2000, THREE.dtype))]
-    folder = compressed(tmp_path / "bag", ros, plugin, mode, *clouds)
+    folder = compress(tmp_path / "bag", ros, plugin, mode, *clouds)
     (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
     assert (file.suffix == ".zstd") == (mode is CompressionMode.FILE)
     for path in (folder, file):
@@ -1129,7 +1129,7 @@ def test_bags_that_the_recorder_compresses(
 def test_bombs_of_the_recorder(
     plugin: StoragePlugin, mode: CompressionMode, ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = compressed(tmp_path / "bag", ros, plugin, mode, point_cloud(ros, np.zeros(400_000, THREE.dtype)))
+    folder = compress(tmp_path / "bag", ros, plugin, mode, point_cloud(ros, np.zeros(400_000, THREE.dtype)))
     assert len(next(rosbag.read(folder)).cloud) == 400_000
     monkeypatch.setattr(_records, "SMALL", 1 << 16)
     with pytest.raises(FileFormatError, match="refused as a decompression bomb"):
@@ -1137,7 +1137,7 @@ def test_bombs_of_the_recorder(
 
 
 def test_a_truncated_compressed_file(ros: Any, tmp_path: Path) -> None:
-    folder = compressed(tmp_path / "bag", ros, StoragePlugin.MCAP, CompressionMode.FILE, point_cloud(ros, THREE))
+    folder = compress(tmp_path / "bag", ros, StoragePlugin.MCAP, CompressionMode.FILE, point_cloud(ros, THREE))
     (file,) = folder.glob("*.zstd")
     file.write_bytes(file.read_bytes()[:-9])
     with pytest.raises(FileFormatError, match="not a readable ROS 2 bag"):
@@ -1146,7 +1146,7 @@ def test_a_truncated_compressed_file(ros: Any, tmp_path: Path) -> None:
 
 def test_a_message_whose_compression_is_damaged_is_left_out(ros: Any, tmp_path: Path) -> None:
     clouds = [point_cloud(ros, THREE), point_cloud(ros, THREE)]
-    folder = compressed(tmp_path / "bag", ros, StoragePlugin.MCAP, CompressionMode.MESSAGE, *clouds)
+    folder = compress(tmp_path / "bag", ros, StoragePlugin.MCAP, CompressionMode.MESSAGE, *clouds)
     (file,) = folder.glob("*.mcap")
     data = bytearray(file.read_bytes())
     at = data.index(b"\x28\xb5\x2f\xfd")

@@ -17,7 +17,7 @@ HEAD = "2\n3\n10 20 30\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n10 20 
 GRID = "1 2 3 0.25\n0 0 0 0.5\n4 5 6 0.75\n0 0 0 0.5\n7 8 9 1\n-1 -2 -3 0\n"
 
 
-def coloured(n: int = 40) -> PointCloud:
+def cloud_with_colours(n: int = 40) -> PointCloud:
     rng = np.random.default_rng(1)
     colours = {name: rng.integers(0, 256, n).astype(np.uint8) for name in ("red", "green", "blue")}
     return PointCloud(xyz=rng.normal(scale=1e3, size=(n, 3)), intensity=rng.random(n), label=np.ones(n), **colours)
@@ -33,7 +33,7 @@ def same(a: PointCloud, b: PointCloud, *names: str) -> None:
 
 @pytest.mark.parametrize("suffix", [".pts", ".ptx"])
 def test_every_bit_of_what_is_kept_comes_back(suffix: str, tmp_path: Path) -> None:
-    cloud, path = coloured(), tmp_path / f"a{suffix}"
+    cloud, path = cloud_with_colours(), tmp_path / f"a{suffix}"
     cloud.save(path)
     same(PointCloud.load(path), cloud, "xyz", "intensity", "red", "green", "blue")
     cloud.save(path, fields=["intensity"])

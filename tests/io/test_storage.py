@@ -167,13 +167,13 @@ def test_nothing_foreign_is_removed(case: str, tmp_path: Path) -> None:
 def test_what_appears_in_the_folder_meanwhile_stays(tmp_path: Path) -> None:
     write(tmp_path / "drive", 2)
 
-    def interrupted() -> None:
+    def write_beside_another_file() -> None:
         with rosbag.Writer(tmp_path / "drive") as bag:
             bag.write(LIDAR.scan(scene()))
             (tmp_path / "drive/late.txt").write_text("mine")
 
     with pytest.raises(OSError, match=r"got one with 'late\.txt'"):
-        interrupted()
+        write_beside_another_file()
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["drive", "drive_0.mcap", "late.txt", "metadata.yaml"]
 
 

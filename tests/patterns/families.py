@@ -163,14 +163,14 @@ def oscillating(pattern: OscillatingMirror, frame: int, tick: int, ring: int) ->
     turn = exact(pattern.turn) / 2
     speed = 2 / (1 - turn)
 
-    def gone(t: mpf) -> mpf:
+    def travel(t: mpf) -> mpf:
         if t < turn:
             return speed * t**2 / (2 * turn)
         if t < 1 - turn:
             return speed * (t - turn / 2)
-        return 2 - gone(1 - t)
+        return 2 - travel(1 - t)
 
-    azimuth = exact(pattern.field_of_view) / 2 * (1 - gone(way))
+    azimuth = exact(pattern.field_of_view) / 2 * (1 - travel(way))
     return polar(azimuth, mpf(0)), [mpf(0)] * 3, time
 
 

@@ -96,7 +96,7 @@ ROWS = (  # p, a, b, C in x, y, z, S in x, y, z, both in 1e-7
 # fmt: on
 
 
-def expected(tick: int, beam: int) -> list[mpf]:
+def direction_of(tick: int, beam: int) -> list[mpf]:
     """Return the direction of a beam at a tick, by the definition of the pattern."""
     time, k = mpf(tick) / 50_000, mpf(beam) - mpf(3) / 2
     psi, phi = 2 * mp.pi * mpf(2189) / 12 * time, 2 * mp.pi * 10 * time
@@ -120,5 +120,5 @@ def test_directions_are_what_the_definition_says_in_50_digits(rate: float, frame
     with mp.workdps(50):
         first = int(mp.ceil(frame / mpf(rate) * 50_000))
         for i in np.random.default_rng(frame).integers(0, len(pulses), 30):
-            truth = expected(first + i // 4, i % 4)
+            truth = direction_of(first + i // 4, i % 4)
             assert max(abs(mpf(float(x)) - y) for x, y in zip(pulses.directions[i], truth, strict=True)) <= tolerance

@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim.scan.boxes import Boxes
 from lidarsim.viewers import html
-from lidarsim.viewers._boxes import LINES, lines, moved
+from lidarsim.viewers._boxes import LINES, lines, transform_boxes
 from lidarsim.viewers._colors import legible, luminance
 from lidarsim.viewers._picture import Picture
 
@@ -79,7 +79,7 @@ def test_boxes_move_with_the_points_of_the_sensor_frame(monkeypatch: pytest.Monk
         )  # four turns
         assert frame.boxes.contain(frame.cloud.xyz).all()
         assert len(frame.cloud) > 100
-    back = moved(moved(scan.boxes(), pose.as_matrix()), pose.inv().as_matrix())
+    back = transform_boxes(transform_boxes(scan.boxes(), pose.as_matrix()), pose.inv().as_matrix())
     np.testing.assert_allclose(back.rotation, scan.boxes().rotation, rtol=0, atol=2 * 8 * 2.0**-53)
 
 
@@ -174,11 +174,11 @@ def test_a_plan_has_no_perspective(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pyvista, "draw", lambda picture, *_, **__: pictures.append(picture))
     ls.show(floor(), camera="top", save="a.png")
     (picture,) = pictures
-    view = picture.view(0, picture.seen(), 1.5)
+    view = picture.view(0, picture.points_to_show(), 1.5)
     low, high = (view.places(np.array([[10.0, y, z] for y in (-3, 3)]), 1.5) for z in (0.0, 5.0))
     np.testing.assert_allclose(low, high, rtol=0, atol=16 * 2.0**-53)
     assert low[0, 0] > 0 > low[1, 0]  # y grows to the left
-    assert np.abs(view.places(picture.seen(), 1.5)).max() <= 1.0
+    assert np.abs(view.places(picture.points_to_show(), 1.5)).max() <= 1.0
 
 
 def test_boxes_and_points_are_in_the_same_coordinates(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from lidarsim.viewers.cells import DARKEST, LIGHTEST, relief
 SIZE = (500, 400)
 
 
-def drawn(path: Path, cells: Cells, **looks: Any) -> np.ndarray:
+def draw(path: Path, cells: Cells, **looks: Any) -> np.ndarray:
     cells.plot(path, size=SIZE, **looks)
     image = np.asarray(Image.open(path).convert("RGB")).astype(int)
     assert image.shape == (SIZE[1], SIZE[0], 3)
@@ -35,7 +35,7 @@ def test_north_is_above_and_cells_without_points_are_blank(tmp_path: Path) -> No
     values = np.array([[9.0, np.nan], [0.0, 0.0]])  # the north-west alone is high
     cells = Cells(values, (500_000.0, 5e6, 500_020.0, 5e6 + 20), 10.0)
     low, high = MAPS["cividis"][0], MAPS["cividis"][-1]
-    image = drawn(tmp_path / "a.png", cells, color_map="cividis")
+    image = draw(tmp_path / "a.png", cells, color_map="cividis")
     stage = image[:, : SIZE[0] * 4 // 5]  # to the left of the colour bar
     rows, columns = np.nonzero(near(stage, high))
     below = np.nonzero(near(stage, low))
@@ -51,7 +51,7 @@ def test_limits_title_and_map_change_the_picture(tmp_path: Path) -> None:
     looks: list[dict[str, Any]] = [
         {}, {"limits": (0, 5)}, {"title": "$x$"}, {"color_map": "magma"}, {"hillshade": True},
     ]  # fmt: skip
-    pictures = [drawn(tmp_path / f"{i}.png", cells, **look).tobytes() for i, look in enumerate(looks)]
+    pictures = [draw(tmp_path / f"{i}.png", cells, **look).tobytes() for i, look in enumerate(looks)]
     assert len(set(pictures)) == len(looks)
 
 

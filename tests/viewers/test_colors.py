@@ -315,14 +315,14 @@ DEFICIENCIES = {
 COMMON = ("road", "sidewalk", "building", "vegetation", "ground", "person", "car", "pole", "sign")
 
 
-def seen_by(vision: str, colors: Sequence[str]) -> npt.NDArray[np.float64]:
+def simulate_vision(vision: str, colors: Sequence[str]) -> npt.NDArray[np.float64]:
     """Return colours in OKLab as people with that kind of vision see them."""
     light = linear(np.array([list(bytes.fromhex(color[1:])) for color in colors], np.uint8))
     return oklab_of_linear(np.clip(light @ np.transpose(DEFICIENCIES[vision]), 0, 1))
 
 
 def least_apart(vision: str, colors: Sequence[str]) -> float:
-    lab = seen_by(vision, colors)
+    lab = simulate_vision(vision, colors)
     return float(np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(colors), 1)].min())
 
 
@@ -351,7 +351,7 @@ def test_plots_differ_for_every_kind_of_vision(vision: str) -> None:
 @pytest.mark.parametrize("vision", DEFICIENCIES)
 @pytest.mark.parametrize("name", MAPS)
 def test_colour_maps_rise_in_lightness_for_every_kind_of_vision(vision: str, name: str) -> None:
-    lightness = seen_by(vision, MAPS[name])[:, 0]
+    lightness = simulate_vision(vision, MAPS[name])[:, 0]
     assert np.diff(lightness).min() > 0.02
 
 

@@ -239,7 +239,7 @@ def test_show_by_a_field_that_is_not_there() -> None:
         ls.show(PointCloud(xyz=[[1, 2, 3]]), color_by="ring", viewer="open3d")
 
 
-def drawn(monkeypatch: pytest.MonkeyPatch, what: Any, **looks: Any) -> dict[str, Any]:
+def parts_of(monkeypatch: pytest.MonkeyPatch, what: Any, **looks: Any) -> dict[str, Any]:
     """Return by name what the viewer is given."""
     view.import_open3d()
     shown: list[Any] = []
@@ -254,7 +254,7 @@ def test_faces_have_the_colours_of_their_labels(monkeypatch: pytest.MonkeyPatch)
     scene = ls.Scene()
     vertices = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
     scene.add(ls.TriangleMesh(vertices, [(0, 1, 2), (0, 2, 3)]), name="two\n\ud800", label=[3, 8])
-    parts = drawn(monkeypatch, scene, color_by="label")
+    parts = parts_of(monkeypatch, scene, color_by="label")
     sides = [part for name, part in parts.items() if name.startswith(r"0 two\n\ud800")]
     assert [bytes(round(255 * c) for c in part["material"].base_color[:3]).hex() for part in sides] == [
         QUALITATIVE[label][1:] for label in (3, 8)
@@ -265,7 +265,7 @@ def test_faces_have_the_colours_of_their_labels(monkeypatch: pytest.MonkeyPatch)
 def test_surfaces_are_coloured_by_height(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ls.Scene()
     scene.add(ls.Box((4, 4, 8), (0, 0, 4)), name="x" * 10_000)
-    parts = drawn(monkeypatch, scene, color_by="height")
+    parts = parts_of(monkeypatch, scene, color_by="height")
     (box,) = (part["geometry"] for name, part in parts.items() if name.startswith("0 xxx"))
     z, colors = box.vertex.positions.numpy()[:, 2], box.vertex.colors.numpy()
     assert np.ptp(z) == pytest.approx(8)

@@ -55,7 +55,7 @@ def scans() -> list[ls.Scan]:
     return [lidar.scan(street(), mast(0.5 * k), frame=k) for k in range(3)]
 
 
-def projected(view: View, points: np.ndarray, aspect: float) -> np.ndarray:
+def project(view: View, points: np.ndarray, aspect: float) -> np.ndarray:
     """Where points are in a picture: from -1 to 1 across and up; nan behind the eye."""
     back = view.eye - view.target
     back = back / np.linalg.norm(back)
@@ -74,9 +74,9 @@ def test_nothing_is_cropped_and_nothing_is_far_away(camera: Any, aspect: float, 
     pose = mast()
     pose[:3, 3] += [1e6, 2e6, 0]
     picture = Picture([Frame(cloud, pose)], [], np.empty((0, 3)), coloring([cloud], "range"), camera, 10.0)
-    seen = picture.seen()
+    seen = picture.points_to_show()
     for turn in (0.0, 1.0) if camera == "orbit" else (0.0,):
-        places = projected(picture.view(0, seen, aspect, turn=turn), seen, aspect)
+        places = project(picture.view(0, seen, aspect, turn=turn), seen, aspect)
         assert np.abs(places).max() <= 1.0
         assert np.abs(places).max() > 0.9
         ends = np.stack([places.min(axis=0), places.max(axis=0)])
@@ -88,19 +88,19 @@ def test_the_axes_of_a_sensor_apart_from_its_points_are_not_cropped(camera: Any)
     cloud = ls.PointCloud(xyz=np.random.default_rng(5).uniform([4, -8, -2], [20, 8, 0], (500, 3)))
     pose = mast() * [[-1], [-1], [1], [1]]  # turned away from the points
     picture = Picture([Frame(cloud, pose)], [], np.empty((0, 3)), coloring([cloud], None), camera, 10.0)
-    seen = picture.seen()
+    seen = picture.points_to_show()
     length = 0.06 * np.linalg.norm(seen - seen.mean(axis=0), axis=1).max()
-    places = projected(picture.view(0, seen, 1.6), pose[:3, 3] + length * pose[:3, :3].T, 1.6)
+    places = project(picture.view(0, seen, 1.6), pose[:3, 3] + length * pose[:3, :3].T, 1.6)
     assert np.abs(places).max() <= 1.0
 
 
 def test_first_person_looks_ahead_from_the_sensor(scans: list[ls.Scan]) -> None:
     cloud = scans[1].point_cloud("world")
     picture = Picture([Frame(cloud, mast(3))], [], np.empty((0, 3)), coloring([cloud], "range"), "first-person", 10.0)
-    view = picture.view(0, picture.seen(), 1.6)
+    view = picture.view(0, picture.points_to_show(), 1.6)
     assert view.eye == pytest.approx([3, 0, 1.7])
-    assert projected(view, np.array([[9.0, 0, 1.7]]), 1.6) == pytest.approx(np.zeros((1, 2)), abs=16 * 2.0**-53)
-    assert projected(view, np.array([[9.0, 5.9, 1.7]]), 1.6)[0, 0] == pytest.approx(-0.98, abs=0.01)  # left is left
+    assert project(view, np.array([[9.0, 0, 1.7]]), 1.6) == pytest.approx(np.zeros((1, 2)), abs=16 * 2.0**-53)
+    assert project(view, np.array([[9.0, 5.9, 1.7]]), 1.6)[0, 0] == pytest.approx(-0.98, abs=0.01)  # left is left
 
 
 def test_plot_is_show(scans: list[ls.Scan], tmp_path: Path) -> None:
@@ -444,16 +444,16 @@ def test_a_scene_is_framed_by_what_stands_on_the_ground(aspect: float, monkeypat
     for camera in ("behind", "top", "orbit"):
         ls.show(scene, camera=camera, save="a.png")  # type: ignore[arg-type]
     for picture in pictures[:2]:
-        assert np.ptp(picture.seen(), axis=0).max() < 10
+        assert np.ptp(picture.points_to_show(), axis=0).max() < 10
     orbit = pictures[2]
     corners = np.concatenate([surface.points() for surface in orbit.surfaces])
     assert np.ptp(corners, axis=0).max() >= 600
     for turn in np.linspace(0, 2 * np.pi, 12):  # never crops
-        assert np.abs(orbit.view(0, orbit.seen(), aspect, turn=turn).places(corners, aspect)).max() <= 1.0
+        assert np.abs(orbit.view(0, orbit.points_to_show(), aspect, turn=turn).places(corners, aspect)).max() <= 1.0
     flat = ls.Scene()
     flat.add(ls.Box((600, 8, 0.1)))
     ls.show(flat, save="a.png")
-    assert np.ptp(pictures[-1].seen(), axis=0).max() == 600  # what else is there?
+    assert np.ptp(pictures[-1].points_to_show(), axis=0).max() == 600  # what else is there?
 
 
 def test_nothing_to_show() -> None:
@@ -600,17 +600,17 @@ def test_a_browser_shows_and_turns_the_page(scans: list[ls.Scan], tmp_path: Path
         tab.goto(page.as_uri())
         tab.wait_for_selector("#lidarsim canvas")
 
-        def seen() -> np.ndarray:
+        def screenshot() -> np.ndarray:
             tab.wait_for_timeout(1500)
             tab.screenshot(path=tmp_path / "seen.png")
             return np.asarray(Image.open(tmp_path / "seen.png").convert("RGB")).astype(int)
 
-        before = seen()
+        before = screenshot()
         tab.mouse.move(250, 220)
         tab.mouse.down()
         tab.mouse.move(330, 240, steps=4)
         tab.mouse.up()
-        after = seen()
+        after = screenshot()
         browser.close()
     assert errors == []
     for color in COLORS:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.datasets.layouts._layout import AnyBoxFilter, BoxFilter, Files, SampleFiles, Summary, class_name, root
 from lidarsim.datasets.samples import Annotation
 from lidarsim.errors import ArgumentValueError
@@ -85,7 +85,7 @@ class Detection(SampleFiles):
             if not name.isprintable() or not fits or name == IGNORED:
                 without = " ".join(["spaces", *self.unfit])
                 expected = f"printable text without {without}, and not {IGNORED}, in {self.type}"
-                raise ArgumentValueError(f"class_names[{label}]", expected, shown(name))
+                raise ArgumentValueError(f"class_names[{label}]", expected, short_repr(name))
 
 
 def label_lines(boxes: Iterable[Annotation], names: Mapping[int, str], height: float) -> str:

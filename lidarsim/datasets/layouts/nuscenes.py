@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim._base.validation import Floats, shown
+from lidarsim._base.validation import Floats, short_repr
 from lidarsim.datasets.layouts._images import black_png
 from lidarsim.datasets.layouts._layout import (
     AnyBoxFilter,
@@ -136,9 +136,11 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
             own = re.fullmatch(r"class_(0|[1-9][0-9]*)", name)
             if not name or not name.isprintable() or (own and own[1] != str(label)):
                 expected = "printable text in nuscenes, and no other label's class_…"
-                raise ArgumentValueError(f"class_names[{label}]", expected, shown(name))
+                raise ArgumentValueError(f"class_names[{label}]", expected, short_repr(name))
             if (other := seen.setdefault(name, label)) != label:
-                raise ArgumentValueError(f"class_names[{label}]", f"another name than label {other} has", shown(name))
+                raise ArgumentValueError(
+                    f"class_names[{label}]", f"another name than label {other} has", short_repr(name)
+                )
 
     def names(self, run: Run, sequences: int) -> set[str]:
         """Return the folders of tables, points, labels and maps, and the colours."""

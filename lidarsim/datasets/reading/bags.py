@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 
 from lidarsim._base.files import natural
-from lidarsim._base.shown import counted
+from lidarsim._base.shown import quantity
 from lidarsim._base.validation import Floats
 from lidarsim.datasets.frames import Frame, Frames, folders, names_in, recipe_of
 from lidarsim.errors import LidarsimError
@@ -56,7 +56,7 @@ def _find_mounts(path: Path, sensors: Mapping[str, str]) -> tuple[dict[str, Floa
     mounts = rosbag.static_mounts(path)
     frames = set(sensors.values())
     roots = {mounts[name][0] if name in mounts else name for name in frames}
-    topics = f"{counted(len(sensors), 'topic')} ({', '.join(sensors)})"
+    topics = f"{quantity(len(sensors), 'topic')} ({', '.join(sensors)})"
     if len(roots) > 1:
         return {}, f"{topics}, not placed: /tf_static does not connect {', '.join(sorted(frames))}"
     return {name: mounts[name][1] for name in frames & mounts.keys()}, f"{topics} in {roots.pop()}"

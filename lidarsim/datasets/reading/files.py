@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarsim.datasets.frames import Frame, Frames, labelled, point_files
+from lidarsim.datasets.frames import Frame, Frames, load_labelled, point_files
 from lidarsim.errors import LidarsimError
 from lidarsim.viewers._classes import LAS_CLASSES, SEMANTIC_KITTI
 
@@ -21,7 +21,7 @@ def open_frames(path: Path) -> Frames:
     def read(first: int) -> Iterator[Frame]:
         for file in files[first:]:
             labels = file.with_suffix(".label")
-            cloud = labelled(file, labels)
+            cloud = load_labelled(file, labels)
             if "label" in cloud.fields:
                 known: Mapping[int, str] = {}
                 if file.suffix.lower() in {".las", ".laz"}:

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from lidarsim._base.files import beside, check_regular, parsing
 from lidarsim._base.validation import Floats
-from lidarsim.datasets.frames import Frame, Frames, Row, boxes_at, folders, named, text_of, validate
+from lidarsim.datasets.frames import Frame, Frames, Row, boxes_at, folders, name_classes, text_of, validate
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud, with_common_fields
@@ -120,7 +120,11 @@ def open_frames(folder: Path) -> Frames:
     others = ", ".join(path.name for path in versions[1:])
     note = f"{versions[0].name} only; there are also {others}" if others else ""
     return Frames(
-        "nuScenes", len(tables.samples), lambda first: named(tables.read(first), tables.names), tables.names, note
+        "nuScenes",
+        len(tables.samples),
+        lambda first: name_classes(tables.read(first), tables.names),
+        tables.names,
+        note,
     )
 
 

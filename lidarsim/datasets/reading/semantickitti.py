@@ -18,8 +18,8 @@ from lidarsim.datasets.frames import (
     Frames,
     folders,
     in_world,
-    labelled,
-    named,
+    load_labelled,
+    name_classes,
     names_in,
     numbers,
     only,
@@ -61,12 +61,12 @@ def open_frames(folder: Path) -> Frames:
             poses, times = _poses(sequence, len(files)), _times(sequence, len(files))
             for number in range(first, len(files)):
                 path = files[number]
-                cloud = labelled(path, sequence / "labels" / f"{path.stem}.label")
+                cloud = load_labelled(path, sequence / "labels" / f"{path.stem}.label")
                 yield in_world(cloud, poses[number], None, times[number])
             first = 0
 
     count = sum(len(files) for _, files in clouds)
-    return Frames("SemanticKITTI", count, lambda first: named(frames(first), names), names, only(roots))
+    return Frames("SemanticKITTI", count, lambda first: name_classes(frames(first), names), names, only(roots))
 
 
 def _roots(folder: Path) -> list[Path]:

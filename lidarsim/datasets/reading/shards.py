@@ -20,7 +20,7 @@ from lidarsim.datasets.frames import (
     Row,
     boxes_at,
     in_world,
-    named,
+    name_classes,
     names_in,
     recipe_of,
     validate,
@@ -76,7 +76,7 @@ def open_frames(folder: Path) -> Frames:
                 yield _frame(parts, names, placed=placed)
 
     count = len({_key(member.name) for tar in tars for member in _members(tar)})
-    return Frames("shards", count, lambda first: named(frames(first), names), names)
+    return Frames("shards", count, lambda first: name_classes(frames(first), names), names)
 
 
 def _tars(folder: Path) -> list[Path]:

@@ -404,7 +404,7 @@ def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
             continue
         outline = _obstacle(item, times)
         encloses = (outline.box[0, :2] <= path.box[0, :2]).all() and (outline.box[1] >= path.box[1]).all()
-        free = path.separated(outline, 0.0)
+        free = path.apart_each_step(outline, 0.0)
         if outline.low <= path.high and not encloses and not free.all():
             found.setdefault(_name(item), float(times[free.argmin()]))
     return found

@@ -7,8 +7,8 @@ from itertools import islice
 
 import yaml
 
-from lidarsim._base.validation import shown
-from lidarsim.config.document import Node, Place, entries, folder_of, plain, replace, without, written
+from lidarsim._base.validation import short_repr
+from lidarsim.config.document import Node, Place, entries, folder_of, node_of, plain, replace, without
 from lidarsim.worlds import CLASS_NAMES
 
 __all__ = ["expand_files"]
@@ -56,18 +56,18 @@ def _members(item: Node, place: Place, names: dict[str, str | int]) -> Iterator[
     try:
         found = list(islice(folder.glob(pattern), MOST_FILES + 1))
     except (NotImplementedError, TypeError, ValueError):
-        raise (place / "files").error(f"expected a pattern such as models/*.glb, got {shown(pattern)}") from None
+        raise (place / "files").error(f"expected a pattern such as models/*.glb, got {short_repr(pattern)}") from None
     files = sorted(path.relative_to(folder).as_posix() for path in found if path.is_file())
     if not 1 <= len(files) <= MOST_FILES:
         count = f"more than {MOST_FILES}" if files else "none"
-        raise (place / "files").error(f"expected 1 to {MOST_FILES} files that match {shown(pattern)}, got {count}")
-    changed = {"shape": written("scene_file", node)}
+        raise (place / "files").error(f"expected 1 to {MOST_FILES} files that match {short_repr(pattern)}, got {count}")
+    changed = {"shape": node_of("scene_file", node)}
     if "label" in entries(item) and isinstance(label := plain(entries(item)["label"][1]), str):
         if label not in names:
-            raise (place / "label").error(f"expected a number, or one of {', '.join(names)}, got {shown(label)}")
-        changed["label"] = written(int(names[label]), entries(item)["label"][1])
+            raise (place / "label").error(f"expected a number, or one of {', '.join(names)}, got {short_repr(label)}")
+        changed["label"] = node_of(int(names[label]), entries(item)["label"][1])
     for file in files:
         member = without(item, "files")
-        for key, value in {**changed, "file": written(file, node)}.items():
+        for key, value in {**changed, "file": node_of(file, node)}.items():
             member = replace(member, [key], value)
         yield member

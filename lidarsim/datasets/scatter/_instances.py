@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Discriminator, Field
 
 from lidarsim import worlds
-from lidarsim._base.validation import Floats, shown
+from lidarsim._base.validation import Floats, short_repr
 from lidarsim._base.vectors import product
 from lidarsim.config.factories import Scale
 from lidarsim.config.objects import SHAPES, AnyObject, Generated, Object, SceneFile, Surfels
@@ -279,9 +279,9 @@ def instance_of(item: AnyItem, place: Place, seed: int = 0) -> Instance:
     if pattern is not None:
         parts = [replace(part, wheel=fnmatchcase(_name(part), pattern)) for part in parts]
         if len({part.wheel for part in parts}) == 1:
-            names = ", ".join(sorted({shown(_name(part)) for part in parts}))
+            names = ", ".join(sorted({short_repr(_name(part)) for part in parts}))
             which = "a part that is no wheel" if parts[0].wheel else f"the name of a part, of {names}"
-            raise (place / "wheels").error(f"expected {which}, got {shown(pattern)}")
+            raise (place / "wheels").error(f"expected {which}, got {short_repr(pattern)}")
     parts.sort(key=lambda part: part.wheel)
     return Instance(parts)
 

@@ -62,10 +62,10 @@ class Outline:
 
     def apart(self, other: Outline, gap: float) -> npt.NDArray[np.bool_] | np.bool_:
         """Return whether two outlines keep the gap at all times."""
-        result: npt.NDArray[np.bool_] | np.bool_ = self.separated(other, gap).all(axis=-1)
+        result: npt.NDArray[np.bool_] | np.bool_ = self.apart_each_step(other, gap).all(axis=-1)
         return result
 
-    def separated(self, other: Outline, gap: float) -> npt.NDArray[np.bool_]:
+    def apart_each_step(self, other: Outline, gap: float) -> npt.NDArray[np.bool_]:
         """Return whether a line separates two outlines by the gap, in each step: shape (…, k)."""
         shape = np.broadcast_shapes(self.corners.shape[:-2], other.corners.shape[:-2])
         both = self.corners, other.corners

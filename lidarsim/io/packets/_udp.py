@@ -19,7 +19,7 @@ from typing import Any, Self, TypeAlias, TypeVar
 
 from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer, check_folder
-from lidarsim._base.validation import shown
+from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.packets._encoders import LIMIT, companions, encoders
 from lidarsim.io.packets._format import Encoder, Packet
@@ -276,9 +276,9 @@ def _parse(to: str) -> tuple[str, int | None]:
     else:
         valid = ":" not in to or _is_ipv6(to)
     if port and not (port.isascii() and port.isdecimal() and len(port) <= 5 and 1 <= int(port) <= 0xFFFF):
-        raise ArgumentValueError("to", "a port from 1 to 65535", shown(to))
+        raise ArgumentValueError("to", "a port from 1 to 65535", short_repr(to))
     if not valid or not host.strip():
-        raise ArgumentValueError("to", "HOST, HOST:PORT or [IPV6]:PORT, such as 127.0.0.1:7502", shown(to))
+        raise ArgumentValueError("to", "HOST, HOST:PORT or [IPV6]:PORT, such as 127.0.0.1:7502", short_repr(to))
     return host, int(port) if port else None
 
 
@@ -295,7 +295,7 @@ def _reachable(to: str, host: str) -> tuple[socket.AddressFamily, tuple[Any, ...
         found = socket.getaddrinfo(host, 9, type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise OSError(f"to: expected a host that is known, got {shown(to)} ({reason})") from error
+        raise OSError(f"to: expected a host that is known, got {short_repr(to)} ({reason})") from error
     failure: OSError | None = None
     for family, _, _, _, address in found:
         try:
@@ -308,7 +308,7 @@ def _reachable(to: str, host: str) -> tuple[socket.AddressFamily, tuple[Any, ...
     reason = failure.strerror if failure else "no address"
     if failure and failure.errno == errno.EACCES:
         reason = "no permission; is it a broadcast address?"
-    raise OSError(f"to: expected an address that can be reached, got {shown(to)} ({reason})") from failure
+    raise OSError(f"to: expected an address that can be reached, got {short_repr(to)} ({reason})") from failure
 
 
 def _ahead(items: Iterator[Item], most: int) -> Generator[Item]:

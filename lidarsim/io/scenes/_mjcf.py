@@ -86,7 +86,7 @@ class Document:
         """The elements in the order of the document."""
         return (token for token in self.tokens if isinstance(token, Element))
 
-    def written(self) -> str:
+    def to_xml(self) -> str:
         """Return the document in XML, each element on the line that it had, for MuJoCo's messages."""
         parts, line = [], 1
         for token in self.tokens:
@@ -147,7 +147,7 @@ def collect(path: Path) -> Closed:
     main = _Model(files, path, "", ()).main
     if main.numbers + main.weight * (files.each + PER_KEY * files.keys) > NUMBERS:
         raise FileFormatError(f"{path}: expected at most {NUMBERS:,} numbers in user data, defaults and keys, got more")
-    files.xml = main.written()
+    files.xml = main.to_xml()
     del files.assets[main.name]
     return files
 
@@ -224,7 +224,7 @@ class _Model:
             self._survey(document)
         self._weigh(self.main)
         for document in self._documents.values():
-            files.assets[document.name] = document.written().encode()
+            files.assets[document.name] = document.to_xml().encode()
 
     def _read(self, path: Path, folder: str, depth: int) -> Document:
         """Parse a document and those that it includes, and collect where their files are, as MuJoCo's first pass."""

@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import LONGEST, PathLike, check_regular
-from lidarsim._base.validation import Floats, integer, shown
+from lidarsim._base.validation import Floats, integer, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.scenes._build import UNTOUCHED, Imported, Placed, report, scene_with
 from lidarsim.io.scenes._mjcf import collect, root_of
@@ -129,7 +129,9 @@ def place_bodies(model: MjModel, keyframe: int | str | None = None) -> MjData:
         if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < model.nkey:
             known = ", ".join(filter(None, names)) or "none has a name"
             expected = f"a keyframe of the model, 0 to {model.nkey - 1} or a name" if model.nkey else "None"
-            raise ArgumentValueError("keyframe", expected, shown(keyframe), f"names: {known}" if model.nkey else "")
+            raise ArgumentValueError(
+                "keyframe", expected, short_repr(keyframe), f"names: {known}" if model.nkey else ""
+            )
         mujoco.mj_resetDataKeyframe(model, data, number)
     mujoco.mj_kinematics(model, data)
     return data
@@ -211,7 +213,7 @@ def poses(data: MjData, geoms: Sequence[int] | npt.NDArray[np.intp]) -> Floats:
 
 def _groups(groups: object) -> set[int]:
     if isinstance(groups, str) or not isinstance(groups, Collection):
-        raise ArgumentTypeError("groups", f"a sequence of integers from 0 to {GROUPS - 1}", shown(groups))
+        raise ArgumentTypeError("groups", f"a sequence of integers from 0 to {GROUPS - 1}", short_repr(groups))
     return {integer(f"groups[{i}]", group, at_least=0, at_most=GROUPS - 1) for i, group in enumerate(groups)}
 
 

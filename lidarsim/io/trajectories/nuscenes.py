@@ -17,7 +17,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from lidarsim._base.files import check_regular
-from lidarsim._base.validation import Floats, shown
+from lidarsim._base.validation import Floats, short_repr
 from lidarsim.errors import FileFormatError
 from lidarsim.io.trajectories._quaternions import poses_of
 from lidarsim.motion.formats import register_trajectory_tables
@@ -46,7 +46,7 @@ def read(path: Path, scene: str | None) -> tuple[Floats, Floats]:
     keys = {"sample_token": str, "ego_pose_token": str}
     wanted = {row["ego_pose_token"] for row in _rows(data, **keys) if row["sample_token"] in of_scene}
     if not wanted:
-        named = "" if scene is None else shown(scene)
+        named = "" if scene is None else short_repr(scene)
         raise FileFormatError(f"{data}: expected data of the scene {named}, got none")
     if len(wanted) > MOST_POSES:
         raise FileFormatError(f"{data}: expected at most {MOST_POSES:,} poses of a scene, got {len(wanted):,}")
@@ -59,7 +59,7 @@ def read(path: Path, scene: str | None) -> tuple[Floats, Floats]:
             found.setdefault(row["timestamp"], [*where, x, y, z, w])  # sensors that fire at once have the same pose
     if wanted:
         more = f" and {len(wanted) - 1} more" if len(wanted) > 1 else ""
-        got = f"got none of token {shown(min(wanted))}{more}"
+        got = f"got none of token {short_repr(min(wanted))}{more}"
         raise FileFormatError(f"{poses}: expected the poses of all sample data, {got}")
     times = sorted(found)
     try:
@@ -74,8 +74,8 @@ def _scene(path: Path, name: str | None) -> str:
     if name is None and len(tokens) == 1:
         return next(iter(tokens.values()))
     if name is None or name not in tokens:
-        some = ", ".join(map(shown, sorted(tokens)[:MOST_SHOWN])) + (", …" if len(tokens) > MOST_SHOWN else "")
-        got = "none" if name is None else shown(name)
+        some = ", ".join(map(short_repr, sorted(tokens)[:MOST_SHOWN])) + (", …" if len(tokens) > MOST_SHOWN else "")
+        got = "none" if name is None else short_repr(name)
         raise FileFormatError(f"{path}: expected the name of a scene, of {some or 'none'}, got {got}")
     return tokens[name]
 
@@ -83,7 +83,9 @@ def _scene(path: Path, name: str | None) -> str:
 def _numbers(row: dict[str, Any], key: str, count: int, path: Path) -> list[float]:
     values = row[key]
     if len(values) != count or not all(type(value) in {int, float} and np.isfinite(value) for value in values):
-        raise FileFormatError(f"{path}: row {shown(row['token'])}: {key}: expected {count} finite numbers, got others")
+        raise FileFormatError(
+            f"{path}: row {short_repr(row['token'])}: {key}: expected {count} finite numbers, got others"
+        )
     return [float(value) for value in values]
 
 
@@ -114,7 +116,7 @@ def _check(row: dict[str, Any], kinds: dict[str, type], number: int) -> None:
         if type(row.get(key)) is not kind:
             raise ValueError(f"{key}: expected {NAMES[kind]}, got {'something else' if key in row else 'none'}")
     if "timestamp" in kinds and not abs(row["timestamp"]) < 2**63:
-        raise ValueError(f"expected a timestamp of 64 bits, got {shown(row['timestamp'])}")
+        raise ValueError(f"expected a timestamp of 64 bits, got {short_repr(row['timestamp'])}")
 
 
 class _Table:
@@ -152,7 +154,9 @@ class _Table:
         """Return the next character after checking that it is one of those expected."""
         found = self.next()
         if not found or found not in expected:
-            raise ValueError(f"expected {' or '.join(expected)} in JSON, got {shown(found) if found else 'the end'}")
+            raise ValueError(
+                f"expected {' or '.join(expected)} in JSON, got {short_repr(found) if found else 'the end'}"
+            )
         self.at += 1
         return found
 

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarsim._base.validation import Floats, array, shown
+from lidarsim._base.validation import Floats, array, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.lidar import Lidar, register_lidar_reader
@@ -97,7 +97,7 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
         product = str(keys.get("prod_line") or "") or _product(keys)
         if product[:4] not in PRESETS:
             known = ", ".join(PRESETS)
-            raise ArgumentValueError("prod_line", f"a product that starts with {known}", shown(product))
+            raise ArgumentValueError("prod_line", f"a product that starts with {known}", short_repr(product))
         origin = _beam_origin(keys, product)
         pattern = _pattern(keys, origin, mode)
         low_data_rate = "RNG15" in str(_data_format(keys).get("udp_profile_lidar", keys.get("udp_profile_lidar")))
@@ -135,13 +135,13 @@ def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning
     data_format = _data_format(keys)
     for key, expected in (("pixels_per_column", len(altitudes)), ("columns_per_frame", columns)):
         if data_format.get(key, expected) != expected and not (mode and key == "columns_per_frame"):
-            raise ArgumentValueError(key, str(expected), shown(data_format[key]))
+            raise ArgumentValueError(key, str(expected), short_repr(data_format[key]))
     first, count = 0, columns
     if mode is None and "column_window" in data_format:
         window = array("column_window", data_format["column_window"], (2,))
         if not np.array_equal(window, np.clip(np.floor(window), 0, columns - 1)):
             raise ArgumentValueError(
-                "column_window", f"columns from 0 to {columns - 1}", shown(data_format["column_window"])
+                "column_window", f"columns from 0 to {columns - 1}", short_repr(data_format["column_window"])
             )
         first = int(window[0])
         count = int(window[1] - window[0]) % columns + 1
@@ -169,7 +169,7 @@ def _mode(asked: str | None, given: object) -> tuple[int, float]:
     mode = given if asked is None else asked
     if mode not in MODES:
         name = "lidar_mode" if asked is None else "mode"
-        raise ArgumentValueError(name, f"one of {', '.join(MODES)}", shown(mode))
+        raise ArgumentValueError(name, f"one of {', '.join(MODES)}", short_repr(mode))
     columns, rate = str(mode).split("x")
     return int(columns), float(rate)
 
@@ -188,7 +188,7 @@ def _beam_origin(keys: dict[str, Any], product: str) -> Floats:
 def _mapping(document: dict[str, Any], key: str) -> dict[str, Any]:
     value = document.get(key, {})
     if not isinstance(value, dict):
-        raise ArgumentTypeError(key, "an object", shown(value))
+        raise ArgumentTypeError(key, "an object", short_repr(value))
     return value
 
 

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from lidarsim._base.files import redact
-from lidarsim._base.validation import Floats, array, shown
+from lidarsim._base.validation import Floats, array, short_repr
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.lidar import Lidar, register_lidar_reader
@@ -127,7 +127,7 @@ def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any
     if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
         raise ValueError("lasers: expected a list of mappings")
     if document.get("num_lasers") != len(lasers):
-        given = shown(document["num_lasers"]) if "num_lasers" in document else "none"
+        given = short_repr(document["num_lasers"]) if "num_lasers" in document else "none"
         raise ArgumentValueError("num_lasers", f"{len(lasers)}, the number of lasers listed", given)
     ids = _column(lasers, "laser_id")
     if not np.array_equal(np.sort(ids), np.arange(len(lasers))):

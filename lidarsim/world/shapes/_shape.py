@@ -218,7 +218,7 @@ class Shape(Value):
         return {name: getattr(self, name) for name in (*self.__match_args__, "transform")}
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         return cls(**contents)
 
     def __repr__(self) -> str:

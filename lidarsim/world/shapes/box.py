@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
@@ -58,7 +58,7 @@ class Box(Shape):
 
     configuration: ClassVar = {"size_m": Vector, "center_m": Vector}
 
-    @named
+    @explain_arguments
     def __init__(
         self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
     ) -> None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.world.shapes._shape import Shape
@@ -54,7 +54,7 @@ class Cylinder(Shape):
     _positive: ClassVar = frozenset({"radius"})
     configuration: ClassVar = {"start_m": Vector, "end_m": Vector, "radius_m": float, "capped": bool}
 
-    @named
+    @explain_arguments
     def __init__(
         self,
         start: npt.ArrayLike,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
@@ -52,7 +52,7 @@ class Plane(Shape):
 
     bounded: ClassVar = False
 
-    @named
+    @explain_arguments
     def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
         self._set("Plane", {"normal": normal}, {"distance": distance}, transform)
 
@@ -144,7 +144,7 @@ class Plane(Shape):
         return {"numbers": numbers, "transform": self.transform}
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         plane = cls.__new__(cls)
         numbers = contents["numbers"]
         names = {4: ("normal", "distance"), 6: ("point", "normal"), 9: ("a", "b", "c")}[len(numbers)]

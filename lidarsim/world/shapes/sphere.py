@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, unit_sphere
@@ -50,7 +50,7 @@ class Sphere(Shape):
     _positive: ClassVar = frozenset({"radius"})
     configuration: ClassVar = {"center_m": Vector, "radius_m": float}
 
-    @named
+    @explain_arguments
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
         self._set("Sphere", {"center": center}, {"radius": radius}, transform)
 

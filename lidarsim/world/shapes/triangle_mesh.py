@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base.files import check_regular, reading_as
-from lidarsim._base.names import named
+from lidarsim._base.names import explain_arguments
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, Transform, array, as_array, in_order, one_or_each, positive
 from lidarsim._base.views import view
@@ -120,7 +120,7 @@ class TriangleMesh(Shape):
     _crs: str | None
     _grid: tuple[int, int] | None
 
-    @named
+    @explain_arguments
     def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike, *, transform: Transform | None = None) -> None:
         points = array("vertices", vertices, ("n", 3))
         super().__init__(_native.Shape.triangle_mesh(points, _faces(faces, len(points)), False), transform)
@@ -496,7 +496,7 @@ class TriangleMesh(Shape):
         return {**super()._contents(), "crs": self.crs, "grid": self.grid}
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
+    def _from_contents(cls, contents: dict[str, Any]) -> Self:
         made = {name: value for name, value in contents.items() if name not in {"crs", "grid"}}
         return cls(**made)._note(contents.get("crs"), contents.get("grid"))
 

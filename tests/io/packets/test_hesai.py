@@ -238,7 +238,7 @@ def street() -> ls.Scene:
     return scene
 
 
-def encoded(
+def encode(
     lidar: ls.Lidar, scans: list[ls.Scan], variant: str | None = None
 ) -> tuple[list[writing.Packet], dict[str, bytes]]:
     """Return all packets and the files beside them."""
@@ -292,7 +292,7 @@ def test_every_pulse_of_a_moving_sensor_is_decoded_within_the_steps_of_the_packe
     lidar = dataclasses.replace(make(model, returns=returns), max_range=30.0)  # the ground goes on beyond
     drive = ls.Trajectory.from_twist(np.eye(4), linear=(3, 0.5, 0), angular=(0, 0, 0.2))
     scans = list(lidar.frames(street(), drive, 3))
-    packets, files = encoded(lidar, scans)
+    packets, files = encode(lidar, scans)
     decoded = decode(model, packets, files)
 
     count, size = sum(len(scan) for scan in scans) // facts.channels, facts.blocks // decoded.time.shape[1]
@@ -334,7 +334,7 @@ def test_every_pulse_of_a_moving_sensor_is_decoded_within_the_steps_of_the_packe
 @pytest.mark.parametrize("model", IN_TURN)
 def test_columns_are_in_their_states_in_turn_with_hesais_own_firetimes(model: str, returns: str) -> None:
     lidar = in_turn(model, returns=returns)
-    packets, files = encoded(lidar, [lidar.scan(street())])
+    packets, files = encode(lidar, [lidar.scan(street())])
     assert decode(model, packets, files).state.tolist() == [[k % 2] * (1 + (returns == "dual")) for k in range(900)]
     place = FIRETIMES[model]
     path = DATA / f"{IN_TURN[model]}_Firetime_Correction_File.csv"
@@ -392,7 +392,7 @@ def test_states_in_turn_are_recognised_within_the_steps_of_packets() -> None:
 def test_of_dual_returns_the_last_comes_first_and_a_single_one_twice() -> None:
     lidar = sensor("hesai-xt32", returns="dual")
     scans = [lidar.scan(street())]
-    packets, files = encoded(lidar, scans)
+    packets, files = encode(lidar, scans)
     far, near = decode("hesai-xt32", packets, files).range.transpose(1, 0, 2)
     ranges = in_columns(scans, lambda scan: scan.range)
     two = ~np.isnan(ranges[..., 1])
@@ -412,7 +412,7 @@ def test_of_dual_returns_the_last_comes_first_and_a_single_one_twice() -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_all_packets_of_an_empty_scene_are_sent_with_distances_of_zero(model: str) -> None:
     lidar = sensor(model)
-    packets, files = encoded(lidar, [lidar.scan(ls.Scene())])
+    packets, files = encode(lidar, [lidar.scan(ls.Scene())])
     decoded = decode(model, packets, files)
     assert len(decoded.time) >= lidar.pattern.shape[1]
     assert not decoded.range.any()
@@ -443,7 +443,7 @@ def test_columns_that_fill_no_packet_wait_for_the_next_scan_and_the_last_packet_
 def test_a_packet_ends_before_a_gap_between_scans_or_in_the_field_of_view() -> None:
     lidar = sensor("hesai-xt32", field_of_view=np.radians(101.0))
     scans = list(lidar.frames(street(), None, 3))
-    packets, files = encoded(lidar, scans)
+    packets, files = encode(lidar, scans)
     columns_ = len(scans[0]) // 32
     assert columns_ % 8
     assert len(packets) == 3 * -(-columns_ // 8)
@@ -483,7 +483,7 @@ REAL = {
 @pytest.mark.parametrize("model", REAL)
 def test_packets_begin_as_those_of_real_sensors(model: str) -> None:
     lidar = sensor(model, returns="dual")
-    packets, _ = encoded(lidar, [lidar.scan(ls.Scene())])
+    packets, _ = encode(lidar, [lidar.scan(ls.Scene())])
     assert {packet.payload[: len(REAL[model]) // 2].hex() for packet in packets} == {REAL[model]}
     assert {packet.payload[FACTS[model].mode] for packet in packets} == {0x39}
     assert {packet.port for packet in packets} == {2368}
@@ -497,7 +497,7 @@ def test_packets_of_new_models_begin_as_the_manuals_say() -> None:
         ("hesai-xt32m2x", "first", "eeff0601000020060005 0101"),
     ):
         lidar = sensor(model, returns=returns)
-        packets, _ = encoded(lidar, [lidar.scan(ls.Scene())])
+        packets, _ = encode(lidar, [lidar.scan(ls.Scene())])
         assert packets[0].payload[:12] == bytes.fromhex(head)
         assert (
             packets[0].payload[FACTS[model].mode]
@@ -508,7 +508,7 @@ def test_packets_of_new_models_begin_as_the_manuals_say() -> None:
 def test_a_plain_packet_has_no_sequence_number_as_a_real_pandar40p_sent_it() -> None:
     lidar = sensor("hesai-pandar40p")
     scan = lidar.scan(street())
-    plain, numbered = ([packet.payload for packet in encoded(lidar, [scan], variant)[0]] for variant in ("plain", None))
+    plain, numbered = ([packet.payload for packet in encode(lidar, [scan], variant)[0]] for variant in ("plain", None))
     assert {len(payload) for payload in plain} == {1262}
     assert plain == [payload[:-4] for payload in numbered]
 
@@ -524,7 +524,7 @@ def test_checksums_are_those_that_real_sensors_send() -> None:
 @pytest.mark.parametrize(("model", "covered"), [("hesai-ot128", 12), ("hesai-pandar128", 4)])
 def test_checksums_cover_body_functional_safety_and_tail(model: str, covered: int) -> None:
     lidar = sensor(model)
-    packets, _ = encoded(lidar, [lidar.scan(street())])
+    packets, _ = encode(lidar, [lidar.scan(street())])
     counters = []
     for packet in packets:
         for start, end, place in ((12, 784, 784), (789, 789 + covered, 801), (805, 857, 857)):
@@ -547,7 +547,7 @@ FILES = {
 def test_correction_files_are_hesais_own(model: str) -> None:
     name, kinds = FILES[model]
     place = FIRETIMES[model]
-    _, files = encoded(ls.Lidar.preset(model), [])
+    _, files = encode(ls.Lidar.preset(model), [])
     for kind in kinds:
         path = DATA / f"{name}_{kind}_Correction_File.csv"
         skip, shown = (1, [0, 1, 2]) if kind == "Angle" else (place.skip, [0, place.column])
@@ -575,7 +575,7 @@ def test_hesais_sdk_decodes_the_same_points(model: str) -> None:
     lidar = sensor(model)
     scene = ls.Scene()
     scene.add(ls.Box((60, 40, 12), (0, 0, 1)))
-    packets, files = encoded(lidar, [lidar.scan(scene)])
+    packets, files = encode(lidar, [lidar.scan(scene)])
     assert zlib.crc32(packets[9].payload) == SDK[model][0]  # the bytes are those that the SDK decoded
     decoded = decode(model, packets, files)
     for ring, time, xyz, brightness in SDK[model][1]:
@@ -636,7 +636,7 @@ def test_refuses_a_range_that_does_not_fit(at: float, low: float, high: float) -
     with pytest.raises(
         FileFormatError, match=f"range: expected {low} to {high} m for packets of hesai-ot128, got range"
     ):
-        encoded(lidar, [lidar.scan(scene)])
+        encode(lidar, [lidar.scan(scene)])
 
 
 def test_refuses_years_that_do_not_fit() -> None:
@@ -655,7 +655,7 @@ def test_refuses_years_that_do_not_fit() -> None:
 
 def test_refuses_a_scan_of_another_sensor() -> None:
     with pytest.raises(FileFormatError, match="scan: expected one of the sensor that the packets are of"):
-        encoded(sensor("hesai-xt32"), [sensor("hesai-xt32m2x").scan(ls.Scene())])
+        encode(sensor("hesai-xt32"), [sensor("hesai-xt32m2x").scan(ls.Scene())])
 
 
 def test_all_layouts_are_tested() -> None:

@@ -121,7 +121,7 @@ def street() -> ls.Scene:
     return scene
 
 
-def encoded(lidar: ls.Lidar, scans: list[ls.Scan], variant: str | None = None) -> list[writing.Packet]:
+def encode(lidar: ls.Lidar, scans: list[ls.Scan], variant: str | None = None) -> list[writing.Packet]:
     encoder = writing.format_of(lidar, variant).encoder(lidar, start=START, port=56300, variant=variant)
     packets = [packet for scan in scans for packet in encoder.packets(scan)]
     assert not encoder.companions()
@@ -135,7 +135,7 @@ def test_every_pulse_of_a_moving_sensor_is_decoded_within_the_steps_of_the_packe
     lidar = sensor(model, returns)
     drive = ls.Trajectory.from_twist(np.eye(4), linear=(3, 0.5, 0), angular=(0, 0, 0.2))
     scans = list(lidar.frames(street(), drive, 3))
-    packets = encoded(lidar, scans, variant)
+    packets = encode(lidar, scans, variant)
     decoded = decode(model, packets)
 
     count = sum(len(scan) for scan in scans)
@@ -189,7 +189,7 @@ SIZES = {
 def test_sizes_and_types_are_the_vendors(case: tuple[str, str, int], expected: tuple[int, int]) -> None:
     model, variant, returns = case
     lidar = sensor(model, returns)
-    packets = encoded(lidar, [lidar.scan(ls.Scene())], variant)
+    packets = encode(lidar, [lidar.scan(ls.Scene())], variant)
     at = 10 if model == "livox-mid360" else 9
     assert {(len(packet.payload), packet.payload[at]) for packet in packets} == {expected}
     assert not any(decode(model, packets).xyz.ravel())
@@ -198,7 +198,7 @@ def test_sizes_and_types_are_the_vendors(case: tuple[str, str, int], expected: t
 def test_the_header_of_the_mid360() -> None:
     lidar = sensor("livox-mid360")
     scans = list(lidar.frames(street(), None, 2))
-    packets = encoded(lidar, scans)
+    packets = encode(lidar, scans)
     assert packets[0].payload[:12].hex() == "006405f811600000000001 01".replace(" ", "")
     # 24 cycles of 20 us: 460 us from the first to the last; 1000 cycles a frame
     counts = [struct.unpack_from("<H", packet.payload, 7)[0] for packet in packets]
@@ -210,7 +210,7 @@ def test_the_header_of_the_mid360() -> None:
 
 def test_the_header_of_the_avia() -> None:
     lidar = sensor("livox-avia")
-    packets = encoded(lidar, [lidar.scan(street())])
+    packets = encode(lidar, [lidar.scan(street())])
     # version, slot, id, reserved; status: 1588 signal and synchronised by it; PTP, data type 2
     assert packets[0].payload[:10].hex() == "05010100" + "00600000" + "0102"
     assert writing.format_of(lidar).port == 56001
@@ -222,7 +222,7 @@ def test_of_dual_returns_the_nearer_comes_first() -> None:
     two = ~np.isnan(scan.range[:, 1])
     assert (scan.range[two, 0] > scan.range[two, 1]).any()
     assert (scan.range[two, 0] < scan.range[two, 1]).any()
-    distance = np.linalg.norm(decode("livox-avia", encoded(lidar, [scan])).xyz, axis=-1)[: len(scan)]
+    distance = np.linalg.norm(decode("livox-avia", encode(lidar, [scan])).xyz, axis=-1)[: len(scan)]
     assert (distance[two, 0] < distance[two, 1]).all()
     assert not distance[~two, 1].any()
 
@@ -241,7 +241,7 @@ def test_a_packet_ends_before_a_gap() -> None:
     lidar = sensor("livox-mid70")
     scene = street()
     scans = [lidar.scan(scene, time=time, frame=frame) for time, frame in ((0.0, 0), (0.5, 25))]
-    packets = encoded(lidar, scans)
+    packets = encode(lidar, scans)
     assert len(packets) == 2 * 21
     decoded = decode("livox-mid70", packets)
     assert decoded.time[21 * 96] == 500_000_000
@@ -366,7 +366,7 @@ also right by FastCRC of Livox-SDK2.
 @pytest.mark.parametrize(("model", "variant", "returns"), VARIANTS)
 def test_the_vendors_structures_read_the_same_points(model: str, variant: str, returns: int) -> None:
     lidar = sensor(model, returns)
-    packets = encoded(lidar, [lidar.scan(street(), frame=2)], variant)
+    packets = encode(lidar, [lidar.scan(street(), frame=2)], variant)
     checksum, points = VENDOR[model, variant, returns]
     assert zlib.crc32(b"".join(packet.payload for packet in packets)) == checksum
     decoded = decode(model, packets)
@@ -418,14 +418,14 @@ def test_refuses_a_range_that_does_not_fit(variant: str, distance: float, messag
     scene = ls.Scene()
     scene.add(ls.Sphere((0, 0, 0), distance))
     with pytest.raises(FileFormatError, match=f"range: {message}"):
-        encoded(lidar, [lidar.scan(scene)], variant)
+        encode(lidar, [lidar.scan(scene)], variant)
 
 
 def test_refuses_unknown_variants_and_scans_of_others() -> None:
     with pytest.raises(ArgumentValueError, match="one of cartesian, spherical for livox-avia"):
         writing.encoders({"": sensor("livox-avia")}, variant="cartesian-16-bit")
     with pytest.raises(FileFormatError, match="scan: expected one of the sensor that the packets are of"):
-        encoded(sensor("livox-avia"), [sensor("livox-mid70").scan(ls.Scene())])
+        encode(sensor("livox-avia"), [sensor("livox-mid70").scan(ls.Scene())])
 
 
 def test_a_pattern_of_the_vendors_table_fits() -> None:
@@ -435,7 +435,7 @@ def test_a_pattern_of_the_vendors_table_fits() -> None:
     again = dataclasses.replace(lidar, pattern=table)
     scan = lidar.scan(street(), frame=2)
     assert scan.summary()["hit"] > 0
-    assert encoded(again, [again.scan(street())]) == encoded(lidar, [scan])
+    assert encode(again, [again.scan(street())]) == encode(lidar, [scan])
 
 
 def test_all_models_are_tested() -> None:

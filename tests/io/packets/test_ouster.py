@@ -83,7 +83,7 @@ FIELDS: dict[str, Any] = {
 }
 
 
-def decoded(payload: bytes, metadata: dict[str, Any]) -> list[Column]:
+def decode(payload: bytes, metadata: dict[str, Any]) -> list[Column]:
     """The columns of a packet, after checking all that surrounds them."""
     form = metadata["lidar_data_format"]
     profile, channels = form["udp_profile_lidar"], form["pixels_per_column"]
@@ -161,7 +161,7 @@ def test_a_decoder_finds_our_points(name: str, variant: str) -> None:
     scans = [lidar.scan(SCENE, frame=frame, time=frame / 10.0, seed=4) for frame in (6, 7)]
     packets, metadata = packets_of(lidar, *scans, variant=variant)
     channels = lidar.pattern.shape[0]
-    columns = [column for packet in packets for column in decoded(packet.payload, metadata)]
+    columns = [column for packet in packets for column in decode(packet.payload, metadata)]
     assert len(packets) == 64
     assert [(column.frame, column.number) for column in columns] == [(f, m) for f in (6, 7) for m in range(512)]
     assert all(column.valid for column in columns)
@@ -216,7 +216,7 @@ def test_ouster_sdk_agrees() -> None:
         lidar = sensor("ouster-os1-128", variant)
         scan = lidar.scan(SCENE, frame=7, time=0.7, seed=3)
         packets, metadata = packets_of(lidar, scan, variant=variant)
-        columns = [column for packet in packets for column in decoded(packet.payload, metadata)]
+        columns = [column for packet in packets for column in decode(packet.payload, metadata)]
         ends = scan.pulses.origins[:, None] + scan.pulses.directions[:, None] * scan.range[..., None]
         ends = ends.reshape(512, 128, -1, 3)
         for (of, channel, m, echo), (time, distance, reflectivity, xyz) in SDK.items():
@@ -247,7 +247,7 @@ def test_the_variant_follows_from_the_returns() -> None:
         assert metadata["config_params"]["return_order"] == order
         near = far = 0
         for packet in packets:
-            for column in decoded(packet.payload, metadata):
+            for column in decode(packet.payload, metadata):
                 if len(column.range) == 2:
                     both = column.range[1] > 0
                     assert (column.range[0][both] > 0).all()
@@ -262,7 +262,7 @@ def test_the_variant_follows_from_the_returns() -> None:
     # one return in packets of two
     lidar = sensor("ouster-os1-64")
     packets, metadata = packets_of(lidar, lidar.scan(SCENE), variant="dual")
-    assert not any(column.range[1].any() for packet in packets for column in decoded(packet.payload, metadata))
+    assert not any(column.range[1].any() for packet in packets for column in decode(packet.payload, metadata))
 
 
 def test_frames_are_counted() -> None:
@@ -270,7 +270,7 @@ def test_frames_are_counted() -> None:
     scans = [lidar.scan(SCENE, frame=frame, time=k / 10) for k, frame in enumerate((65_534, 65_535, 0, 0, 70_000))]
     for variant in ("single", "legacy"):
         packets, metadata = packets_of(lidar, *scans, variant=variant)
-        numbers = [{column.frame for column in decoded(packet.payload, metadata)} for packet in packets]
+        numbers = [{column.frame for column in decode(packet.payload, metadata)} for packet in packets]
         assert all(len(number) == 1 for number in numbers)
         # A number that is not above the last one counts on, since equal numbers would make one frame of two scans.
         assert [min(number) for number in numbers[::32]] == [65_534, 65_535, 0, 1, 70_000 - 65_536]
@@ -279,7 +279,7 @@ def test_frames_are_counted() -> None:
 def test_a_packet_is_sent_when_its_last_column_is_fired() -> None:
     lidar = sensor("ouster-os1-64")
     packets, metadata = packets_of(lidar, lidar.scan(SCENE, time=0.1), start=1e9, port=9000)
-    times = [max(column.time for column in decoded(packet.payload, metadata)) for packet in packets]
+    times = [max(column.time for column in decode(packet.payload, metadata)) for packet in packets]
     assert [packet.time for packet in packets] == times
     assert times[0] == 10**18 + 10**8 + round(15 / 512 / 10 * 1e9)
     assert {packet.port for packet in packets} == {9000}
@@ -302,7 +302,7 @@ def test_a_part_of_a_turn(first: int, count: int) -> None:
     packets, metadata = packets_of(lidar, scan)
     last = (first + count - 1) % 512
     assert metadata["lidar_data_format"]["column_window"] == [first, last]
-    columns = [column for packet in packets for column in decoded(packet.payload, metadata)]
+    columns = [column for packet in packets for column in decode(packet.payload, metadata)]
     numbers = 2 * 512 + first + np.arange(count)
     assert len(packets) == numbers[-1] // 16 - numbers[0] // 16 + 1
     valid = [column for column in columns if column.valid]
@@ -353,7 +353,7 @@ def test_metadata_of_another_sensor_of_its_own(tmp_path: Path) -> None:
     packets, found = packets_of(own, scan)
     assert found["sensor_info"]["prod_line"] == "OS-1-32"
     ends = (scan.pulses.origins + scan.pulses.directions * scan.range).reshape(512, 32, 3)
-    columns = [column for packet in packets for column in decoded(packet.payload, found)]
+    columns = [column for packet in packets for column in decode(packet.payload, found)]
     off = np.array([np.linalg.norm(points(column, found, 0) - ends[k], axis=1) for k, column in enumerate(columns)])
     assert np.isfinite(off).sum() > 1000
     assert np.nanmax(off) <= 0.5e-3 + 1e-9  # as above
@@ -442,7 +442,7 @@ def test_ranges_that_do_not_fit_are_refused(variant: str) -> None:
         scan.range[100, 0] = steps * step / 1e3 - offset
         if fits:
             packets, metadata = packets_of(lidar, scan, variant=variant)
-            column = decoded(packets[0].payload, metadata)[1]
+            column = decode(packets[0].payload, metadata)[1]
             assert column.range[0, 100 - 64] == round(steps) * step
         else:
             message = rf"^range in {step} mm: expected 1 to {most} for a return in .*, got range in {step} mm\[100\] = "

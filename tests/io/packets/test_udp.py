@@ -80,7 +80,7 @@ class Clock:
         self.now += self.each
 
 
-def expected(scans: list[ls.Scan], start: float = START) -> list[tuple[int, int, int, list[float]]]:
+def rows_of(scans: list[ls.Scan], start: float = START) -> list[tuple[int, int, int, list[float]]]:
     """Time, frame, first pulse and ranges of each packet, from the arrays of the scans."""
     rows = [
         (round(start * 1e9) + round((scan.time + float(t)) * 1e9), scan.frame, k, float(np.float32(r)))
@@ -98,7 +98,7 @@ def test_all_packets_arrive_in_order() -> None:
         sent = sender.send(scans)
     got = [toy.content(payload) for payload in receiver.payloads]
     assert len(got) == 18  # 7 frames of 25 pulses, ten a packet, and the last with five
-    assert [(c.time, c.frame, c.first, c.range) for c in got] == expected(scans)
+    assert [(c.time, c.frame, c.first, c.range) for c in got] == rows_of(scans)
     assert {c.port for c in got} == {receiver.port} == sent.ports
     assert (sent.packets, sent.dropped, sent.lag) == (18, 0, 0.0)
     assert sent.size == sum(map(len, receiver.payloads))
@@ -396,12 +396,12 @@ def test_interrupting_tells_what_was_sent(
 ) -> None:
     send = Sender._send
 
-    def interrupted(sender: Sender, packet: Packet) -> None:
+    def send_and_interrupt(sender: Sender, packet: Packet) -> None:
         send(sender, packet)
         if sender.sent.packets == 20:  # in the third repetition
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Sender, "_send", interrupted)
+    monkeypatch.setattr(Sender, "_send", send_and_interrupt)
     with pytest.raises(SystemExit) as left:
         main(["stream", str(config), "--to", "127.0.0.1:9", "--repeat"])
     assert left.value.code == 130

@@ -157,7 +157,7 @@ def drive(model: str, returns: str) -> tuple[Scan, ...]:
     return tuple(lidar.frames(street(), path, FRAMES))
 
 
-def encoded(scans: tuple[Scan, ...], **options: float) -> list[Packet]:
+def encode(scans: tuple[Scan, ...], **options: float) -> list[Packet]:
     encoder = packets.encoders({"": scans[0].lidar}, **{"start": START, **options})[""]
     return [packet for scan in scans for packet in encoder.packets(scan)] + list(encoder.rest())
 
@@ -166,7 +166,7 @@ def data(sent: list[Packet]) -> list[bytes]:
     return [packet.payload for packet in sent if packet.port == packets.velodyne.DATA_PORT]
 
 
-def decoded(payloads: list[bytes], manual: Manual) -> Points:
+def decode(payloads: list[bytes], manual: Manual) -> Points:
     """Points by the manuals: azimuths between the firing cycles interpolated, to those of the next block."""
     raw = np.frombuffer(b"".join(payloads), np.uint8).reshape(-1, 1206)
     mode = int(raw[0, 1204])
@@ -225,7 +225,7 @@ def decoded(payloads: list[bytes], manual: Manual) -> Points:
     )
 
 
-def measured(scans: tuple[Scan, ...], manual: Manual) -> Points:
+def points_of(scans: tuple[Scan, ...], manual: Manual) -> Points:
     """The points of scans in that order."""
     laser_of = np.argsort(manual.elevations)  # by ring
     parts, before = [], 0
@@ -259,7 +259,7 @@ def from_height(points: Points, manual: Manual) -> np.ndarray:
 @pytest.mark.parametrize("model", MANUALS)
 def test_a_decoder_by_the_manuals_finds_each_point(model: str, returns: str) -> None:
     manual, scans = MANUALS[model], drive(model, returns)
-    expected, got = measured(scans, manual), decoded(data(encoded(scans)), manual)
+    expected, got = points_of(scans, manual), decode(data(encode(scans)), manual)
     assert len(expected.ring) > 20_000
     assert len(np.unique(expected.ring)) > 0.7 * manual.lasers
 
@@ -311,7 +311,7 @@ def test_velodyne_decoder_finds_each_point(model: str, returns: str, tmp_path: P
         for scan in scans:
             writer.write(scan)
     points, time = read_by_velodyne_decoder(tmp_path / "drive.pcap", lidar, manual, start)
-    expected = measured(scans, manual)
+    expected = points_of(scans, manual)
     np.testing.assert_array_equal(points["ring"], expected.ring)
     np.testing.assert_array_equal(points["intensity"], expected.brightness)
     if dual:
@@ -346,7 +346,7 @@ def test_velodyne_decoder_finds_each_point(model: str, returns: str, tmp_path: P
 @pytest.mark.parametrize("model", MANUALS)
 def test_all_packets_are_sent_in_order(model: str, returns: str) -> None:
     manual, scans = MANUALS[model], drive(model, returns)
-    sent = encoded(scans)
+    sent = encode(scans)
     assert {(packet.port, len(packet.payload)) for packet in sent} == {(2368, 1206), (8308, 512)}
     cycles = sum(len(scan) for scan in scans) // manual.lasers
     assert len(data(sent)) == -(-cycles // manual.cycles(returns == "dual"))
@@ -365,7 +365,7 @@ def test_the_first_bytes_are_those_that_the_manual_describes() -> None:
     scene.add(ls.Sphere((0, 0, 0), 10.0), material=ls.Material(reflectivity=0.42))
     lidar = sensor("velodyne-vlp16", beam_origins=(0, 0, 0))
     scan = lidar.scan(scene, time=0.001)
-    payload = encoded((scan,))[0].payload
+    payload = encode((scan,))[0].payload
     # 180 degrees: the frame starts behind the sensor. 10 m are 5000 steps of 2 mm. 1600.251 s past the hour.
     assert payload[:10] == bytes.fromhex("ffee 5046 8813 2a 8813 2a".replace(" ", ""))[:10]
     assert payload[100:104] == struct.pack("<HH", 0xEEFF, 18000 + round(36000 * 10 * 110.592e-6))
@@ -376,11 +376,11 @@ def test_the_first_bytes_are_those_that_the_manual_describes() -> None:
 @pytest.mark.parametrize("model", MANUALS)
 def test_nothing_in_sight(model: str, returns: str) -> None:
     scan = sensor(model, returns).scan(ls.Scene())
-    manual, sent = MANUALS[model], data(encoded((scan,)))
+    manual, sent = MANUALS[model], data(encode((scan,)))
     assert len(sent) == -(-len(scan) // manual.lasers // manual.cycles(returns == "dual"))
     points = np.frombuffer(b"".join(sent), np.uint8).reshape(-1, 1206)[:, :1200].reshape(-1, 12, 100)[..., 4:]
     assert not points.any()
-    assert len(decoded(sent, manual).time) == 0
+    assert len(decode(sent, manual).time) == 0
 
 
 def test_dual_of_a_sensor_without_a_beam_is_sent_as_its_strongest_return() -> None:
@@ -390,7 +390,7 @@ def test_dual_of_a_sensor_without_a_beam_is_sent_as_its_strongest_return() -> No
     for returns in ("dual", "strongest"):
         lidar = ls.Lidar.preset("velodyne-vlp16")
         measurement = ls.Measurement(returns=returns)  # type: ignore[arg-type]
-        sent.append(data(encoded((dataclasses.replace(lidar, measurement=measurement).scan(scene),))))
+        sent.append(data(encode((dataclasses.replace(lidar, measurement=measurement).scan(scene),))))
     assert sent[0] == sent[1]
 
 
@@ -404,7 +404,7 @@ def test_pairs_of_returns_are_the_last_and_the_strongest_or_second_strongest() -
         corners = [(4, y - 0.3, edge), (4, y + 0.3, edge), (4, y + 0.3, 1), (4, y - 0.3, 1)]
         scene.add(ls.Polygon(corners), material=ls.Material(reflectivity=reflectivity))
     scan = sensor("velodyne-vlp16", "dual", beam_origins=(0, 0, 0)).scan(scene)
-    raw = np.frombuffer(b"".join(data(encoded((scan,)))), np.uint8).reshape(-1, 1206)[:, :1200]
+    raw = np.frombuffer(b"".join(data(encode((scan,)))), np.uint8).reshape(-1, 1206)[:, :1200]
     blocks = raw.reshape(-1, 6, 2, 100).astype(int)
     clockwise = np.radians(blocks[:, :, 0, 2] + 256 * blocks[:, :, 0, 3]) / 100
     points = blocks[..., 7:10]  # of laser 1
@@ -453,10 +453,10 @@ def test_firing_cycles_that_fill_no_packet_wait_for_the_next_frame() -> None:
 def test_a_frame_that_does_not_follow_the_last_starts_a_packet() -> None:
     manual = MANUALS["velodyne-hdl32e"]
     first, _, third = drive("velodyne-hdl32e", "dual")
-    sent = data(encoded((first, third)))
+    sent = data(encode((first, third)))
     assert len(sent) == 2171 // 6 + 1 + 2170 // 6 + 1
-    early, late = (measured((scan,), manual) for scan in (first, third))
-    alone = decoded(sent[: 2171 // 6 + 1], manual), decoded(sent[2171 // 6 + 1 :], manual)
+    early, late = (points_of((scan,), manual) for scan in (first, third))
+    alone = decode(sent[: 2171 // 6 + 1], manual), decode(sent[2171 // 6 + 1 :], manual)
     for got, expected in zip(alone, (early, late), strict=True):
         np.testing.assert_array_equal(got.laser, expected.laser)
         np.testing.assert_array_equal(got.cycle, expected.cycle)
@@ -469,7 +469,7 @@ def test_a_sector_fills_its_last_packet_each_turn(width: float) -> None:
     lidar = sensor("velodyne-vlp32c", field_of_view=width, start_azimuth=width / 2)
     scans = tuple(lidar.frames(street(), None, 3))
     cycles = [len(scan) // 32 for scan in scans]
-    sent = data(encoded(scans))
+    sent = data(encode(scans))
     assert len(sent) == sum(-(-count // 12) for count in cycles)
     stamps = np.array([struct.unpack_from("<I", payload, 1200)[0] for payload in sent])
     starts = np.array([scan.time + scan.pulses.time[0] for scan in scans])
@@ -480,7 +480,7 @@ def test_a_sector_fills_its_last_packet_each_turn(width: float) -> None:
 
 
 def test_position_packets_tell_the_time() -> None:
-    sent = encoded(drive("velodyne-vlp16", "strongest"))
+    sent = encode(drive("velodyne-vlp16", "strongest"))
     positions = [packet for packet in sent if packet.port == 8308]
     assert len(positions) == len(data(sent)) // 14 > 10
     for packet in positions:
@@ -502,7 +502,7 @@ def test_position_packets_tell_the_time() -> None:
 def test_stamps_start_again_at_the_full_hour() -> None:
     scans = drive("velodyne-vls128", "dual")[:1]
     start = 7200 - 0.02
-    sent = data(encoded(scans, start=start))
+    sent = data(encode(scans, start=start))
     stamps = np.array([struct.unpack_from("<I", payload, 1200)[0] for payload in sent])
     assert (np.diff(stamps) < 0).sum() == 1
     assert stamps.max() < 3_600_000_000
@@ -526,7 +526,7 @@ def test_the_zero_of_range_is_that_of_the_sensor() -> None:
     scene.add(ls.Sphere((0, 0, 0), 10.0))
     offsets = [0.01 * ring for ring in range(16)]
     lidar = dataclasses.replace(sensor("velodyne-vlp16", beam_origins=(0, 0, 0)), range_offset=offsets)
-    points = decoded(data(encoded((lidar.scan(scene),))), MANUALS["velodyne-vlp16"])
+    points = decode(data(encode((lidar.scan(scene),))), MANUALS["velodyne-vlp16"])
     assert np.abs(points.range - 10.0 - np.array(offsets)[points.ring]).max() <= 0.001 + 2 * np.spacing(10.0)
 
 
@@ -544,12 +544,12 @@ def test_a_calibrated_unit(tmp_path: Path) -> None:
     unit = dataclasses.replace(ls.Lidar.from_file(tmp_path / "unit.yaml"), measurement=ls.Measurement(), max_range=120)
     scans = (unit.scan(street()),)
     own = manual._replace(elevations=list(tilts), offsets=list(offsets))
-    got, expected = decoded(data(encoded(scans)), own), measured(scans, own)
+    got, expected = decode(data(encode(scans)), own), points_of(scans, own)
     np.testing.assert_array_equal(got.ring, expected.ring)
     assert np.linalg.norm(got.xyz - expected.xyz, axis=1).max() <= 0.002 + expected.range.max() * np.radians(0.015)
 
 
-def changed(model: str = "velodyne-vlp16", **changes: object) -> ls.Lidar:
+def preset_with(model: str = "velodyne-vlp16", **changes: object) -> ls.Lidar:
     return dataclasses.replace(ls.Lidar.preset(model), **changes)
 
 
@@ -557,11 +557,11 @@ def changed(model: str = "velodyne-vlp16", **changes: object) -> ls.Lidar:
     ("lidar", "message"),
     [
         (
-            lambda: changed(pattern=ls.Lidar.preset("velodyne-vlp32c").pattern),
+            lambda: preset_with(pattern=ls.Lidar.preset("velodyne-vlp32c").pattern),
             "elevations: expected 16 rings for velodyne-vlp16 packets, got 32",
         ),
         (
-            lambda: changed(pattern=Grid([0.0], np.zeros(16), rate=10.0)),
+            lambda: preset_with(pattern=Grid([0.0], np.zeros(16), rate=10.0)),
             "pattern: expected Spinning for velodyne-vlp16 packets, got Grid",
         ),
         (
@@ -589,10 +589,10 @@ def changed(model: str = "velodyne-vlp16", **changes: object) -> ls.Lidar:
             "returns: expected strongest, last, dual for velodyne-vlp16 packets, got 2",
         ),
         (
-            lambda: changed(measurement=ls.Measurement(returns="first")),
+            lambda: preset_with(measurement=ls.Measurement(returns="first")),
             "returns: expected strongest, last, dual for velodyne-vlp16 packets, got 'first'",
         ),
-        (lambda: changed("velodyne-hdl64e-s3"), "got 'velodyne-hdl64e-s3'"),
+        (lambda: preset_with("velodyne-hdl64e-s3"), "got 'velodyne-hdl64e-s3'"),
     ],
 )
 def test_sensors_that_do_not_fit(lidar: object, message: str) -> None:
@@ -610,21 +610,21 @@ def test_ranges_that_do_not_fit(model: str, distance: float, most: float) -> Non
         scene = ls.Scene()
         scene.add(ls.Sphere((0, 0, 0), radius))
         lidar = dataclasses.replace(sensor(model, beam_origins=(0, 0, 0)), min_range=0.0, max_range=np.inf)
-        return data(encoded((lidar.scan(scene),)))
+        return data(encode((lidar.scan(scene),)))
 
     step = MANUALS[model].step
     with pytest.raises(
         FileFormatError, match=f"range: expected {step} to {most} m for {model} packets, got {distance}"
     ):
         send(distance)
-    assert decoded(send(step if distance < 1 else most), MANUALS[model]).range[0] in (step, 65535 * step)
+    assert decode(send(step if distance < 1 else most), MANUALS[model]).range[0] in (step, 65535 * step)
 
 
 def test_scans_that_do_not_fit() -> None:
     first, second, _ = drive("velodyne-vlp16", "strongest")
     with pytest.raises(FileFormatError, match=r"time: expected a scan after 0\.19\d+ s, got one at 0\.0 s"):
-        encoded((second, first))
+        encode((second, first))
     with pytest.raises(FileFormatError, match="scan: expected pattern and returns of 'velodyne-vlp16'"):
-        encoded((first, *drive("velodyne-vlp32c", "strongest")[1:]))
+        encode((first, *drive("velodyne-vlp32c", "strongest")[1:]))
     with pytest.raises(FileFormatError, match="scan: expected pattern and returns of 'velodyne-vlp16'"):
-        encoded((first, *drive("velodyne-vlp16", "last")[1:]))
+        encode((first, *drive("velodyne-vlp16", "last")[1:]))

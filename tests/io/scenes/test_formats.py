@@ -36,7 +36,7 @@ def refusal(path: Path, **options: Any) -> str:
     return text.removeprefix(f"{path}: cannot be read as a scene: ")
 
 
-def decoded(value: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def decode_srgb(value: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """IEC 61966-2-1."""
     encoded = np.asarray(value, float)
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
@@ -251,7 +251,7 @@ def test_collada_ids_that_geometries_repeat_are_their_own(tmp_path: Path) -> Non
 
 
 def test_collada_skins_that_repeat_ids_have_their_own_joints(tmp_path: Path) -> None:
-    skin = skinned("Name_array", "hip knee")
+    skin = skin_xml("Name_array", "hip knee")
     other = skin.replace('id="c"', 'id="d"').replace(">0.25 0.75<", ">0.75 0.25<")
     nodes = SKIN_NODES.replace('url="#c"', 'url="#d"')
     alone = dae(tmp_path, nodes, more=other)
@@ -273,7 +273,7 @@ BOUND = """<node name="n"><instance_geometry url="#g"><bind_material><technique_
 def test_collada_colors(tmp_path: Path) -> None:
     path = dae(tmp_path, BOUND, more=COLORED.format("<color>0.5 0.25 1 1</color>"))
     (item,) = ls.Scene.from_file(path, reflectivity="color")
-    assert item.material.reflectivity == pytest.approx(decoded([0.5, 0.25, 1]) @ REC_709, rel=4 * ROUNDING)
+    assert item.material.reflectivity == pytest.approx(decode_srgb([0.5, 0.25, 1]) @ REC_709, rel=4 * ROUNDING)
     (item,) = ls.Scene.from_file(path, rules=[ls.Rule(material="Paint", label=7)])
     assert (item.label, item.material.reflectivity) == (7, 1.0)
 
@@ -291,7 +291,7 @@ def test_collada_textures(tmp_path: Path) -> None:
     path = dae(tmp_path, BOUND, places + faces, more=more)
     (item,) = ls.Scene.from_file(path, reflectivity="color")
     assert isinstance(item.material.reflectivity, ls.Texture)
-    np.testing.assert_allclose(item.material.reflectivity.values, decoded(pixels / 255) @ REC_709, rtol=2.0**-24)
+    np.testing.assert_allclose(item.material.reflectivity.values, decode_srgb(pixels / 255) @ REC_709, rtol=2.0**-24)
     assert item.material.texture_coordinates is not None
     assert item.material.texture_coordinates.tolist() == [[[0.5, 0.75], [1, 1], [0, 1]]]
     assert (item.material.reflectivity.wrap, item.material.reflectivity.interpolation) == (("repeat",) * 2, "linear")
@@ -306,7 +306,7 @@ def test_collada_textures(tmp_path: Path) -> None:
     assert refusal(path, reflectivity="color") == "it names a file that is not there"
 
 
-def skinned(names: str, joints: str, weights: str = "0 0 1 1  0 0 1 1  0 0 1 1  0 0 1 1  0 0 1 1") -> str:
+def skin_xml(names: str, joints: str, weights: str = "0 0 1 1  0 0 1 1  0 0 1 1  0 0 1 1  0 0 1 1") -> str:
     """A skin of two joints, which have a quarter and three quarters of each vertex."""
     matrices = [np.diag([2.0, 1, 1, 1]), np.array([[0, 1, 0, 3], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])]
     numbers = " ".join(str(x) for matrix in matrices for x in matrix.ravel())
@@ -331,7 +331,7 @@ SKIN_NODES = """<node name="body"><translate>100 0 0</translate><instance_contro
 @pytest.mark.parametrize(("names", "joints"), [("Name_array", "hip knee"), ("IDREF_array", "root knee_id")])
 def test_collada_skins_are_at_rest(names: str, joints: str, tmp_path: Path) -> None:
     """Each vertex by the formula of the specification, in homogeneous coordinates."""
-    (item,) = ls.Scene.from_file(dae(tmp_path, SKIN_NODES, more=skinned(names, joints)))
+    (item,) = ls.Scene.from_file(dae(tmp_path, SKIN_NODES, more=skin_xml(names, joints)))
     assert (item.name, item.transform) == ("body", None)
     shape = np.eye(4)
     shape[0, 3] = 1
@@ -350,11 +350,14 @@ def test_collada_skins_are_at_rest(names: str, joints: str, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (skinned("Name_array", "hip elbow"), "joint 'elbow': expected a node of the scene"),
-        (skinned("Name_array", "hip"), "controller of '#g': expected 1 INV_BIND_MATRIX, one a joint, got 2"),
-        (skinned("Name_array", "hip knee", "0 0"), "controller of '#g': expected 5 counts and indices for each, got 5"),
+        (skin_xml("Name_array", "hip elbow"), "joint 'elbow': expected a node of the scene"),
+        (skin_xml("Name_array", "hip"), "controller of '#g': expected 1 INV_BIND_MATRIX, one a joint, got 2"),
         (
-            skinned("Name_array", "hip knee", "0 0 2 1 " * 5),
+            skin_xml("Name_array", "hip knee", "0 0"),
+            "controller of '#g': expected 5 counts and indices for each, got 5",
+        ),
+        (
+            skin_xml("Name_array", "hip knee", "0 0 2 1 " * 5),
             "controller of '#g': expected joints below 2 and weights below 2",
         ),
     ],
@@ -536,7 +539,7 @@ def test_obj_colors(tmp_path: Path) -> None:
     path.write_text(f"mtllib my materials.mtl\n{faces}", encoding="utf-8")
     (tmp_path / "my materials.mtl").write_text("newmtl red\nKd 0.5 0 0\nnewmtl grey\nKd 0.5\n", encoding="utf-8")
     found = [item.material.reflectivity for item in ls.Scene.from_file(path, reflectivity="color")]
-    half = float(decoded(0.5))
+    half = float(decode_srgb(0.5))
     assert found == pytest.approx([0.2126 * half, half, 1.0], rel=4 * ROUNDING)
     path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0.5 0.5 0.5\nv 0 1 0 0 0 0\nf 1 2 3\n", encoding="utf-8")
     (item,) = ls.Scene.from_file(path, reflectivity="color")
@@ -554,7 +557,7 @@ def test_colors_of_vertices_are_those_that_trimesh_reads(encoding: str, tmp_path
         (item,) = ls.Scene.from_file(path, reflectivity="color")
         loaded = trimesh.load_mesh(path, process=False)
         np.testing.assert_array_equal(item.shape.vertices, loaded.vertices)  # type: ignore[attr-defined]
-        expected = decoded(loaded.visual.vertex_colors[:, :3] / 255) @ REC_709
+        expected = decode_srgb(loaded.visual.vertex_colors[:, :3] / 255) @ REC_709
         np.testing.assert_allclose(item.material.reflectivity, expected, rtol=8 * ROUNDING)
         (item,) = ls.Scene.from_file(path)
         assert item.material.reflectivity == 1.0
@@ -583,7 +586,9 @@ def test_colors_of_ply(
     path.write_text(PLY.format(kind, color), encoding="utf-8")
     (item,) = ls.Scene.from_file(path, reflectivity="color")
     if isinstance(expected, list):
-        np.testing.assert_allclose(item.material.reflectivity, [decoded(expected) @ REC_709, 0, 0], rtol=8 * ROUNDING)
+        np.testing.assert_allclose(
+            item.material.reflectivity, [decode_srgb(expected) @ REC_709, 0, 0], rtol=8 * ROUNDING
+        )
         assert not caplog.messages
     else:
         message = f"colours of vertices (expected numbers from 0 to 1, got {expected})"
@@ -617,7 +622,7 @@ def test_obj_names_several_libraries_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "a.mtl").write_text("newmtl grey\nKd 0.5 0.5 0.5 # grey\n", encoding="utf-8")
     (tmp_path / "b.mtl").write_text("newmtl dark\nKd 0.25#\n", encoding="utf-8")
     found = [item.material.reflectivity for item in ls.Scene.from_file(path, reflectivity="color")]
-    assert found == pytest.approx(decoded([0.5, 0.25]).tolist(), rel=4 * ROUNDING)
+    assert found == pytest.approx(decode_srgb([0.5, 0.25]).tolist(), rel=4 * ROUNDING)
     path.write_text(f"mtllib a.mtl ../b.mtl\n{faces}", encoding="utf-8")
     assert refusal(path, reflectivity="color") == "mtllib '../b.mtl': it names a file that is not there"
     (tmp_path.parent / "b.mtl").touch()
@@ -637,7 +642,7 @@ def test_obj_textures(tmp_path: Path) -> None:
     )
     first, second = ls.Scene.from_file(path, reflectivity="color")
     assert isinstance(first.material.reflectivity, ls.Texture)
-    expected = decoded(0.5) * (decoded(pixels / 255) @ REC_709)
+    expected = decode_srgb(0.5) * (decode_srgb(pixels / 255) @ REC_709)
     np.testing.assert_allclose(first.material.reflectivity.values, expected, rtol=2.0**-24)
     assert first.material.reflectivity is second.material.reflectivity
     assert first.material.texture_coordinates is not None
@@ -690,7 +695,7 @@ def test_textures_of_16_bits_are_read_to_the_nearest_of_8(tmp_path: Path) -> Non
     path.write_text("mtllib a.mtl\nv 0 0 0\nv 4 0 0\nv 4 4 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n", encoding="utf-8")
     (item,) = ls.Scene.from_file(path, reflectivity="color")
     assert isinstance(item.material.reflectivity, ls.Texture)
-    expected = decoded(np.array([[0, 0, 1, 1], [1, 127, 128, 255]]) / 255)
+    expected = decode_srgb(np.array([[0, 0, 1, 1], [1, 127, 128, 255]]) / 255)
     np.testing.assert_allclose(item.material.reflectivity.values, expected, rtol=2.0**-23)
 
 

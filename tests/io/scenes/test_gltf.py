@@ -133,11 +133,11 @@ def test_lists_strips_and_fans(
     (item,) = as_written(one(lambda file: file.primitive(points, order, mode=mode)).save(place))
     corners = points if order is None else points[list(order)]
 
-    def turned(triangle: Any) -> Any:
+    def rotate(triangle: Any) -> Any:
         rows = [tuple(row) for row in np.asarray(triangle, float).tolist()]
         return min(rows[k:] + rows[:k] for k in range(3))
 
-    assert [turned(triangle) for triangle in triangles(item)] == [turned(corners[list(face)]) for face in expected]
+    assert [rotate(triangle) for triangle in triangles(item)] == [rotate(corners[list(face)]) for face in expected]
 
 
 def test_points_and_lines_are_left_out(place: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -534,7 +534,7 @@ def test_harmless_extensions_are_no_obstacle(place: Path) -> None:
     assert len(as_written(file.save(place))) == 1
 
 
-def edited(edit: Callable[[dict[str, Any]], object]) -> Gltf:
+def file_with(edit: Callable[[dict[str, Any]], object]) -> Gltf:
     file = one(name="car")
     edit(file.tree)
     return file
@@ -674,7 +674,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
 
 @pytest.mark.parametrize(("edit", "message"), WRONG.values(), ids=WRONG)
 def test_errors_name_the_place(edit: Callable[[dict[str, Any]], object], message: str, tmp_path: Path) -> None:
-    path = edited(edit).save(tmp_path / "a.glb")
+    path = file_with(edit).save(tmp_path / "a.glb")
     told = refusal(path)
     assert told.startswith(message)
     with pytest.raises(FileFormatError, match=f"^{re.escape(f'{path}: cannot be read as a mesh: {message}')}"):
@@ -718,7 +718,7 @@ ROUNDING = 2.0**-53
 REC_709 = np.array([0.2126, 0.7152, 0.0722])
 
 
-def decoded(value: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def decode_srgb(value: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """IEC 61966-2-1."""
     encoded = np.asarray(value, float)
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
@@ -759,7 +759,7 @@ CORNERS_OF_SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]])
 
 
-def textured(pixels: npt.NDArray[Any], info: dict[str, Any] | None = None, **attributes: Any) -> Gltf:
+def square_with_image(pixels: npt.NDArray[Any], info: dict[str, Any] | None = None, **attributes: Any) -> Gltf:
     """A square that shows an image upright, seen from +z in the axes of the file."""
     file = Gltf(
         materials=[
@@ -781,13 +781,13 @@ def textured(pixels: npt.NDArray[Any], info: dict[str, Any] | None = None, **att
 
 def test_textures_become_textures_of_reflectivity(place: Path) -> None:
     pixels = np.random.default_rng(6).integers(0, 256, (3, 5, 3))
-    path = textured(pixels, COLOR_0=np.tile([1, 0.5, 1], (4, 1))).save(place)
+    path = square_with_image(pixels, COLOR_0=np.tile([1, 0.5, 1], (4, 1))).save(place)
     (item,) = ls.Scene.from_file(path, reflectivity="color")
     texture = item.material.reflectivity
     assert isinstance(texture, ls.Texture)
     assert texture.wrap == ("mirror", "clamp")
     np.testing.assert_allclose(
-        texture.values, decoded(pixels / 255) * [0.5, 0.5, 1] @ REC_709, rtol=2.0**-24
+        texture.values, decode_srgb(pixels / 255) * [0.5, 0.5, 1] @ REC_709, rtol=2.0**-24
     )  # float32
     np.testing.assert_array_equal(item.material.texture_coordinates, UV[[[0, 1, 2], [0, 2, 3]]])
     assert ls.Scene.from_file(path)[0].material.reflectivity == 1.0
@@ -807,7 +807,7 @@ def test_textures_become_textures_of_reflectivity(place: Path) -> None:
     ],
 )
 def test_textures_are_filtered_as_their_samplers_say(filters: dict[str, int], expected: str, place: Path) -> None:
-    file = textured(np.zeros((2, 2, 3)))
+    file = square_with_image(np.zeros((2, 2, 3)))
     file.tree["samplers"][0].update(filters)
     texture = ls.Scene.from_file(file.save(place), reflectivity="color")[0].material.reflectivity
     assert isinstance(texture, ls.Texture)
@@ -817,7 +817,7 @@ def test_textures_are_filtered_as_their_samplers_say(filters: dict[str, int], ex
 def test_a_scan_sees_a_texture_upright(place: Path) -> None:
     """White above black on the left, black above white on the right; the wall stands at y = 0 and faces −y."""
     image = np.array([[255, 0], [0, 255]])[:, :, None].repeat(3, axis=2).repeat(8, axis=0).repeat(8, axis=1)
-    file = textured(image)
+    file = square_with_image(image)
     file.tree["materials"][0]["pbrMetallicRoughness"].pop("baseColorFactor")
     scene = ls.Scene.from_file(file.save(place), reflectivity="color")
     lidar = ls.Lidar(
@@ -833,7 +833,7 @@ def test_texture_coordinates_are_transformed(place: Path) -> None:
     transform = {"offset": move, "rotation": angle, "scale": scale, "texCoord": 1}
     other = np.random.default_rng(7).random((4, 2)).astype("f4")
     info = {"extensions": {"KHR_texture_transform": transform}}
-    path = textured(np.zeros((2, 2, 3)), info, TEXCOORD_1=other).save(place)
+    path = square_with_image(np.zeros((2, 2, 3)), info, TEXCOORD_1=other).save(place)
     (item,) = ls.Scene.from_file(path, reflectivity="color")
     cos, sin = np.cos(angle), np.sin(angle)
     matrix = np.array([[1, 0, move[0]], [0, 1, move[1]], [0, 0, 1]])
@@ -866,26 +866,26 @@ def test_textures_under_vertex_colors_are_sampled(wrap: Any) -> None:
             for j in (0, 1):
                 column, row = int(np.floor(x)) + i, int(np.floor(y)) + j
                 weight = (1 - abs(x - column)) * (1 - abs(y - row))
-                expected[n] += weight * decoded(pixels[texel(row, 3), texel(column, 4)] / 255)
+                expected[n] += weight * decode_srgb(pixels[texel(row, 3), texel(column, 4)] / 255)
     # Places of texels up to 4, their weights, and the sum of four texels of at most 1.
     np.testing.assert_allclose(
         _pictures.Textures().sample(picture, uv), expected, rtol=0, atol=(2 * 4 + 2 * 4) * ROUNDING
     )
     nearest = _pictures.Textures().sample(dataclasses.replace(picture, interpolation="nearest"), uv[:200])
     places = [(texel(int(np.floor(v * 3)), 3), texel(int(np.floor(u * 4)), 4)) for u, v in uv[:200]]
-    np.testing.assert_array_equal(nearest, [decoded(pixels[place] / 255) for place in places])
+    np.testing.assert_array_equal(nearest, [decode_srgb(pixels[place] / 255) for place in places])
 
 
 def test_a_texture_under_colors_of_vertices(place: Path) -> None:
     colors = np.random.default_rng(9).random((4, 3)).astype("f4")
-    path = textured(np.full((2, 2, 3), 128), COLOR_0=colors).save(place)
+    path = square_with_image(np.full((2, 2, 3), 128), COLOR_0=colors).save(place)
     (item,) = ls.Scene.from_file(path, reflectivity="color")
-    expected = colors.astype(float) * [0.5, 1, 1] * decoded(128 / 255) @ REC_709
+    expected = colors.astype(float) * [0.5, 1, 1] * decode_srgb(128 / 255) @ REC_709
     np.testing.assert_allclose(item.material.reflectivity, expected, rtol=8 * ROUNDING)
 
 
 def test_images_are_checked_before_they_are_decoded(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = textured(np.zeros((2, 2, 3)))
+    file = square_with_image(np.zeros((2, 2, 3)))
     monkeypatch.setattr(_pictures, "MOST_PIXELS", 3)
     message = "expected a texture of at most 3 pixels, got 2 × 2"
     assert refusal(file.save(place), reflectivity="color") == message
@@ -901,4 +901,4 @@ def test_images_are_checked_before_they_are_decoded(place: Path, monkeypatch: py
     assert "images[0].uri: it names" in refusal(file.save(place), reflectivity="color")
     monkeypatch.setitem(sys.modules, "PIL.Image", None)
     with pytest.raises(MissingExtraError, match=r"reading textures needs PIL\.Image"):
-        ls.Scene.from_file(textured(np.zeros((2, 2, 3))).save(place), reflectivity="color")
+        ls.Scene.from_file(square_with_image(np.zeros((2, 2, 3))).save(place), reflectivity="color")

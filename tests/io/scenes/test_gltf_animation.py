@@ -105,7 +105,7 @@ def floats(file: pygltflib.GLTF2, index: int) -> Floats:
     return np.frombuffer(blob, dtype, accessor.count * width).reshape(-1, width).astype(float)
 
 
-def sampled(times: Floats, values: Floats, interpolation: str, path: str, time: float) -> Floats:
+def sample(times: Floats, values: Floats, interpolation: str, path: str, time: float) -> Floats:
     """The specification's value, by SciPy."""
     time = float(np.clip(time, times[0], times[-1]))
     if interpolation == "STEP":
@@ -120,7 +120,7 @@ def sampled(times: Floats, values: Floats, interpolation: str, path: str, time: 
     return np.array([np.interp(time, times, column) for column in values.T])
 
 
-def expected(path: Path, animation: int, time: float) -> dict[str, Floats]:
+def vertices_at(path: Path, animation: int, time: float) -> dict[str, Floats]:
     """The vertices of each node in the world, evaluated anew from what pygltflib reads."""
     file = pygltflib.GLTF2().load(str(path))
     nodes = copy.deepcopy(file.nodes)
@@ -131,7 +131,7 @@ def expected(path: Path, animation: int, time: float) -> dict[str, Floats]:
         times, values = floats(file, sampler.input)[:, 0], floats(file, sampler.output)
         if item.target.path == "weights":
             values = values.reshape(len(times) * (3 if sampler.interpolation == "CUBICSPLINE" else 1), -1)
-        value = sampled(times, values, sampler.interpolation, item.target.path, time)
+        value = sample(times, values, sampler.interpolation, item.target.path, time)
         if item.target.path == "weights":
             weights[item.target.node] = value
         else:
@@ -181,7 +181,7 @@ def expected(path: Path, animation: int, time: float) -> dict[str, Floats]:
     return found
 
 
-def shown(scene: ls.Scene) -> dict[str, Floats]:
+def vertices_of(scene: ls.Scene) -> dict[str, Floats]:
     """The vertices of each object in the world."""
     found = {}
     for item in scene:
@@ -199,16 +199,16 @@ def walker(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("time", [-1.0, 0.25, 0.3, 0.74, 0.75, 0.9, 1.0, 1.7, 2.0, 9.0])
 def test_nodes_skins_and_targets_are_where_an_independent_evaluation_has_them(walker: Path, time: float) -> None:
     scene = ls.Scene.from_file(walker)
-    before = shown(scene)
+    before = vertices_of(scene)
     scene.animate(time, animation="walk")
-    found, right = shown(scene), expected(walker, 0, time)
+    found, right = vertices_of(scene), vertices_at(walker, 0, time)
     assert found.keys() == right.keys() == {"arm", "hand", "ring", "skin", "face", "rock"}
     for name, points in right.items():
         # Sums of products of at most some tens of float64 numbers below 10³, through five maps.
         np.testing.assert_allclose(found[name], points, rtol=0, atol=1e4 * np.finfo(float).eps, err_msg=name)
         assert (name == "rock") == np.array_equal(found[name], before[name])
     again = ls.Scene.from_file(walker, time=time)
-    assert all(np.array_equal(points, found[name]) for name, points in shown(again).items())
+    assert all(np.array_equal(points, found[name]) for name, points in vertices_of(again).items())
 
 
 def test_casts_are_those_of_a_scene_made_anew_at_that_time(walker: Path) -> None:
@@ -219,7 +219,7 @@ def test_casts_are_those_of_a_scene_made_anew_at_that_time(walker: Path) -> None
         for item in scene:
             assert isinstance(item.shape, ls.TriangleMesh)
             anew.add(ls.TriangleMesh(item.shape.vertices, item.shape.faces), transform=item.transform)
-        targets = np.concatenate(list(shown(scene).values())).reshape(-1, 3, 3).mean(axis=1)
+        targets = np.concatenate(list(vertices_of(scene).values())).reshape(-1, 3, 3).mean(axis=1)
         origins = targets + 10.0 * rng.normal(size=targets.shape)
         found, right = (made.cast(origins, targets - origins) for made in (scene, anew))
         assert right.hit.all()
@@ -229,18 +229,18 @@ def test_casts_are_those_of_a_scene_made_anew_at_that_time(walker: Path) -> None
 
 def test_animations_are_listed_and_what_another_one_moved_returns(walker: Path) -> None:
     scene = ls.Scene.from_file(walker)
-    rest = shown(scene)
+    rest = vertices_of(scene)
     assert dict(scene.animations) == {"walk": 2.0, "1": 4.0}
     scene.animate(1.0)
-    assert not np.array_equal(shown(scene)["arm"], rest["arm"])
+    assert not np.array_equal(vertices_of(scene)["arm"], rest["arm"])
     scene.animate(4.0, animation="1")
-    np.testing.assert_array_equal(shown(scene)["arm"], rest["arm"])
+    np.testing.assert_array_equal(vertices_of(scene)["arm"], rest["arm"])
     scene.animate(0.0, animation="1")  # the hand has the size 0: nothing hits it
     (hand,) = scene.find("hand")
     assert scene[hand].transform is None
-    assert np.ptp(shown(scene)["hand"], axis=0).max() == 0.0
+    assert np.ptp(vertices_of(scene)["hand"], axis=0).max() == 0.0
     scene.animate(2.0, animation="1")
-    assert np.ptp(shown(scene)["hand"], axis=0).max() > 0.0
+    assert np.ptp(vertices_of(scene)["hand"], axis=0).max() > 0.0
 
 
 def test_copies_pickles_and_changed_scenes_go_on_moving(walker: Path) -> None:
@@ -255,9 +255,9 @@ def test_copies_pickles_and_changed_scenes_go_on_moving(walker: Path) -> None:
     assert scene[scene.find("hand")[0]].label == 7
     assert scene[ball].transform is None
     assert not scene.find("arm")
-    first, second = map(shown, copies)
+    first, second = map(vertices_of, copies)
     assert all(np.array_equal(points, second[name]) for name, points in first.items())
-    np.testing.assert_allclose(first["arm"], expected(walker, 0, 0.6)["arm"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(first["arm"], vertices_at(walker, 0, 0.6)["arm"], rtol=0, atol=1e-12)
 
 
 def test_nodes_that_start_with_no_size_appear(tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_nodes_that_start_with_no_size_appear(tmp_path: Path) -> None:
     file.node(name="pop", mesh=file.mesh(), scale=[0, 0, 0])
     animate(file, channel(file, 0, "scale", [(0, 0, 0), (2, 2, 2)], times=[0, 1]))
     scene = ls.Scene.from_file(file.save(tmp_path / "pop.glb"), time=1.0)
-    np.testing.assert_array_equal(shown(scene)["pop"], 2.0 * CORNERS @ UP.T)
+    np.testing.assert_array_equal(vertices_of(scene)["pop"], 2.0 * CORNERS @ UP.T)
 
 
 def test_copies_of_a_moving_node_move_along(tmp_path: Path) -> None:
@@ -346,10 +346,10 @@ def test_what_overflows_at_a_time_is_refused_then(tmp_path: Path) -> None:
     huge = [(1, 1, 1), (3e38, 3e38, 3e38)]
     animate(file, *(channel(file, parent, "scale", huge, times=[0, 1]) for parent in parents))
     scene = ls.Scene.from_file(file.save(tmp_path / "huge.glb"))
-    before = shown(scene)
+    before = vertices_of(scene)
     with pytest.raises(FileFormatError, match=r"animation '0', nodes\[9\] at 1.0 s: expected a place within the range"):
         scene.animate(1.0)
-    assert all(np.array_equal(points, before[name]) for name, points in shown(scene).items())
+    assert all(np.array_equal(points, before[name]) for name, points in vertices_of(scene).items())
 
 
 def test_unknown_animations_and_times_that_are_none_are_refused(walker: Path) -> None:
@@ -369,5 +369,5 @@ def test_unknown_animations_and_times_that_are_none_are_refused(walker: Path) ->
 
 def test_the_many_ways_to_say_the_same_time_agree(walker: Path) -> None:
     made = [ls.Scene.from_file(walker, **options) for options in ({"time": 0.0}, {"animation": "walk"})]
-    for first, second in itertools.pairwise(map(shown, made)):
+    for first, second in itertools.pairwise(map(vertices_of, made)):
         assert all(np.array_equal(points, second[name]) for name, points in first.items())

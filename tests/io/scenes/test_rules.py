@@ -31,13 +31,13 @@ def town(tmp_path: Path) -> Path:
     return file.save(tmp_path / "town.glb")
 
 
-def found(path: Path, *rules: ls.Rule, **options: Any) -> list[tuple[str, int, int]]:
+def read_objects(path: Path, *rules: ls.Rule, **options: Any) -> list[tuple[str, int, int]]:
     return [(item.name, item.label, item.instance) for item in ls.Scene.from_file(path, rules=rules, **options)]  # type: ignore[misc]
 
 
 def test_without_rules_a_top_node_is_an_instance(town: Path) -> None:
     cars = [("car", 0, 1), ("car", 0, 1), ("wheel", 0, 1)]
-    assert found(town) == [*cars, *cars, ("road", 0, 7)]
+    assert read_objects(town) == [*cars, *cars, ("road", 0, 7)]
 
 
 def test_the_first_rule_that_matches_decides(town: Path) -> None:
@@ -46,11 +46,11 @@ def test_the_first_rule_that_matches_decides(town: Path) -> None:
         ls.Rule(material="gl?ss", label=2),
         ls.Rule(node="cars/car*", label=1),
     ]
-    labels = [label for _, label, _ in found(town, *rules)]
+    labels = [label for _, label, _ in read_objects(town, *rules)]
     assert labels == [1, 2, 3, 1, 2, 3, 0]
-    assert [label for _, label, _ in found(town, *reversed(rules))] == [1, 1, 1, 1, 1, 1, 0]
-    assert [label for _, label, _ in found(town, ls.Rule(node="CARS*", label=1))] == [0] * 7
-    assert [label for _, label, _ in found(town, ls.Rule(), ls.Rule(label=1))] == [0] * 7
+    assert [label for _, label, _ in read_objects(town, *reversed(rules))] == [1, 1, 1, 1, 1, 1, 0]
+    assert [label for _, label, _ in read_objects(town, ls.Rule(node="CARS*", label=1))] == [0] * 7
+    assert [label for _, label, _ in read_objects(town, ls.Rule(), ls.Rule(label=1))] == [0] * 7
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_the_first_rule_that_matches_decides(town: Path) -> None:
     ],
 )
 def test_instances(instance: Any, expected: list[int], town: Path) -> None:
-    assert [number for _, _, number in found(town, ls.Rule(instance=instance))] == expected
+    assert [number for _, _, number in read_objects(town, ls.Rule(instance=instance))] == expected
 
 
 def test_rules_skip_rename_and_give_materials(town: Path) -> None:

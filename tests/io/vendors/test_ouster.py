@@ -20,7 +20,7 @@ FILES = sorted(DATA.glob("*.json"))
 RANGES_MM = (800.0, 12_345.0, 120_000.0)
 
 
-def flattened(path: Path) -> dict[str, Any]:
+def flatten(path: Path) -> dict[str, Any]:
     """Return the keys of all levels that the formula needs."""
     keys: dict[str, Any] = {}
 
@@ -61,7 +61,7 @@ def published_xyz(keys: dict[str, Any], column: int, channel: int, r: float) -> 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_points_are_where_the_published_formula_puts_them(path: Path) -> None:
-    keys = flattened(path)
+    keys = flatten(path)
     pulses = ls.Lidar.from_file(path).pattern.pulses()
     first = keys.get("column_window", [0])[0]
     assert len(pulses) >= 23 * len(keys["beam_altitude_angles"])
@@ -88,7 +88,7 @@ def vendors_points(path: Path) -> list[tuple[int, int, float, float, float]]:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_range_counts_from_where_the_published_formula_does(path: Path) -> None:
-    *_, n = published_xyz(flattened(path), 0, 0, 0.0)
+    *_, n = published_xyz(flatten(path), 0, 0, 0.0)
     assert 12.0 < n < 28.0
     assert ls.Lidar.from_file(path).range_offset == pytest.approx(n / 1e3, rel=4 * 2.0**-53)
 
@@ -96,8 +96,8 @@ def test_range_counts_from_where_the_published_formula_does(path: Path) -> None:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_points_are_those_of_the_vendors_table(path: Path) -> None:
     pulses = ls.Lidar.from_file(path).pattern.pulses()
-    *_, n = published_xyz(flattened(path), 0, 0, 0.0)
-    first = flattened(path).get("column_window", [0])[0]
+    *_, n = published_xyz(flatten(path), 0, 0, 0.0)
+    first = flatten(path).get("column_window", [0])[0]
     expected = vendors_points(path)
     assert len(expected) == 35
     for channel, column, *xyz in expected:
@@ -233,7 +233,7 @@ def test_unknown_option_is_refused() -> None:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 @pytest.mark.parametrize("given", [None, ""])
 def test_a_file_without_a_product_is_told_by_its_beams(path: Path, given: str | None, tmp_path: Path) -> None:
-    keys = flattened(path)
+    keys = flatten(path)
     product = keys.pop("prod_line")
     reduced = tmp_path / "reduced.json"
     reduced.write_text(json.dumps(keys if given is None else {**keys, "prod_line": given}))

@@ -85,7 +85,7 @@ def test_attributes_are_the_arguments(kind: type) -> None:
             values = getattr(shapes, name)
             np.testing.assert_array_equal(values, [getattr(shape, single) for shape in singles])
             assert not values.flags.writeable
-    restored = type(shapes)._restored(shapes._contents())  # as unpickling does
+    restored = type(shapes)._from_contents(shapes._contents())  # as unpickling does
     assert restored == shapes
     low, high = shapes.bounds
     np.testing.assert_array_equal(low, np.min([shape.bounds[0] for shape in singles], axis=0))

@@ -61,7 +61,7 @@ pub fn assert_slack(what: &str, worst: f64, known: f64) {
 /// Fixed-point numbers: multiples of 2⁻³²⁰, rounded down.
 const BITS: u64 = 320;
 
-pub fn fixed(x: f64) -> BigInt {
+pub fn fixed_point(x: f64) -> BigInt {
     let exponent = ((x.to_bits() >> 52 & 0x7ff) as i64 - 1075).max(-1074);
     let mantissa = BigInt::from(
         (x / 2.0_f64.powi(exponent as i32 / 2) / 2.0_f64.powi(exponent as i32 - exponent as i32 / 2)) as i64,

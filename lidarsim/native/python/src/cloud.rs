@@ -14,7 +14,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{Points, PyPath, PyScene, detached, elements, kernels, points};
+use crate::{Points, PyPath, PyScene, detach, elements, kernels, points};
 
 macro_rules! copied {
     (own, $columns:ident, $scan:ident, $wanted:ident, $name:ident: $Entry:ty) => {};
@@ -165,7 +165,7 @@ pub fn points_of<'py>(
     columns.extend(of_pulses.into_iter().filter(|column| wanted.has(column.name())));
     let [with_normals, with_numbers] = ["normal", "return_number"].map(|name| wanted.has(name));
     let write_points = |points: WritePoints| kernels.write_points(points);
-    let (xyz, normal, number) = detached(py, || {
+    let (xyz, normal, number) = detach(py, || {
         let returns = ReturnCounts::new(counts, most);
         let count = returns.count();
         let of = |count, is_wanted| if is_wanted { count } else { 0 };

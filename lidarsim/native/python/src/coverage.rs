@@ -7,7 +7,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::scan::{PulseArrays, Pulses};
-use crate::{PyPath, PyScene, detached, elements, kernels};
+use crate::{PyPath, PyScene, detach, elements, kernels};
 
 type Coverage<'py> = (
     Bound<'py, PyArray1<u64>>,
@@ -64,7 +64,7 @@ pub fn coverage<'py>(
     let span = span(times).map(|time| (start + time).clamp(f64::MIN, f64::MAX));
     let path = &path.path;
     let pulses = NominalPulses { origins, directions, times, start, path, first, return_counts, objects };
-    let found = detached(py, || {
+    let found = detach(py, || {
         whole.prepare();
         alone.prepare();
         let casts = first.is_none_or(|first| first.contains(&UNKNOWN));

@@ -63,7 +63,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
-    m.add_function(wrap_pyfunction!(object::placed, m)?)?;
+    m.add_function(wrap_pyfunction!(object::place, m)?)?;
     m.add_class::<patterns::PyChannels>()?;
     m.add_function(wrap_pyfunction!(patterns::fire_mid360, m)?)?;
     m.add_function(wrap_pyfunction!(patterns::fire_oscillating_mirror, m)?)?;
@@ -105,7 +105,7 @@ fn isa(py: Python<'_>) -> PyResult<&'static str> {
 fn level(_: Python<'_>) -> PyResult<Level> {
     let Some(name) = env::var_os("LIDARSIM_ISA") else { return Ok(Level::best()) };
     let name = name.to_string_lossy();
-    match Level::named(&name) {
+    match Level::from_name(&name) {
         Some(level) if level <= Level::best() => Ok(level),
         Some(_) => Err(PyValueError::new_err(format!("LIDARSIM_ISA: this machine has no {name}"))),
         None => Err(argument_error("LIDARSIM_ISA", "scalar, avx2 or avx512", format!("{name:?}"))),
@@ -141,29 +141,29 @@ fn use_threads(_: Python<'_>) {
 ///
 /// The error that a signal handler raises, such as `KeyboardInterrupt`, which stops the work. MemoryError if
 /// an array cannot be allocated. RuntimeError if the work panics, which is a bug in the core.
-pub fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
+pub fn detach<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     use_threads(py);
     match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, || with_room(work))))) {
         Ok(Some(outcome)) => Ok(outcome),
-        Ok(None) => Err(raised(py)),
-        Err(why) => Err(explained(py, &*why)),
+        Ok(None) => Err(take_error(py)),
+        Err(why) => Err(panic_error(py, &*why)),
     }
 }
 
-/// Lets Python handle pending signals. Returns whether a handler raised an error, which is then [`raised`].
+/// Lets Python handle pending signals. Returns whether one raised an error; [`take_error`] returns it.
 fn has_signal() -> bool {
     let handled = Python::try_attach(|py| py.check_signals().map_err(|error| error.restore(py)));
     handled.is_some_and(|handled| handled.is_err())
 }
 
-fn raised(py: Python<'_>) -> PyErr {
+fn take_error(py: Python<'_>) -> PyErr {
     PyErr::take(py).unwrap_or_else(|| PyKeyboardInterrupt::new_err(()))
 }
 
 /// The error for the payload of a panic.
-fn explained(py: Python<'_>, why: &(dyn Any + Send)) -> PyErr {
+fn panic_error(py: Python<'_>, why: &(dyn Any + Send)) -> PyErr {
     if why.is::<Stopped>() {
-        return raised(py);
+        return take_error(py);
     }
     if let Some(OutOfMemory { bytes, purpose }) = why.downcast_ref() {
         return PyMemoryError::new_err(format!("out of memory: {bytes} bytes for {purpose}"));

@@ -13,7 +13,7 @@ use pyo3::types::PyDict;
 
 use crate::path::pose;
 use crate::scan::{Entry, PulseArrays, beyond, check_rings, explain, measurement_of};
-use crate::{PyPath, PyScene, argument_error, detached, elements, kernels, plain};
+use crate::{PyPath, PyScene, argument_error, detach, elements, kernels, plain};
 
 macro_rules! given {
     (
@@ -226,7 +226,7 @@ pub fn scan_many<'py>(
     }));
     let kernels = kernels(py)?;
     let scene_of: Vec<&PyScene> = scenes.iter().map(|scene| &**scene).collect();
-    let outcome = detached(py, || {
+    let outcome = detach(py, || {
         for scene in &scene_of {
             scene.scene.prepare();
         }

@@ -10,7 +10,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use crate::{PyAffine, PyPath, PyShape, PyTextureMap, argument_error, detached, elements, shape};
+use crate::{PyAffine, PyPath, PyShape, PyTextureMap, argument_error, detach, elements, shape};
 
 /// An object in two forms: as given and validated in Python, and in the core.
 #[pyclass(frozen, subclass, name = "SceneObject", module = "lidarsim._native")]
@@ -115,7 +115,7 @@ impl PySceneObject {
 
 /// Objects under other transforms (n, 4, 4), one each.
 #[pyfunction]
-pub fn placed<'py>(
+pub fn place<'py>(
     items: Vec<Bound<'py, PySceneObject>>,
     transforms: PyReadonlyArray3<'py, f64>,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
@@ -146,7 +146,7 @@ fn reflectivity(material: &Bound<'_, PyAny>) -> PyResult<Reflectivity> {
         ReflectivityParameter::Each(values) => values,
     };
     let values = elements("reflectivity", &values)?;
-    let values = detached(py, || memory::copy(values))?;
+    let values = detach(py, || memory::copy(values))?;
     match material.getattr(intern!(py, "_per"))?.extract()? {
         "face" => Ok(Reflectivity::Face(values)),
         "vertex" => Ok(Reflectivity::Vertex(values)),
@@ -161,7 +161,7 @@ fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAn
         LabelParameter::Object(label) => Labels::Object(label),
         LabelParameter::Face(labels) => {
             let labels = elements("label", &labels)?;
-            Labels::Face(detached(py, || memory::copy(labels))?)
+            Labels::Face(detach(py, || memory::copy(labels))?)
         }
     };
     let reflectivity = reflectivity(material)?;

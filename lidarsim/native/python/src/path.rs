@@ -7,7 +7,7 @@ use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyU
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::{argument_error, detached, elements, plain};
+use crate::{argument_error, detach, elements, plain};
 
 /// The pose of the sensor at each time.
 #[pyclass(frozen, name = "Path", module = "lidarsim._native")]
@@ -65,7 +65,7 @@ impl PyPath {
             let cubic = |first| Cubic(std::array::from_fn(|i| std::array::from_fn(|k| s[first + 3 * i + k])));
             Step { shift: cubic(0), turn: cubic(9) }
         });
-        let path = detached(py, || {
+        let path = detach(py, || {
             let (times, poses, steps) = (memory::copy(times), memory::collect(poses), memory::collect(steps));
             let end = times[n - 1];
             Path::Knots { times, poses, steps, end }
@@ -79,7 +79,7 @@ impl PyPath {
     }
 
     /// The same path over a span that continues to `until`, at the velocities of its end.
-    fn held(&self, until: f64) -> PyResult<Self> {
+    fn hold(&self, until: f64) -> PyResult<Self> {
         let path = self.path.hold(until);
         if path.at(until).rows().as_flattened().iter().all(|x| x.abs() <= LARGEST) {
             return Ok(path.into());
@@ -96,7 +96,7 @@ impl PyPath {
     /// Poses at some times, (n, 4, 4).
     fn at<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
         let times = elements("times", &times)?;
-        let poses = detached(py, || {
+        let poses = detach(py, || {
             memory::collect(times.iter().map(|&time| {
                 let [x, y, z] = self.path.at(time).rows();
                 [x, y, z, [0.0, 0.0, 0.0, 1.0]]
@@ -112,7 +112,7 @@ impl PyPath {
         times: PyReadonlyArray1<'py, f64>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let times = elements("times", &times)?;
-        let velocities = detached(py, || {
+        let velocities = detach(py, || {
             memory::collect(times.iter().map(|&time| {
                 let Velocity { linear, angular } = self.path.velocity(time);
                 [linear, angular]

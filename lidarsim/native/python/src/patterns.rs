@@ -12,7 +12,7 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::{Points, detached, elements, kernels, points};
+use crate::{Points, detach, elements, kernels, points};
 
 /// The phase at the first tick of a frame, and what each adds, both in units of 2⁻¹²⁸ of a turn.
 type Turns = (u128, u128);
@@ -55,7 +55,7 @@ impl PyChannels {
             return Err(unequal());
         }
         let origins = origins.unwrap_or_default();
-        detached(py, || PyChannels(Channels::new(beams, origins, firing_times)))
+        detach(py, || PyChannels(Channels::new(beams, origins, firing_times)))
     }
 
     /// Writes the cycles of a frame, as `lidarsim_core::patterns::Cycles` and `CycleRun` describe them, and
@@ -84,7 +84,7 @@ impl PyChannels {
         if [arrays.directions.len(), arrays.origins.len(), arrays.times.len()] != [pulses, turning, pulses] {
             return Err(unequal());
         }
-        detached(py, || {
+        detach(py, || {
             let run = |(columns, cycle, since, late)| CycleRun { columns, cycle, since, late };
             let runs = memory::collect(runs.into_iter().map(run));
             let cycles = Cycles::new(channels, &runs, clock, azimuth);
@@ -147,7 +147,7 @@ pub fn fire_risley<'py>(
     if beams.is_empty() || !arrays.directions.len().is_multiple_of(beams.len()) {
         return Err(unequal());
     }
-    let through = detached(py, || {
+    let through = detach(py, || {
         let prism = |(tilts, turns, phase)| Prism { tilts, rotation: rotation(turns, phase) };
         let risley = Risley::new(beams, &memory::collect(prisms.into_iter().map(prism)), refractive_index);
         fire(Formula::Risley(&risley), arrays, |piece| kernels.fire(piece))
@@ -164,7 +164,7 @@ fn rotation((first, step): Turns, angle: f64) -> Rotation {
 fn run<'py>(py: Python<'py>, formula: Formula, mut directions: PyReadwriteArray2<'py, f64>) -> PyResult<()> {
     let kernels = kernels(py)?;
     let arrays = Arrays { directions: places(&mut directions)?, ..Arrays::default() };
-    detached(py, || fire(formula, arrays, |piece| kernels.fire(piece)))?;
+    detach(py, || fire(formula, arrays, |piece| kernels.fire(piece)))?;
     directions.make_nonwriteable();
     Ok(())
 }

@@ -17,7 +17,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::{Points, PyPath, PyScene, argument_error, detached, elements, kernels, points};
+use crate::{Points, PyPath, PyScene, argument_error, detach, elements, kernels, points};
 
 /// The attributes of a `lidarsim.Lidar`; below `atmosphere`, those of a `lidarsim.Atmosphere`, if there is
 /// one.
@@ -118,7 +118,7 @@ macro_rules! entries {
                 column: Vec<Self>,
                 shape: &[usize],
             ) -> PyResult<Bound<'py, PyAny>> {
-                shaped(py, column, shape)
+                into_array(py, column, shape)
             }
         })+
     };
@@ -131,12 +131,16 @@ impl<T: Element + Copy> Entry for [T; 3] {
     const SHAPE: &'static [usize] = &[3];
 
     fn array<'py>(py: Python<'py>, column: Vec<Self>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
-        shaped(py, column.into_flattened(), &[shape, Self::SHAPE].concat())
+        into_array(py, column.into_flattened(), &[shape, Self::SHAPE].concat())
     }
 }
 
 /// An array of this shape over values, which it takes.
-fn shaped<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+fn into_array<'py, T: Element>(
+    py: Python<'py>,
+    values: Vec<T>,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
     let array = ArrayD::from_shape_vec(shape, values);
     let array = array.map_err(|wrong| PyValueError::new_err(wrong.to_string()))?;
     Ok(array.into_pyarray(py).into_any())
@@ -171,9 +175,9 @@ macro_rules! arrays {
         #[pyfunction]
         pub fn scan_columns(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
             let table = PyDict::new(py);
-            $(table.set_item(stringify!($echo), described::<$Echo>(py, true, $no_echo)?)?;)+
-            $(table.set_item(stringify!($ray), described::<$Ray>(py, true, $no_ray)?)?;)+
-            $(table.set_item(stringify!($pulse), described::<$Pulse>(py, false, $no_pulse)?)?;)+
+            $(table.set_item(stringify!($echo), describe::<$Echo>(py, true, $no_echo)?)?;)+
+            $(table.set_item(stringify!($ray), describe::<$Ray>(py, true, $no_ray)?)?;)+
+            $(table.set_item(stringify!($pulse), describe::<$Pulse>(py, false, $no_pulse)?)?;)+
             Ok(table)
         }
     };
@@ -183,7 +187,7 @@ lidarsim_core::scan_columns!(arrays);
 
 type Described<'py> = (Bound<'py, PyArrayDescr>, Bound<'py, PyAny>, bool, Bound<'py, PyAny>);
 
-fn described<'py, T: Entry>(py: Python<'py>, of_returns: bool, unused: T) -> PyResult<Described<'py>> {
+fn describe<'py, T: Entry>(py: Python<'py>, of_returns: bool, unused: T) -> PyResult<Described<'py>> {
     let shape = PyTuple::new(py, T::SHAPE)?.into_any();
     Ok((numpy::dtype::<T::Number>(py), shape, of_returns, T::array(py, vec![unused], &[])?))
 }
@@ -224,7 +228,7 @@ pub fn expect_room<'py>(
     atmosphere: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<()> {
     let measurement = measurement_of(lidar, atmosphere)?;
-    detached(py, || ScanColumns::expect_room(layout(&measurement, pulses)))
+    detach(py, || ScanColumns::expect_room(layout(&measurement, pulses)))
 }
 
 /// The layout of a scan of a scene that neither moves nor has a mirror.
@@ -280,12 +284,12 @@ impl Shot<'_, '_> {
         let Pulses { directions, origins, times, rings } = self.pulses.slices()?;
         let indices = self.indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
         let (scene, start) = (self.scene, self.start);
-        let ignored = scene.ignored(self.ignored.as_ref())?;
+        let ignored = scene.objects_to_ignore(self.ignored.as_ref())?;
         check_rings(rings, measurement)?;
         let stream = Stream::new(self.draws.0, self.draws.1, self.draws.2);
         let frame =
             Frame { origins, directions, times, rings, indices, start, path: &self.path.path, stream };
-        let done = detached(py, || {
+        let done = detach(py, || {
             scene.scene.prepare();
             // Rounding preserves the order of times; times that overflow are refused. If nothing moves, times
             // are irrelevant.
@@ -388,7 +392,7 @@ pub fn philox<'py>(
     key: [u32; 2],
 ) -> PyResult<Bound<'py, PyArray2<u32>>> {
     let counters: &[[u32; 4]] = elements("counters", &counters)?.as_chunks().0;
-    let words = detached(py, || memory::collect(counters.iter().map(|&counter| rng::philox(counter, key))))?;
+    let words = detach(py, || memory::collect(counters.iter().map(|&counter| rng::philox(counter, key))))?;
     words.into_flattened().into_pyarray(py).reshape([counters.len(), 4])
 }
 
@@ -399,5 +403,5 @@ pub fn normal_quantile<'py>(
     p: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let p = elements("p", &p)?;
-    Ok(detached(py, || memory::collect(p.iter().map(|&p| rng::normal_quantile(p))))?.into_pyarray(py))
+    Ok(detach(py, || memory::collect(p.iter().map(|&p| rng::normal_quantile(p))))?.into_pyarray(py))
 }

@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyList;
 
 use crate::{
-    Points, PySceneObject, PyShape, argument_error, detached, elements, equal_points, kernels, legal_rays,
+    Points, PySceneObject, PyShape, argument_error, detach, elements, equal_points, kernels, legal_rays,
 };
 
 type HitArrays<'py> = (
@@ -104,7 +104,7 @@ impl PyScene {
     }
 
     /// As `objects_of`, for the argument `ignore` of casts and scans.
-    pub fn ignored(&self, instances: Option<&PyReadonlyArray1<'_, i64>>) -> PyResult<Vec<u32>> {
+    pub fn objects_to_ignore(&self, instances: Option<&PyReadonlyArray1<'_, i64>>) -> PyResult<Vec<u32>> {
         let Some(instances) = instances else { return Ok(Vec::new()) };
         self.objects_of("ignore", elements("ignore", instances)?)
     }
@@ -138,7 +138,7 @@ impl PyScene {
             ));
         }
         let kernels = kernels(py)?;
-        let (made, legal) = detached(py, || {
+        let (made, legal) = detach(py, || {
             memory::expect_room(n.saturating_mul(bytes), || format!("the hits of {n} rays"));
             self.scene.prepare();
             let world = self.scene.during(span(times));
@@ -160,7 +160,7 @@ impl PyScene {
     fn of_items(py: Python<'_>, items: &Bound<'_, PyList>, like: Option<&PyScene>) -> PyResult<Self> {
         let count = items.len();
         let (mut objects, mut appearances) =
-            detached(py, || (memory::with_capacity(count), memory::with_capacity(count)))?;
+            detach(py, || (memory::with_capacity(count), memory::with_capacity(count)))?;
         for item in items.iter().take(count) {
             let item = item.cast::<PySceneObject>()?.get();
             objects.push(item.object.clone());
@@ -168,7 +168,7 @@ impl PyScene {
         }
         let scene = match like {
             None => Scene::new(objects),
-            Some(like) => detached(py, || Scene::like(&like.scene, objects))?,
+            Some(like) => detach(py, || Scene::like(&like.scene, objects))?,
         };
         Ok(PyScene::new(scene, appearances))
     }
@@ -181,12 +181,12 @@ impl PyScene {
 
     /// Raises ValueError if there is no object of some of these instances.
     fn expect_instances(&self, ignored: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
-        self.ignored(Some(&ignored)).map(drop)
+        self.objects_to_ignore(Some(&ignored)).map(drop)
     }
 
     /// Builds the hierarchies now rather than at the first cast.
     fn prepare(&self, py: Python<'_>) -> PyResult<()> {
-        detached(py, || self.scene.prepare())
+        detach(py, || self.scene.prepare())
     }
 
     /// t (n,), object (n,), primitive_id (n,), normal (n, 3). `times` is (n,), or absent if nothing moves.
@@ -204,7 +204,7 @@ impl PyScene {
         ignored: Option<PyReadonlyArray1<'py, i64>>,
     ) -> PyResult<HitArrays<'py>> {
         let rays = equal_points(&origins, &directions)?;
-        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.ignored(ignored.as_ref())?);
+        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.objects_to_ignore(ignored.as_ref())?);
         let (t, object, primitive, normal) =
             self.cast_rays(py, rays, times.as_ref(), (range, &ignored), HIT, |cast| {
                 let n = rays.0.len();
@@ -250,7 +250,7 @@ impl PyScene {
     ) -> PyResult<HitArrays<'py>> {
         let rays = equal_points(&origins, &directions)?;
         legal_rays(rays.0, rays.1)?;
-        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.ignored(ignored.as_ref())?);
+        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.objects_to_ignore(ignored.as_ref())?);
         let bytes = HIT.saturating_mul(most);
         let (t, object, primitive, normal) = self.cast_rays(
             py,
@@ -298,7 +298,7 @@ impl PyScene {
         ignored: Option<PyReadonlyArray1<'py, i64>>,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let rays = equal_points(&origins, &directions)?;
-        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.ignored(ignored.as_ref())?);
+        let (range, ignored) = (TRange { min: t_min, max: t_max }, self.objects_to_ignore(ignored.as_ref())?);
         let occluded =
             self.cast_rays(py, rays, times.as_ref(), (range, &ignored), size_of::<bool>(), |cast| {
                 let n = rays.0.len();

@@ -11,7 +11,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::{Points, PyAffine, argument_error, detached, elements, plain, points, rays, view};
+use crate::{Points, PyAffine, argument_error, detach, elements, plain, points, rays, view};
 
 /// A shape, placed by the maps applied to it.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
@@ -83,7 +83,7 @@ impl PyShape {
         whole: bool,
     ) -> PyResult<Self> {
         let (vertices, faces) = (points("vertices", &vertices)?, elements("faces", &faces)?.as_chunks().0);
-        let mesh = detached(py, || TriangleMesh::new(memory::copy(vertices), memory::copy(faces)))?
+        let mesh = detach(py, || TriangleMesh::new(memory::copy(vertices), memory::copy(faces)))?
             .ok_or_else(|| {
                 PyValueError::new_err("faces: expected shape (m, 3) and the numbers of vertices")
             })?;
@@ -94,7 +94,7 @@ impl PyShape {
     /// The mesh with the same faces, transform and hierarchy over as many other vertices (n, 3).
     fn deformed(&self, py: Python<'_>, vertices: Points<'_>) -> PyResult<Self> {
         let vertices = points("vertices", &vertices)?;
-        let mesh = detached(py, || self.mesh().and_then(|mesh| mesh.deformed(memory::copy(vertices))))?
+        let mesh = detach(py, || self.mesh().and_then(|mesh| mesh.deformed(memory::copy(vertices))))?
             .ok_or_else(|| PyValueError::new_err("vertices: expected as many as the mesh has"))?;
         let mut object = self.object.clone();
         object.geometry = Geometry::Mesh(Arc::new(mesh));
@@ -105,7 +105,7 @@ impl PyShape {
     #[staticmethod]
     fn spheres(py: Python<'_>, rows: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
         let rows = elements("spheres", &rows)?.as_chunks().0;
-        let spheres = detached(py, || Spheres::new(rows))?;
+        let spheres = detach(py, || Spheres::new(rows))?;
         Ok(Self::of_primitives(Geometry::Spheres(Arc::new(spheres))))
     }
 
@@ -113,15 +113,15 @@ impl PyShape {
     #[staticmethod]
     fn disks(py: Python<'_>, rows: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
         let rows = elements("disks", &rows)?.as_chunks().0;
-        let disks = detached(py, || Disks::new(rows))?;
+        let disks = detach(py, || Disks::new(rows))?;
         Ok(Self::of_primitives(Geometry::Disks(Arc::new(disks))))
     }
 
     /// The rows that many spheres or disks were made from, flat.
     fn rows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let rows = match &self.object.geometry {
-            Geometry::Spheres(spheres) => detached(py, || memory::collect(spheres.rows()).into_flattened())?,
-            Geometry::Disks(disks) => detached(py, || memory::collect(disks.rows()).into_flattened())?,
+            Geometry::Spheres(spheres) => detach(py, || memory::collect(spheres.rows()).into_flattened())?,
+            Geometry::Disks(disks) => detach(py, || memory::collect(disks.rows()).into_flattened())?,
             _ => Vec::new(),
         };
         Ok(PyArray1::from_vec(py, rows))
@@ -175,7 +175,7 @@ impl PyShape {
 
     /// The number of triangles of a mesh without area.
     fn degenerate(&self, py: Python<'_>) -> PyResult<usize> {
-        self.mesh().map_or(Ok(0), |mesh| detached(py, || mesh.degenerate()))
+        self.mesh().map_or(Ok(0), |mesh| detach(py, || mesh.degenerate()))
     }
 
     /// Bytes held by primitives and by their hierarchy, which a mesh has after the first cast.
@@ -200,7 +200,7 @@ impl PyShape {
             Geometry::Surface(surface) => surface.most_roots(),
             _ => 1,
         };
-        let (flat, width) = detached(py, || {
+        let (flat, width) = detach(py, || {
             let scene = Scene::new(vec![self.object.clone()]);
             scene.prepare();
             let roots = scene.roots_of_lines(0, o, d);
@@ -228,5 +228,5 @@ pub fn bounds<'py>(py: Python<'py>, object: &Object) -> Bound<'py, PyArray2<f64>
 #[pyfunction]
 pub fn self_crossing(py: Python<'_>, outline: PyReadonlyArray2<'_, f64>) -> PyResult<Option<(usize, usize)>> {
     let outline = elements("outline", &outline)?.as_chunks().0;
-    detached(py, || shapes::self_crossing(outline))
+    detach(py, || shapes::self_crossing(outline))
 }

@@ -8,7 +8,7 @@ use numpy::ndarray::{ArrayView, ArrayView2};
 use numpy::{PyArray2, PyArrayDyn, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::{argument_error, detached, elements, view};
+use crate::{argument_error, detach, elements, view};
 
 /// An image of reflectivities.
 #[pyclass(frozen, name = "Texture", module = "lidarsim._native")]
@@ -35,13 +35,13 @@ impl PyTexture {
         interpolation: &str,
     ) -> PyResult<Self> {
         let (size, texels) = ([values.shape()[0], values.shape()[1]], elements("values", &values)?);
-        let named = |name: &str| {
-            Wrap::named(name).ok_or_else(|| argument_error("wrap", "repeat, clamp or mirror", name))
+        let parse = |name: &str| {
+            Wrap::from_name(name).ok_or_else(|| argument_error("wrap", "repeat, clamp or mirror", name))
         };
-        let wrap = [named(wrap_u)?, named(wrap_v)?];
-        let interpolation = Interpolation::named(interpolation)
+        let wrap = [parse(wrap_u)?, parse(wrap_v)?];
+        let interpolation = Interpolation::from_name(interpolation)
             .ok_or_else(|| argument_error("interpolation", "linear or nearest", interpolation))?;
-        let texture = detached(py, || Texture::new(memory::copy(texels), size, wrap, interpolation))?
+        let texture = detach(py, || Texture::new(memory::copy(texels), size, wrap, interpolation))?
             .ok_or_else(|| argument_error("values", "at least one", format!("shape {size:?}")))?;
         Ok(PyTexture { texture: Arc::new(texture) })
     }
@@ -56,11 +56,11 @@ impl PyTexture {
     }
 
     /// The texture on a mesh: coordinates (n, 2) of its vertices or (m, 3, 2) of the corners of its faces.
-    fn mapped(&self, py: Python<'_>, coordinates: PyReadonlyArrayDyn<'_, f64>) -> PyResult<PyTextureMap> {
+    fn map(&self, py: Python<'_>, coordinates: PyReadonlyArrayDyn<'_, f64>) -> PyResult<PyTextureMap> {
         let pairs = elements("texture_coordinates", &coordinates)?.as_chunks().0;
         let coordinates = match coordinates.shape() {
-            [_, 2] => detached(py, || TextureCoordinates::Vertex(memory::copy(pairs)))?,
-            [_, 3, 2] => detached(py, || TextureCoordinates::Corner(memory::copy(pairs.as_chunks().0)))?,
+            [_, 2] => detach(py, || TextureCoordinates::Vertex(memory::copy(pairs)))?,
+            [_, 3, 2] => detach(py, || TextureCoordinates::Corner(memory::copy(pairs.as_chunks().0)))?,
             shape => {
                 let got = format!("{shape:?}");
                 return Err(argument_error("texture_coordinates", "shape (n, 2) or (m, 3, 2)", got));

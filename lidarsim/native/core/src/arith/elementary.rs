@@ -180,7 +180,7 @@ mod tests {
     use num_bigint::BigInt;
 
     use super::*;
-    use crate::testing::{arc, fixed, float, half_pi, series, worst};
+    use crate::testing::{arc, fixed_point, float, half_pi, series, worst};
 
     /// `n` evenly spaced numbers from `low` to `high`.
     fn spread(low: f64, high: f64, n: usize) -> impl Iterator<Item = f64> {
@@ -207,26 +207,26 @@ mod tests {
         let (two, quarter) = (ln_2(), half_pi());
         let off_exp = |x: f64| {
             let k = (x * std::f64::consts::LOG2_E).round();
-            let truth = exponential(&(fixed(x) - &two * k as i64));
+            let truth = exponential(&(fixed_point(x) - &two * k as i64));
             let found = exp(x) * 2.0_f64.powi(-(k / 2.0) as i32) * 2.0_f64.powi((k / 2.0) as i32 - k as i32);
-            float(&(fixed(found) - truth)).abs() / ulp(found)
+            float(&(fixed_point(found) - truth)).abs() / ulp(found)
         };
         // y − ln x = ln(eʸ/x) ≈ eʸ/x − 1.
         let off_ln = |x: f64| {
             let (y, k) = (ln(x), x.log2().round() as i32);
             let small = x * 2.0_f64.powi(-k / 2) * 2.0_f64.powi(-k - -k / 2);
-            let truth = exponential(&(fixed(y) - &two * k));
-            if y == 0.0 { 0.0 } else { float(&(truth - fixed(small))).abs() / small / ulp(y) }
+            let truth = exponential(&(fixed_point(y) - &two * k));
+            if y == 0.0 { 0.0 } else { float(&(truth - fixed_point(small))).abs() / small / ulp(y) }
         };
         let off_turn = |x: f64, which: usize| {
             let k = (x * std::f64::consts::FRAC_2_PI).round() as i64;
-            let r = fixed(x) - &quarter * k;
+            let r = fixed_point(x) - &quarter * k;
             let (s, c) = (series(&r, 1, 2, -1), series(&r, 0, 2, -1));
             let truth = [[&s, &c], [&c, &s], [&s, &c], [&c, &s]][k.rem_euclid(4) as usize][which].clone();
             let negative =
                 [[false, false], [false, true], [true, true], [true, false]][k.rem_euclid(4) as usize][which];
             let found = [sin_cos(x).0, sin_cos(x).1][which];
-            float(&(fixed(found) - if negative { -truth } else { truth })).abs() / f64::EPSILON
+            float(&(fixed_point(found) - if negative { -truth } else { truth })).abs() / f64::EPSILON
         };
         type Error<'a> = &'a dyn Fn(f64) -> f64;
         let searches: [(&str, f64, f64, Error); 6] = [

@@ -71,7 +71,7 @@ impl<N: Number> Root<N> {
 
     /// Computes t, in kinds of number that round it.
     #[inline(always)]
-    fn located(mut self) -> Result<Self, Uncertain> {
+    fn with_t(mut self) -> Result<Self, Uncertain> {
         self.t = N::locate(&self)?;
         Ok(self)
     }
@@ -107,7 +107,7 @@ impl<N: Number> Chord<N> {
 
     #[inline(always)]
     pub fn cut(&mut self, entry: Root<N>, exit: Root<N>) -> Result<(), Uncertain> {
-        let (entry, exit) = (entry.located()?, exit.located()?);
+        let (entry, exit) = (entry.with_t()?, exit.with_t()?);
         let later = match &self.entry {
             None => true,
             Some(now) => N::compare(&entry, now)? == Ordering::Greater,

@@ -511,7 +511,7 @@ mod tests {
 
     type Boxes = Vec<Option<[Interval; 3]>>;
 
-    fn built(boxes: &Boxes, most: usize) -> Bvh<Vec<u32>> {
+    fn hierarchy_of(boxes: &Boxes, most: usize) -> Bvh<Vec<u32>> {
         build(boxes.len(), |id| boxes[id as usize], most, <[u32]>::to_vec)
     }
 
@@ -520,7 +520,7 @@ mod tests {
     }
 
     /// Boxes of all sizes, some flat, some very large.
-    fn mixed(count: usize) -> Boxes {
+    fn mixed_boxes(count: usize) -> Boxes {
         let mut next = numbers();
         let mut side = |scale: f64| {
             let low = 100.0 * next();
@@ -534,7 +534,7 @@ mod tests {
     /// Checks that every primitive with a box is in one leaf and inside all boxes above. Returns the levels
     /// of nodes.
     fn check(boxes: &Boxes, most: usize) -> usize {
-        let bvh = built(boxes, most);
+        let bvh = hierarchy_of(boxes, most);
         let mut found = Vec::new();
         let mut levels = 0;
         let everything = [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
@@ -574,11 +574,11 @@ mod tests {
     #[test]
     fn holds_every_primitive_once() {
         for count in [0, 1, 2, 7, 8, 9, 63, 64, 65, 257, 5000, 20_000] {
-            check(&mixed(count), 8);
-            check(&mixed(count), 1);
+            check(&mixed_boxes(count), 8);
+            check(&mixed_boxes(count), 1);
         }
         let some: Boxes =
-            mixed(1000).into_iter().enumerate().map(|(i, b)| b.filter(|_| i % 3 == 0)).collect();
+            mixed_boxes(1000).into_iter().enumerate().map(|(i, b)| b.filter(|_| i % 3 == 0)).collect();
         check(&some, 8);
         check(&vec![None; 10], 8);
     }
@@ -607,7 +607,7 @@ mod tests {
                 8,
             );
         }
-        let mut boxes = mixed(3000);
+        let mut boxes = mixed_boxes(3000);
         boxes.push(Some([Interval { low: f64::NEG_INFINITY, high: f64::INFINITY }; 3]));
         boxes.push(Some([0.0, -1e308, 1e308].map(|x| Interval { low: x, high: f64::INFINITY })));
         check(&boxes, 8);
@@ -615,10 +615,10 @@ mod tests {
 
     #[test]
     fn is_the_same_on_any_number_of_threads() {
-        let boxes = mixed(50_000);
+        let boxes = mixed_boxes(50_000);
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let bvh = pool.install(|| built(&boxes, 8));
+            let bvh = pool.install(|| hierarchy_of(&boxes, 8));
             (format!("{:?}", bvh.nodes), bvh.leaves)
         };
         assert!(on(1) == on(2) && on(1) == on(5));

@@ -20,7 +20,7 @@ pub struct Node {
 impl Node {
     /// The flat children that a ray misses because its direction is exactly zero along these axes.
     #[inline(always)]
-    pub fn missed(&self, parallel: u8) -> u8 {
+    pub fn missed_children(&self, parallel: u8) -> u8 {
         let along = |axis: usize| if parallel >> axis & 1 != 0 { self.flat[axis] } else { 0 };
         along(0) | along(1) | along(2)
     }

@@ -209,7 +209,7 @@ impl Packet {
         (near, far): (I::F32x8, I::F32x8),
     ) -> (I::F32x8, I::F32x8) {
         let (mut near, mut far): ([f32; WIDTH], [f32; WIDTH]) = (near.store(), far.store());
-        let missed = node.missed(self.parallel(lane));
+        let missed = node.missed_children(self.parallel(lane));
         let mut level = 0;
         let (mut first_t, mut last_t) = (0.0, f32::INFINITY);
         if self.crossing >> lane & 1 != 0

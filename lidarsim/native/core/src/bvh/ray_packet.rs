@@ -114,7 +114,7 @@ impl RayPacket {
         for eight in 0..given.div_ceil(8) {
             let at = match order[8 * eight..].first_chunk() {
                 Some(at) => *at,
-                None => padded(&order[8 * eight..], first),
+                None => pad(&order[8 * eight..], first),
             };
             self.at.as_chunks_mut().0[eight] = at;
             let o = match origins {
@@ -402,7 +402,7 @@ impl Iterator for Runs {
 }
 
 /// Fewer than eight numbers, padded with `filler`.
-fn padded(some: &[u32], filler: u32) -> [u32; 8] {
+fn pad(some: &[u32], filler: u32) -> [u32; 8] {
     let mut eight = [filler; 8];
     eight[..some.len()].copy_from_slice(some);
     eight
@@ -491,7 +491,7 @@ mod tests {
     }
 
     /// A reference: one ray after the other, by scalar comparisons.
-    fn expected(rays: &[(Point, Point)]) -> usize {
+    fn count_fitting(rays: &[(Point, Point)]) -> usize {
         let fits = |(o, d): &(Point, Point)| {
             let small = o.iter().chain(d).all(|x| -1e30 < *x && *x < 1e30);
             small && d.iter().any(|x| *x < -1e-30 || *x > 1e-30)
@@ -553,7 +553,7 @@ mod tests {
                                 Gather { rays: rays_taken, origins, directions, order, one_origin },
                             );
                             let count = found.count;
-                            let known = expected(&rays[..many as usize]);
+                            let known = count_fitting(&rays[..many as usize]);
                             assert_eq!(count, known, "{level:?}: {odd} at {place} of {many}");
                             assert!((0..count).all(|lane| found.at[lane] == lane as u32));
                             check(&found, &rays);

@@ -17,7 +17,7 @@ impl<L: Clone> Bvh<L> {
             return None;
         }
         let bounds: Option<Vec<_>> = self.leaves.iter().map(bounds).collect();
-        let (nodes, planes) = fitted(&self.nodes, &bounds?, self.center());
+        let (nodes, planes) = fit(&self.nodes, &bounds?, self.center());
         Some(Bvh::with(self.center(), planes, nodes, self.leaves.clone()))
     }
 }
@@ -46,13 +46,13 @@ impl<L: Send + Sync> Bvh<L> {
         let all = bounds.iter().copied().reduce(union);
         // Far from the old centre float32 boxes would be coarse.
         let center = all.map_or(self.center(), center_of);
-        let (nodes, planes) = fitted(&self.nodes, &bounds, center);
+        let (nodes, planes) = fit(&self.nodes, &bounds, center);
         (Bvh::with(center, planes, nodes, leaves), all)
     }
 }
 
 /// The nodes, around leaves with these bounds, and the planes of the hierarchy.
-fn fitted(nodes: &[Node], leaves: &[[Interval; 3]], center: Point) -> (Vec<Node>, [f64; 3]) {
+fn fit(nodes: &[Node], leaves: &[[Interval; 3]], center: Point) -> (Vec<Node>, [f64; 3]) {
     let mut nodes = memory::copy(nodes);
     let mut boxes = memory::with_capacity(nodes.len());
     boxes.resize(nodes.len(), Aabb::EMPTY);

@@ -43,7 +43,7 @@ impl<L> Bvh<L> {
             let node = &self.nodes[entry.child.index()];
             let (near, far) = ray.intersect(&node.low, &node.high);
             let first = stack.len;
-            let missed = node.missed(ray.parallel());
+            let missed = node.missed_children(ray.parallel());
             for i in 0..WIDTH {
                 if near[i] <= far[i] && missed >> i & 1 == 0 {
                     stack.push_sorted(first, Entry { near: near[i], child: node.child[i], mask: 0 });

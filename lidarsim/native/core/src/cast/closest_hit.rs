@@ -39,7 +39,7 @@ impl<'a> ClosestHit<'a> {
     }
 
     /// The closest hit, with bounds of t.
-    pub fn found(&self) -> Option<(RootId, Interval)> {
+    pub fn hit(&self) -> Option<(RootId, Interval)> {
         if self.low < f64::INFINITY { Some((self.root, bounds(self.low, self.limit))) } else { None }
     }
 
@@ -76,23 +76,23 @@ impl<'a> ClosestHit<'a> {
         if t.high < self.range.min || (t.low < self.range.min && self.is_early(at)) {
             return false;
         }
-        if t.low > self.limit || (t.high > self.range.max && self.rounded(at) > self.range.max) {
+        if t.low > self.limit || (t.high > self.range.max && self.rounded_t(at) > self.range.max) {
             return true;
         }
-        if t.high < self.low || self.found().is_none() || self.is_before(at) {
+        if t.high < self.low || self.hit().is_none() || self.is_before(at) {
             let high = if t.high < self.range.max { t.high } else { self.range.max };
             (self.root, self.low, self.limit) = (at, t.low, if high < self.cap { high } else { self.cap });
         }
         true
     }
 
-    fn rounded(&self, at: RootId) -> f64 {
+    fn rounded_t(&self, at: RootId) -> f64 {
         self.scene.t(&at, &self.ray)
     }
 
     /// Whether the rounded t is below t_min. A negative t is, even if it rounds to zero.
     fn is_early(&self, at: RootId) -> bool {
-        let t = self.rounded(at);
+        let t = self.rounded_t(at);
         t < self.range.min || t == 0.0 && self.range.min == 0.0 && self.scene.is_negative(&at, &self.ray)
     }
 
@@ -220,7 +220,7 @@ impl<'a> ClosestHits<'a> {
 
     /// The lanes with a hit.
     #[inline(always)]
-    pub fn found<I: Isa>(&self) -> Mask {
+    pub fn hits<I: Isa>(&self) -> Mask {
         let mut found = 0;
         for (eight, low) in self.low.as_chunks().0.iter().enumerate() {
             found |= Mask::from(I::F64x8::load(low).lt(I::F64x8::splat(f64::INFINITY))) << (8 * eight);

@@ -86,7 +86,7 @@ impl Task for Resolve<'_, '_> {
             let (plane, seen_o, seen_d) = match inverse {
                 Some(inverse) => {
                     let (from, to) = (inverse.points::<I>(o), inverse.vectors::<I>(d));
-                    let plane = TrianglePlane::placed(triangles, inverse, from);
+                    let plane = TrianglePlane::of_placed(triangles, inverse, from);
                     (plane, (Expansion::highs(from.0), from.1), (Expansion::highs(to.0), to.1))
                 }
                 None => {

@@ -129,15 +129,15 @@ impl<'a> PacketSource<'a> {
     /// rays remain. Clears the hits of the rays that it sorts.
     #[inline(always)]
     pub fn next_packet<I: Isa>(&mut self, packet: &mut RayPacket, hits: &mut (impl Sink + ?Sized)) -> bool {
-        let end = self.ray_sort.sorted().len();
+        let end = self.ray_sort.indices().len();
         if self.start == end {
             if !self.ray_sort.advance::<I>(self.rays.origins, self.rays.directions) {
                 return false;
             }
             (self.start, self.done) = (0, self.done + end);
-            hits.clear(self.done..self.done + self.ray_sort.sorted().len());
+            hits.clear(self.done..self.done + self.ray_sort.indices().len());
         }
-        let order = &self.ray_sort.sorted()[self.start..];
+        let order = &self.ray_sort.indices()[self.start..];
         packet.gather::<I>(self.rays.origins, self.rays.directions, order, self.ray_sort.has_one_origin());
         let taken = packet.count.max(1);
         self.start += taken;
@@ -161,7 +161,7 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
     #[inline(always)]
     fn route<I: Isa>(&mut self, state: &PacketState, triangle_hits: &mut TriangleHits<'a>) {
         let PacketState { rays, closest, .. } = state;
-        let (mut given, mut placed, mut left) = (0, 0, closest.found::<I>());
+        let (mut given, mut placed, mut left) = (0, 0, closest.hits::<I>());
         let object = |lane| &self.world.scene.objects()[closest.object(lane) as usize];
         if !S::ANY && left != 0 {
             // Most packets hit a single object.
@@ -212,7 +212,7 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
             let scene = self.world.scene;
             let mut closest = ClosestHit::new(scene, ray, range, S::ANY);
             closest.run(self.world, traversal.stack());
-            if let Some((root, bounds)) = closest.found() {
+            if let Some((root, bounds)) = closest.hit() {
                 let hit = if S::ANY { Hit::UNREFINED } else { scene.hit_within(&root, bounds, &ray) };
                 self.hits.write(at, hit);
             }

@@ -214,7 +214,7 @@ impl HitBatch {
                 t: &refined.t.as_chunks().0[eight],
                 normal: [0, 1, 2].map(|axis| &refined.normal[axis].as_chunks().0[eight]),
                 object: [id; WIDEST],
-                primitive: primitive.map(|primitive| object.reported(primitive)),
+                primitive: primitive.map(|primitive| object.primitive_id(primitive)),
             };
             let written = hits.write_runs::<I>(&self.at.as_chunks().0[eight], certain, &eight_hits);
             self.slots &= !(Mask::from(written) << (eight * WIDEST));
@@ -223,7 +223,7 @@ impl HitBatch {
             let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
             // No `Hit` is assembled first: reading several stores back as one load would stall.
             if refined.known & 1 << slot != 0 {
-                let (normal, primitive) = (pick(&refined.normal, slot), object.reported(primitive));
+                let (normal, primitive) = (pick(&refined.normal, slot), object.primitive_id(primitive));
                 hits.write(
                     at,
                     Hit { t: refined.t[slot], normal, object: self.root.object as i32, primitive },

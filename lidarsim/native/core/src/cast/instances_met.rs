@@ -57,7 +57,7 @@ impl<'a> InstancesMet<'a> {
 
     /// The rays of `mask` for which an object must be intersected.
     #[inline(always)]
-    pub fn asked(&self, object: u32, mask: Mask) -> Mask {
+    pub fn remaining(&self, object: u32, mask: Mask) -> Mask {
         match self.of_objects[object as usize] {
             NO_INSTANCE => 0,
             instance => mask & !self.settled[instance as usize],

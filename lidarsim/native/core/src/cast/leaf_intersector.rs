@@ -135,7 +135,7 @@ impl LeafIntersector<'_, '_> {
         reachable: u32,
         mask: Mask,
     ) -> Mask {
-        let (stored, planes) = (edges.stored(), leaf.planes(edges));
+        let (stored, planes) = (edges.store(), leaf.planes(edges));
         let (mut nearer, mut left) = (0, Mask::from(reachable));
         while let Some(i) = take(&mut left) {
             let root = RootId::of_triangle(self.id, leaf.ids()[i]);

@@ -93,7 +93,7 @@ impl PlacedRays {
 
     /// All rays that fit into packets.
     #[inline(always)]
-    pub fn gathered(&self) -> &RayPacket {
+    pub fn all_rays(&self) -> &RayPacket {
         &self.all
     }
 

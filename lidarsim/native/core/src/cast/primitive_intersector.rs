@@ -34,7 +34,7 @@ impl<S: Each<K>, const K: usize> PrimitiveIntersector<'_, '_, S, K> {
             // All rays are tested before any result is used, so no branch depends on a single test.
             let (mut lanes, mut candidates, mut count) = ([0; LANES], [0; LANES], 0);
             while let Some(lane) = take(&mut left) {
-                let met = S::met(&seen, &self.ray(lane)) & leaf.all();
+                let met = S::candidates(&seen, &self.ray(lane)) & leaf.all();
                 (lanes[count], candidates[count]) = (lane as u8, met as u8);
                 count += usize::from(met != 0);
             }
@@ -98,7 +98,7 @@ impl<S: Each<K>, const K: usize> Visitor<PrimitiveLeaf<K>> for PrimitiveIntersec
         let mut nearer = 0;
         for (&lane, leaf) in lanes.iter().zip(leaves) {
             let seen = S::seen_from::<I>(self.rays.origin(lane), &leaf.numbers);
-            let met = S::met(&seen, &self.ray(lane)) & leaf.all();
+            let met = S::candidates(&seen, &self.ray(lane)) & leaf.all();
             if met != 0 {
                 nearer |= self.accept::<I>(&seen, leaf, lane, met.into());
             }

@@ -283,7 +283,7 @@ impl RaySort {
 
     /// Indices of the rays of the group.
     #[inline(always)]
-    pub fn sorted(&self) -> &[u32] {
+    pub fn indices(&self) -> &[u32] {
         &self.order[..self.count]
     }
 
@@ -660,14 +660,14 @@ mod tests {
         (0..n).map(|i| [azimuth(i).cos(), azimuth(i).sin(), 0.3 - (i % 16) as f64 * 0.04]).collect()
     }
 
-    fn scattered(n: usize) -> Vec<Point> {
+    fn scatter(n: usize) -> Vec<Point> {
         let mut number = numbers();
         (0..n).map(|_| [0; 3].map(|_: u8| number() - 0.5)).collect()
     }
 
     /// Anywhere in a cube, independent of the directions.
     fn places(n: usize, side: f64) -> Vec<Point> {
-        scattered(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
+        scatter(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
     }
 
     struct All<'a>(Rays<'a>, f64);
@@ -685,7 +685,7 @@ mod tests {
             assert!(order.advance::<I>(Origins::One([0.0; 3]), &[[1.0, 0.0, 0.0]; 2]));
             order.restart(&rays, (2, size));
             while order.advance::<I>(rays.origins, rays.directions) {
-                groups.push(order.sorted().to_vec());
+                groups.push(order.indices().to_vec());
             }
             groups
         }
@@ -713,7 +713,7 @@ mod tests {
     #[test]
     fn gives_each_ray_once_and_octants_together() {
         for n in [0, 1, 2, 15, 16, 17, 1023, 1024, 1025, 65_535, 65_536, 65_537, 70_000] {
-            for (directions, near) in [(sweep(n), true), (scattered(n), false)] {
+            for (directions, near) in [(sweep(n), true), (scatter(n), false)] {
                 let groups = groups(&places(n, 100.0), &directions, 100.0);
                 let most = if near { NEAR } else { MOST };
                 assert_eq!(groups.len(), n.div_ceil(most), "{n}");
@@ -745,7 +745,7 @@ mod tests {
     #[test]
     fn bundles_stay_together_but_for_rays_of_other_octants() {
         for (n, near) in [(1, true), (3, false), (1170, true), (1171, true), (5000, true), (5000, false)] {
-            let axes = if near { sweep(n) } else { scattered(n) };
+            let axes = if near { sweep(n) } else { scatter(n) };
             let directions = bundles(&axes);
             for far in [0.0, 100.0] {
                 let starts: Vec<Point> = places(n, far).iter().flat_map(|start| [*start; 7]).collect();
@@ -824,7 +824,7 @@ mod tests {
             let rosette: Vec<Point> = (0..n).map(rosette).collect();
             assert_eq!(group_size(&rosette, 1), if n < 2 * NEAR { NEAR } else { MOST }, "{n}");
             assert_eq!(group_size(&sweep(n), 1), NEAR, "{n}");
-            assert_eq!(group_size(&scattered(n), 1), if n < 2 { NEAR } else { MOST }, "{n}");
+            assert_eq!(group_size(&scatter(n), 1), if n < 2 { NEAR } else { MOST }, "{n}");
         }
     }
 
@@ -928,7 +928,7 @@ mod tests {
             std::array::from_fn(|k| {
                 order.restart(&Rays::new(&[], pieces[k], &[]), (worlds[k], 100.0));
                 assert!(order.advance::<I>(Origins::One([0.0; 3]), pieces[k]));
-                order.sorted().to_vec()
+                order.indices().to_vec()
             })
         }
     }
@@ -947,7 +947,7 @@ mod tests {
         assert_eq!(orders([7, 7]), [alone[0].clone(), alone[0].clone()]);
         assert_eq!(orders([7, 8]), alone);
         // Rays in other groups in between leave another order.
-        let others = scattered(NEAR);
+        let others = scatter(NEAR);
         let pieces = [&directions[..NEAR], &others, &directions[19 * NEAR..]];
         let [first, _, last] = dispatch(Level::best(), Pieces(pieces, [7; 3]));
         assert_eq!([first, last], alone);
@@ -955,7 +955,7 @@ mod tests {
 
     #[test]
     fn neighbours_point_the_same_way() {
-        let directions = scattered(70_000);
+        let directions = scatter(70_000);
         assert!(are_scattered(&directions) && !are_scattered(&sweep(70_000)));
         for far in [0.0, 100.0] {
             let origins = places(70_000, far);
@@ -992,7 +992,7 @@ mod tests {
 
     #[test]
     fn equal_rays_keep_their_order() {
-        let few = scattered(7);
+        let few = scatter(7);
         let turning = |n: usize| (0..n).map(|i| few[i / 100 % 7]).collect::<Vec<_>>();
         let mixed = |n: usize| (0..n).map(|i| few[i * i % 7]).collect::<Vec<_>>();
         for directions in [turning(1024), turning(5000), mixed(5000), mixed(70_000)] {
@@ -1023,8 +1023,7 @@ mod tests {
         for n in [1, 17, 1025, 5000] {
             for near in [true, false] {
                 let mut number = numbers();
-                let (mut origins, mut directions) =
-                    (scattered(n), if near { sweep(n) } else { scattered(n) });
+                let (mut origins, mut directions) = (scatter(n), if near { sweep(n) } else { scatter(n) });
                 for i in (0..n).step_by(3) {
                     let v = if i % 2 == 0 { &mut origins[i] } else { &mut directions[i] };
                     *v = v.map(|x| if number() < 0.7 { odd[(10.0 * number()) as usize] } else { x });

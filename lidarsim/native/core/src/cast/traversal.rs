@@ -261,7 +261,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         let active = all(state.rays.count);
         for &object in &world.index.unbounded {
             if !world.ignores(object) {
-                let asked = state.asked(object, active);
+                let asked = state.remaining(object, active);
                 let nearer = state.intersect_surface::<I>(object, asked, surfaces);
                 state.leave::<I>(object, nearer);
             }
@@ -309,7 +309,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         }
         let mask = self.outer.mask();
         if self.state.scene.objects()[id as usize].is_surface() {
-            let asked = self.state.asked(id, mask);
+            let asked = self.state.remaining(id, mask);
             let nearer = self.state.intersect_surface::<I>(id, asked, surfaces);
             self.outer.lower_limits(self.state.leave::<I>(id, nearer));
         } else {
@@ -320,7 +320,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
     /// Begins a visit of an object.
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask) {
-        let asked = self.state.asked(id, mask);
+        let asked = self.state.remaining(id, mask);
         self.visit = self.state.enter::<I>(id, asked, self.stack);
         self.inner.stop(self.stack);
     }
@@ -403,8 +403,8 @@ pub struct PacketState<'a, 'b> {
 impl<'a> PacketState<'a, '_> {
     /// The rays of `mask` for which an object is to be intersected.
     #[inline(always)]
-    fn asked(&self, id: u32, mask: Mask) -> Mask {
-        self.instances.as_ref().map_or(mask, |instances| instances.asked(id, mask))
+    fn remaining(&self, id: u32, mask: Mask) -> Mask {
+        self.instances.as_ref().map_or(mask, |instances| instances.remaining(id, mask))
     }
 
     /// Ends the intersection of an object, which may have decreased the limits of rays, and returns those for
@@ -416,7 +416,7 @@ impl<'a> PacketState<'a, '_> {
         }
         if nearer != 0 {
             self.resolve::<I>();
-            let found = self.closest.found::<I>();
+            let found = self.closest.hits::<I>();
             self.closest.restart::<I>();
             if let Some(instances) = &mut self.instances {
                 instances.meet(id, found);
@@ -482,7 +482,7 @@ impl<'a> PacketState<'a, '_> {
             while let Some(lane) = take(&mut alone) {
                 self.closest.enter(self.rays, lane, id, stack);
             }
-            local = placed_rays.gathered();
+            local = placed_rays.all_rays();
         }
         if let Some(crossings) = self.crossings {
             crossings.rays = 0;
@@ -692,7 +692,7 @@ impl Objects<'_, '_, '_> {
         if self.world.ignores(id) {
             return;
         }
-        let mask = self.state.asked(id, mask);
+        let mask = self.state.remaining(id, mask);
         let Some(visit) = self.state.enter::<I>(id, mask, stack) else {
             let nearer = self.state.intersect_surface::<I>(id, mask, self.surfaces);
             self.state.leave::<I>(id, nearer);

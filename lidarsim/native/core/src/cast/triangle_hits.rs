@@ -78,7 +78,7 @@ impl<'a> TriangleHits<'a> {
                 t: &self.t.as_chunks().0[eight],
                 normal: [0, 1, 2].map(|axis| &self.normal[axis].as_chunks().0[eight]),
                 object: object.map(|id| id as i32),
-                primitive: primitive.map(|primitive| on.reported(primitive)),
+                primitive: primitive.map(|primitive| on.primitive_id(primitive)),
             };
             let put = hits.write_runs::<I>(&rays.at.as_chunks().0[eight], lanes, &eight_hits);
             self.lanes &= !(Mask::from(put) << (8 * eight));
@@ -88,7 +88,7 @@ impl<'a> TriangleHits<'a> {
             // No `Hit` is assembled first: reading several stores back as one load would stall.
             if certain & 1 << lane != 0 {
                 let normal = [self.normal[0][lane], self.normal[1][lane], self.normal[2][lane]];
-                let primitive = scene.objects()[object as usize].reported(primitive);
+                let primitive = scene.objects()[object as usize].primitive_id(primitive);
                 hits.write(at, Hit { t: self.t[lane], normal, object: object as i32, primitive });
             } else {
                 let root = &RootId::of_triangle(object, primitive);
@@ -204,7 +204,7 @@ impl Task for RefinePlaced<'_, '_> {
                 };
                 origin = Some(from);
                 let triangles = corners_of::<I>(&corners.as_chunks().0[eight]);
-                let plane = TrianglePlane::<I>::placed(triangles, inverse, from);
+                let plane = TrianglePlane::<I>::of_placed(triangles, inverse, from);
                 let (unit, fine) = plane.common_unit_normal();
                 let (refined, sure) = Crossing::<I>::new(&plane, rays.directions::<I>(eight)).rounded();
                 let unit = [unit[0].store(), unit[1].store(), unit[2].store()];

@@ -431,7 +431,7 @@ impl Task for Motions<'_> {
                 pose: pose.store(),
                 velocity: Velocity { linear: lanes::store(linear), angular: lanes::store(angular) },
             },
-            None => Motion::gathered(&self.times.map(|time| self.path.motion(time))),
+            None => Motion::gather(&self.times.map(|time| self.path.motion(time))),
         }
     }
 }
@@ -449,7 +449,7 @@ impl Task for Poses<'_> {
     fn run<I: Isa>(self) -> Self::Output {
         match self.path.motion_in_lanes::<I>(I::F64x8::load(self.times)) {
             Some(motion) => motion.pose.store(),
-            None => Pose::gathered(&self.times.map(|time| self.path.at(time))),
+            None => Pose::gather(&self.times.map(|time| self.path.at(time))),
         }
     }
 }
@@ -478,8 +478,8 @@ impl Motion<[f64; 8]> {
     }
 
     #[cold]
-    fn gathered(motions: &[Motion; 8]) -> Self {
-        let mut all = Self { pose: Pose::gathered(&motions.map(|motion| motion.pose)), ..Self::UNSET };
+    fn gather(motions: &[Motion; 8]) -> Self {
+        let mut all = Self { pose: Pose::gather(&motions.map(|motion| motion.pose)), ..Self::UNSET };
         for (k, Motion { velocity, .. }) in motions.iter().enumerate() {
             for axis in 0..3 {
                 all.velocity.linear[axis][k] = velocity.linear[axis];
@@ -495,7 +495,7 @@ impl Pose<[f64; 8]> {
     pub const UNSET: Self = Pose { rotation: [[[0.0; 8]; 3]; 3], translation: [[0.0; 8]; 3] };
 
     #[cold]
-    fn gathered(poses: &[Pose; 8]) -> Self {
+    fn gather(poses: &[Pose; 8]) -> Self {
         let mut all = Self::UNSET;
         for (k, pose) in poses.iter().enumerate() {
             for axis in 0..3 {

@@ -137,7 +137,7 @@ impl<C: Caster> Scan<'_, C> {
             let false_return =
                 self.measurement.effects.false_returns::<f64, 1>(pulse, &batch, &scratch.draws);
             if let Some(other) = false_return.filter(|other| other.kept != 0) {
-                let echo = Echo::falsely(pulse * rays, other.reported(), other.intensity);
+                let echo = Echo::falsely(pulse * rays, other.reported_range(), other.intensity);
                 let place = echoes.partition_point(|nearer| nearer.range <= echo.range);
                 echoes.insert(place, echo);
             }
@@ -165,7 +165,7 @@ impl<C: Caster> Scan<'_, C> {
                 }
                 if let Some(entry) = rows.true_direction.get_mut(row) {
                     let direction = self.measurement.effects.directions(&batch, &scratch.draws)[pulse];
-                    let sub_ray = scratch.ways.fired(echo.ray) - pulse * rays;
+                    let sub_ray = scratch.ways.fired_ray(echo.ray) - pulse * rays;
                     entry.write(match beam {
                         Some(beam) => beside(direction, beam.offset(sub_ray)),
                         None => direction,
@@ -192,7 +192,7 @@ impl<C: Caster> Scan<'_, C> {
         (echo.intensity, echo.power) = (echoes.intensity, echoes.power);
         let [status, ..] = echoes.statuses();
         echo.measured = match Status::ALL[usize::from(status)] {
-            Status::Hit => Ok(echoes.reported()),
+            Status::Hit => Ok(echoes.reported_range()),
             lost => Err(lost),
         };
     }

@@ -279,7 +279,7 @@ impl<C: Caster> Scan<'_, C> {
             ends.sort_by(|a, b| a.0.total_cmp(&b.0));
         }
         if let Some(particles) = measurement.effects.particles()
-            && particles.seen::<f64, 1>(&scratch.draws, pulse) != 0
+            && particles.echo_mask::<f64, 1>(&scratch.draws, pulse) != 0
         {
             for particle in particles.of(batch, pulse) {
                 let place = measurement.beam.as_ref().map_or(0, |beam| beam.at_share(particle.place));

@@ -130,9 +130,9 @@ impl<C: Caster> Scan<'_, C> {
         let mut intensity = I::pick(kept, reported.intensity, nan);
         let (mut range_error, mut falsely) = (range.sub(truth), 0);
         if let Some(others) = self.measurement.effects.false_returns(part, batch, draws) {
-            let preferred = self.measurement.returns.prefer_false(others.reported(), seen);
+            let preferred = self.measurement.returns.prefer_false(others.reported_range(), seen);
             falsely = others.kept & (preferred | !kept);
-            range = I::pick(falsely, others.reported(), range);
+            range = I::pick(falsely, others.reported_range(), range);
             intensity = I::pick(falsely, others.intensity, intensity);
             range_error = I::pick(falsely, nan, range_error);
             aerial &= !falsely;

@@ -54,7 +54,7 @@ pub enum TextureCoordinates {
 }
 
 impl Interpolation {
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "linear" => Some(Interpolation::Linear),
             "nearest" => Some(Interpolation::Nearest),
@@ -64,7 +64,7 @@ impl Interpolation {
 }
 
 impl Wrap {
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "repeat" => Some(Wrap::Repeat),
             "clamp" => Some(Wrap::Clamp),
@@ -159,13 +159,13 @@ impl TextureMap {
             TextureCoordinates::Vertex(all) => vertices.map(|i| all[i as usize]),
             TextureCoordinates::Corner(all) => all[triangle],
         };
-        self.texture.at([0, 1].map(|axis| interpolated(corners.map(|corner| corner[axis]), weights)))
+        self.texture.at([0, 1].map(|axis| interpolate(corners.map(|corner| corner[axis]), weights)))
     }
 }
 
 /// Linear over a triangle, from its corners. The weights sum to 1 but for rounding, which must not lead out
 /// of the range of the corners: finite coordinates then stay finite, and equal ones equal.
-fn interpolated([a, b, c]: [f64; 3], [u, v, w]: [f64; 3]) -> f64 {
+fn interpolate([a, b, c]: [f64; 3], [u, v, w]: [f64; 3]) -> f64 {
     (u * a + v * b + w * c).clamp(a.min(b).min(c), a.max(b).max(c))
 }
 
@@ -246,9 +246,9 @@ mod tests {
     fn rounding_does_not_lead_out_of_the_range_of_the_corners() {
         let third = 1.0 / 3.0;
         let weights = [third, third, 1.0 - third];
-        assert_eq!(interpolated([f64::MAX; 3], weights), f64::MAX);
-        assert_eq!(interpolated([0.1; 3], [0.1, 0.2, 0.7]), 0.1);
-        assert_eq!(interpolated([0.0, 1.0, 3.0], [0.25, 0.5, 0.25]), 1.25);
+        assert_eq!(interpolate([f64::MAX; 3], weights), f64::MAX);
+        assert_eq!(interpolate([0.1; 3], [0.1, 0.2, 0.7]), 0.1);
+        assert_eq!(interpolate([0.0, 1.0, 3.0], [0.25, 0.5, 0.25]), 1.25);
     }
 
     #[test]

@@ -107,7 +107,7 @@ impl Ways {
 
     /// The fired ray that met a surface.
     #[inline(always)]
-    pub(super) fn fired(&self, at: usize) -> usize {
+    pub(super) fn fired_ray(&self, at: usize) -> usize {
         self.way(at).map_or(at, |way| way.ray as usize)
     }
 
@@ -153,6 +153,6 @@ mod tests {
         ways.sort();
         let found: Vec<&[u32]> = (0..5).map(|ray| ways.of(ray)).collect();
         assert_eq!(found, [&[][..], &[6, 8], &[], &[5, 7, 10], &[9]]);
-        assert_eq!([0, 4, 5, 9, 10].map(|at| ways.fired(at)), [0, 4, 3, 4, 3]);
+        assert_eq!([0, 4, 5, 9, 10].map(|at| ways.fired_ray(at)), [0, 4, 3, 4, 3]);
     }
 }

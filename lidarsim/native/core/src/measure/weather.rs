@@ -28,7 +28,7 @@ impl<F: Floats<f64, N>, const N: usize> Echoes<F, N> {
     #[inline(always)]
     pub(super) fn report(&self) -> Reported<F> {
         let Echoes { kept, range, intensity, power, .. } = *self;
-        Reported { kept, aerial: 0, range: self.reported(), truth: range, intensity, power }
+        Reported { kept, aerial: 0, range: self.reported_range(), truth: range, intensity, power }
     }
 }
 

@@ -259,7 +259,7 @@ mod tests {
     }
 
     /// The arrays of columns from `first` on.
-    fn fired(formula: Formula, first: usize, columns: usize, level: Level) -> [Vec<f64>; 3] {
+    fn arrays_from(formula: Formula, first: usize, columns: usize, level: Level) -> [Vec<f64>; 3] {
         let turning = matches!(formula, Formula::Cycles(cycles) if cycles.channels().has_origins());
         let timed = matches!(formula, Formula::Cycles(_));
         let pulses = columns * formula.beams();
@@ -274,12 +274,12 @@ mod tests {
     #[test]
     fn pulses_depend_neither_on_the_instruction_set_nor_on_the_pieces() {
         for_each(|name, formula| {
-            let whole = fired(formula, 0, COLUMNS, Level::Scalar);
+            let whole = arrays_from(formula, 0, COLUMNS, Level::Scalar);
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                assert_eq!(fired(formula, 0, COLUMNS, level), whole, "{name}, {level:?}");
+                assert_eq!(arrays_from(formula, 0, COLUMNS, level), whole, "{name}, {level:?}");
                 // Within a block and at its ends, and within the second group of blocks.
                 let pieces = [(0, 1), (1, 31), (32, 40), (72, 1000), (1072, COLUMNS - 1072)];
-                let parts = pieces.map(|(first, count)| fired(formula, first, count, level));
+                let parts = pieces.map(|(first, count)| arrays_from(formula, first, count, level));
                 for array in 0..3 {
                     let joined: Vec<f64> = parts.iter().flat_map(|part| part[array].clone()).collect();
                     assert_eq!(joined, whole[array], "{name}, {level:?}, array {array}");
@@ -297,7 +297,7 @@ mod tests {
             [elevation.cos() * cos, elevation.cos() * sin, elevation.sin()]
         };
         let check = |what: &str, formula: Formula, expected: &dyn Fn(usize) -> Point| {
-            let [directions, ..] = fired(formula, 0, COLUMNS, Level::best());
+            let [directions, ..] = arrays_from(formula, 0, COLUMNS, Level::best());
             for (pulse, found) in directions.as_chunks::<3>().0.iter().enumerate() {
                 let off = (0..3).map(|axis| (found[axis] - expected(pulse)[axis]).abs()).fold(0.0, f64::max);
                 assert!(off <= 2.0_f64.powi(-40), "{what}, {pulse}: {found:?} for {:?}", expected(pulse));
@@ -341,7 +341,7 @@ mod tests {
             let (azimuth, elevation) = [(0.2, 0.1), (-0.3, -0.2)][i % 2];
             of(azimuth + 3.0 - 60.0 * cycles_to(i)[1] / 1e4, elevation)
         });
-        let [directions, origins, times] = fired(Formula::Cycles(&cycles), 0, COLUMNS, Level::best());
+        let [directions, origins, times] = arrays_from(Formula::Cycles(&cycles), 0, COLUMNS, Level::best());
         for (pulse, time) in times.iter().enumerate() {
             let later = [0.0, 1e-6][pulse % 2];
             assert!((time - (cycles_to(pulse)[0] / 1e4 + later)).abs() <= f64::EPSILON, "{pulse}: {time}");
@@ -356,7 +356,7 @@ mod tests {
     fn a_frame_of_the_mid_360_goes_on_where_another_stops() {
         let frame = |from: usize| {
             let mid360 = Mid360::new(rotation(0.375 * from as f64, 0.375, 0.0), 4900 + from);
-            fired(Formula::Mid360(&mid360), 0, COLUMNS, Level::best())[0].clone()
+            arrays_from(Formula::Mid360(&mid360), 0, COLUMNS, Level::best())[0].clone()
         };
         let (whole, numbers) = (frame(0), 3 * mid360::BEAMS);
         for from in [1, 32, 100, 1024] {
@@ -377,7 +377,7 @@ mod tests {
         let arrays = Arrays { directions: &mut directions, times: &mut times, ..Arrays::default() };
         let formula = Formula::Cycles(&cycles);
         assert!(fire(formula, arrays, |piece| dispatch(Level::Scalar, piece)));
-        let [expected, _, expected_times] = fired(formula, 0, 400, Level::Scalar);
+        let [expected, _, expected_times] = arrays_from(formula, 0, 400, Level::Scalar);
         assert_eq!(directions.as_flattened(), expected);
         assert_eq!(times, expected_times);
     }

@@ -125,7 +125,7 @@ mod tests {
     use num_bigint::BigInt;
 
     use super::*;
-    use crate::testing::{assert_slack, fixed, float, half_pi, numbers, series, worst};
+    use crate::testing::{assert_slack, fixed_point, float, half_pi, numbers, series, worst};
 
     /// Sine and cosine of a phase, in fixed point.
     fn truth(phase: u128) -> [BigInt; 2] {
@@ -145,7 +145,7 @@ mod tests {
                 (Rotation::new(phase(first), phase(step), 0.0), (4e9 * tick.abs()) as usize);
             let [sines, cosines] = Rotor::new(rotation).sin_cos(tick / LANES, &mut Anchors::NONE.clone());
             let [sin, cos] = truth(rotation.phase(tick));
-            let error = |found: f64, truth: BigInt| float(&(fixed(found) - truth)).abs();
+            let error = |found: f64, truth: BigInt| float(&(fixed_point(found) - truth)).abs();
             let lane = tick % LANES;
             error(sines[lane], sin).max(error(cosines[lane], cos)) / (9.1 * f64::EPSILON / 2.0)
         };

@@ -91,7 +91,7 @@ mod tests {
         Object::new(Geometry::Surface(surface.into()), false)
     }
 
-    fn placed(object: &Object, linear: [[f64; 3]; 3], offset: Point) -> Object {
+    fn place(object: &Object, linear: [[f64; 3]; 3], offset: Point) -> Object {
         object
             .transformed(Affine::new(linear, offset))
             .unwrap_or_else(|| unreachable!("the map can be inverted"))
@@ -169,17 +169,17 @@ mod tests {
     fn every_tie_of_coincident_surfaces_is_told() {
         let tipped = |z| object(tipped(z), 3);
         let (sphere, turned) =
-            (of(Sphere { center: [0.0; 3], radius: 3.0 }), placed(&slab(4.0), SKEW, [1.0, 0.5, 0.0]));
+            (of(Sphere { center: [0.0; 3], radius: 3.0 }), place(&slab(4.0), SKEW, [1.0, 0.5, 0.0]));
         let ellipsoid = Ellipsoid::new([1.0, 0.0, 0.0], [2.0, 4.0, 3.0], TURN).map(of);
         let bent = Triangle([0.0, 0.0, 1.0], [0.0, 8.0, 1.5], [8.0, 0.0, 1.0]);
         let mut pairs = vec![
             (sphere.clone(), sphere),
             (cylinder(-3.0), cylinder(-3.0)),
             (capsule(), capsule()),
-            (placed(&capsule(), SKEW, [0.5; 3]), placed(&capsule(), SKEW, [0.5; 3])),
+            (place(&capsule(), SKEW, [0.5; 3]), place(&capsule(), SKEW, [0.5; 3])),
             (turned.clone(), turned),
             (tipped(1.5), tipped(1.5)),
-            (placed(&tipped(1.5), SKEW, [0.5; 3]), placed(&tipped(1.5), SKEW, [0.5; 3])),
+            (place(&tipped(1.5), SKEW, [0.5; 3]), place(&tipped(1.5), SKEW, [0.5; 3])),
             // The same triangle in a mesh, and alone with its corners in another order.
             (tipped(1.5), of(bent)),
             (tipped(1.0), object(FLAT, 0)),
@@ -188,19 +188,19 @@ mod tests {
             (ground(), of(Plane::Distance { normal: [0.0, -0.0, -3.0], distance: 0.0 })),
             (ground(), of(Plane::Points([0.0; 3], [1.0, 0.0, 0.0], [3.0, 2.0, 0.0]))),
             (ground(), of(Box::new([20.0, 20.0, 0.1], [0.0, 0.0, -0.05]))),
-            (ground(), placed(&slab(0.1), TURN, [0.0, 0.0, -0.05])),
-            (ground(), placed(&placed(&slab(0.25), TURN, [0.0, 0.0, 1.0]), TURN, [0.0, 0.0, -1.125])),
+            (ground(), place(&slab(0.1), TURN, [0.0, 0.0, -0.05])),
+            (ground(), place(&place(&slab(0.25), TURN, [0.0, 0.0, 1.0]), TURN, [0.0, 0.0, -1.125])),
             (
                 of(Plane::PointNormal { point: [0.0, 9.0, 9.0], normal: [1.0, 0.0, 0.0] }),
-                placed(&of(FLAT), [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0]], [1.0, -2.0, 0.0]),
+                place(&of(FLAT), [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0]], [1.0, -2.0, 0.0]),
             ),
             (ground(), cylinder(0.0)),
             (ground(), disk(0.0)),
-            (disk(2.0), placed(&slab(4.0), TURN, [0.0; 3])),
-            (placed(&ground(), SKEW, [0.0; 3]), placed(&cylinder(0.0), SKEW, [0.0; 3])),
-            (placed(&tipped(1.0), SKEW, [0.0; 3]), placed(&object(FLAT, 7), SKEW, [0.0; 3])),
+            (disk(2.0), place(&slab(4.0), TURN, [0.0; 3])),
+            (place(&ground(), SKEW, [0.0; 3]), place(&cylinder(0.0), SKEW, [0.0; 3])),
+            (place(&tipped(1.0), SKEW, [0.0; 3]), place(&object(FLAT, 7), SKEW, [0.0; 3])),
             // The first is transformed to a place, the other is made there.
-            (placed(&object(FLAT, 2), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.1]], [0.0; 3]), {
+            (place(&object(FLAT, 2), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.1]], [0.0; 3]), {
                 let Triangle(a, b, c) = FLAT;
                 of(Triangle([a[0], a[1], 0.1], [b[0], b[1], 0.1], [c[0], c[1], 0.1]))
             }),
@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn roots_of_one_surface_come_in_their_order() {
         let ordered =
-            [cylinder(-3.0), capsule(), placed(&slab(4.0), SKEW, [1.0, 0.5, 0.0])].map(|x| check(&x, &x)[1]);
+            [cylinder(-3.0), capsule(), place(&slab(4.0), SKEW, [1.0, 0.5, 0.0])].map(|x| check(&x, &x)[1]);
         assert!(ordered.iter().all(|&ordered| ordered > 50), "{ordered:?}");
     }
 
@@ -229,14 +229,14 @@ mod tests {
             (object(tipped(1.5), 2), object(tipped(1.5_f64.next_up()), 2)),
             (object(FLAT, 2), object(Triangle(FLAT.0, FLAT.1, [0.0, 8.0, 1.0_f64.next_down()]), 0)),
             (ground(), of(Box::new([20.0, 20.0, near], [0.0, 0.0, -0.05]))),
-            (ground(), placed(&slab(near), TURN, [0.0, 0.0, -0.05])),
+            (ground(), place(&slab(near), TURN, [0.0, 0.0, -0.05])),
             (ground(), disk(5e-324)),
-            (ground(), placed(&ground(), TURN, [0.0, 0.0, 5e-324])),
+            (ground(), place(&ground(), TURN, [0.0, 0.0, 5e-324])),
             (
                 of(Sphere { center: [0.0; 3], radius: 3.0 }),
                 of(Sphere { center: [0.0, 0.0, 5e-324], radius: 3.0 }),
             ),
-            (placed(&slab(4.0), SKEW, [1.0, 0.5, 0.0]), placed(&slab(4.0), SKEW, [1.0, 0.5, 5e-324])),
+            (place(&slab(4.0), SKEW, [1.0, 0.5, 0.0]), place(&slab(4.0), SKEW, [1.0, 0.5, 5e-324])),
             // In one plane, but not perpendicular to an axis.
             (
                 of(Triangle([0.0; 3], [4.0, 0.0, 4.0], [0.0, 4.0, 4.0])),

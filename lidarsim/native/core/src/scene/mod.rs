@@ -109,14 +109,14 @@ impl Scene {
 
     fn index(&self) -> &Index {
         self.index.get_or_make(|| {
-            let (unbounded, still) = self.sorted();
+            let (unbounded, still) = self.partition();
             Index::new(unbounded, &still)
         })
     }
 
     /// An index of some of the objects: those that `is_in` tells.
     pub fn index_of(&self, is_in: impl Fn(u32) -> bool) -> Index {
-        let (mut unbounded, mut still) = self.sorted();
+        let (mut unbounded, mut still) = self.partition();
         unbounded.retain(|&id| is_in(id));
         for (id, bounds) in (0..).zip(&mut still) {
             *bounds = bounds.filter(|_| is_in(id));
@@ -125,7 +125,7 @@ impl Scene {
     }
 
     /// The unbounded objects; and per object its box, if it has one and stands still.
-    fn sorted(&self) -> (Vec<u32>, Vec<Option<[Interval; 3]>>) {
+    fn partition(&self) -> (Vec<u32>, Vec<Option<[Interval; 3]>>) {
         let mut still = memory::collect(self.objects.iter().map(Object::bounds));
         let endless = |&i: &usize| still[i].is_none() && !self.objects[i].is_empty();
         let mut unbounded = Vec::new();
@@ -140,7 +140,7 @@ impl Scene {
 
     /// An index of another scene, refitted to these objects. `None` if the objects differ or it is worn out.
     fn refitted(&self, index: &Index) -> Option<Index> {
-        let (unbounded, still) = self.sorted();
+        let (unbounded, still) = self.partition();
         let boxes = still.iter().flatten().count();
         let bounded = index.bounded.refitted(boxes, |&id| still.get(id as usize).copied().flatten())?;
         let is_good = bounded.surface() <= WORN * index.surface;
@@ -264,7 +264,7 @@ impl Scene {
     }
 
     fn hit_of(&self, at: &RootId, (t, normal): (f64, Point)) -> Hit {
-        let primitive = self.objects[at.object as usize].reported(at.primitive);
+        let primitive = self.objects[at.object as usize].primitive_id(at.primitive);
         Hit { t, normal: vector::unit(normal), object: at.object as i32, primitive }
     }
 }

@@ -145,7 +145,7 @@ impl Object {
 
     /// The primitive id that hits report.
     #[inline(always)]
-    pub fn reported(&self, primitive: u32) -> i32 {
+    pub fn primitive_id(&self, primitive: u32) -> i32 {
         if self.whole { 0 } else { primitive as i32 }
     }
 

@@ -137,7 +137,7 @@ mod tests {
     const CAPSULE: Capsule = Capsule { start: [0.0; 3], end: [0.0, 0.0, 4.0], radius: 5.0 };
 
     /// The roots of a line, and the parts of the surface that they are on.
-    fn found(origin: Point, direction: Point) -> Vec<(f64, u8)> {
+    fn roots_of(origin: Point, direction: Point) -> Vec<(f64, u8)> {
         let roots = CAPSULE.roots(&Ray::<Dyadic>::new(origin, direction)).into_iter().flatten().flatten();
         roots.map(|root| (Dyadic::round(&root).unwrap_or(f64::NAN), root.feature)).collect()
     }
@@ -147,32 +147,32 @@ mod tests {
     fn a_seam_is_met_once() {
         let tiny = f64::from_bits(1);
         for (z, part) in [(-tiny, START), (0.0, SIDE), (4.0, SIDE), (4.0_f64.next_up(), END)] {
-            let across = found([-9.0, 3.0, z], [1.0, 0.0, 0.0]);
+            let across = roots_of([-9.0, 3.0, z], [1.0, 0.0, 0.0]);
             assert_eq!(across, [(5.0, part), (13.0, part)], "{z}");
         }
-        assert_eq!(found([-9.0, 5.0, 0.0], [1.0, 0.0, 0.0]), [(9.0, SIDE)]);
-        assert_eq!(found([-9.0, 5.0, -tiny], [1.0, 0.0, 0.0]), []);
+        assert_eq!(roots_of([-9.0, 5.0, 0.0], [1.0, 0.0, 0.0]), [(9.0, SIDE)]);
+        assert_eq!(roots_of([-9.0, 5.0, -tiny], [1.0, 0.0, 0.0]), []);
         // Through a seam into the ball around that end.
-        assert_eq!(found([6.0, 0.0, 5.0], [-1.0, 0.0, -5.0]), [(1.0, SIDE), (18.0 / 13.0, START)]);
+        assert_eq!(roots_of([6.0, 0.0, 5.0], [-1.0, 0.0, -5.0]), [(1.0, SIDE), (18.0 / 13.0, START)]);
     }
 
     #[test]
     fn a_line_along_the_axis_meets_both_ends() {
         for (x, y, reach) in [(0.0, 0.0, 5.0), (0.0, 3.0, 4.0), (3.0, 4.0, 0.0)] {
-            let up = found([x, y, -9.0], [0.0, 0.0, 1.0]);
+            let up = roots_of([x, y, -9.0], [0.0, 0.0, 1.0]);
             assert_eq!(up, [(9.0 - reach, START), (13.0 + reach, END)]);
-            let down = found([x, y, 9.0], [0.0, 0.0, -2.0]);
+            let down = roots_of([x, y, 9.0], [0.0, 0.0, -2.0]);
             assert_eq!(down, [(2.5 - reach / 2.0, END), (4.5 + reach / 2.0, START)]);
         }
-        assert_eq!(found([3.0, 4.0_f64.next_up(), -9.0], [0.0, 0.0, 1.0]), []);
+        assert_eq!(roots_of([3.0, 4.0_f64.next_up(), -9.0], [0.0, 0.0, 1.0]), []);
     }
 
     #[test]
     fn a_line_that_touches_an_end_has_one_root() {
-        assert_eq!(found([-9.0, 0.0, -5.0], [1.0, 0.0, 0.0]), [(9.0, START)]);
-        assert_eq!(found([-9.0, 0.0, 9.0], [1.0, 0.0, 0.0]), [(9.0, END)]);
-        assert_eq!(found([-9.0, 0.0, 9.0_f64.next_up()], [1.0, 0.0, 0.0]), []);
+        assert_eq!(roots_of([-9.0, 0.0, -5.0], [1.0, 0.0, 0.0]), [(9.0, START)]);
+        assert_eq!(roots_of([-9.0, 0.0, 9.0], [1.0, 0.0, 0.0]), [(9.0, END)]);
+        assert_eq!(roots_of([-9.0, 0.0, 9.0_f64.next_up()], [1.0, 0.0, 0.0]), []);
         // At (3, 0, −4), along (4, 0, 3).
-        assert_eq!(found([-1.0, 0.0, -7.0], [4.0, 0.0, 3.0]), [(1.0, START)]);
+        assert_eq!(roots_of([-1.0, 0.0, -7.0], [4.0, 0.0, 3.0]), [(1.0, START)]);
     }
 }

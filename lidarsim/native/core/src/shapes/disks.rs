@@ -77,7 +77,7 @@ impl Each<7> for Disk {
 
     /// All where |q| ≤ r·(|s| + S) + Q.
     #[inline(always)]
-    fn met<I: Isa>(seen: &SeenDisks<I>, ray: &EachRay) -> u32 {
+    fn candidates<I: Isa>(seen: &SeenDisks<I>, ray: &EachRay) -> u32 {
         let Passage { square, off, slope, slope_error } = seen.passage(ray);
         let most = seen.radius.fused(slope.abs().add(slope_error), off);
         let factor = I::F64x8::splat(1.0 + 16.0 * UNIT);

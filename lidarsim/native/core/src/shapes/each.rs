@@ -40,9 +40,9 @@ pub trait Each<const K: usize>: Surface + Send + Sync {
     fn seen_from<I: Isa>(origin: Point, numbers: &[[f64; 8]; K]) -> Self::Seen<I>;
 
     /// The shapes that a ray may meet: all except those certainly missed.
-    fn met<I: Isa>(seen: &Self::Seen<I>, ray: &EachRay) -> u32;
+    fn candidates<I: Isa>(seen: &Self::Seen<I>, ray: &EachRay) -> u32;
 
-    /// Bounds of the roots on the shapes that `met` returns.
+    /// Bounds of the roots on the shapes that `candidates` returns.
     fn crossings<I: Isa>(seen: &Self::Seen<I>, ray: &EachRay) -> EachCrossings<I>;
 
     fn of_rays<N: OfRays<L, M>, L: Lanes<M>, const M: usize>(
@@ -132,7 +132,7 @@ mod tests {
             let EachCrossings { certain, t } = S::crossings(&seen, &self.1);
             let [first, second] = t;
             let bounds = [[first.low.store(), first.high.store()], [second.low.store(), second.high.store()]];
-            (S::met(&seen, &self.1), certain, bounds)
+            (S::candidates(&seen, &self.1), certain, bounds)
         }
     }
 

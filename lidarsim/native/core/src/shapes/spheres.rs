@@ -61,7 +61,7 @@ impl Each<4> for Sphere {
     }
 
     #[inline(always)]
-    fn met<I: Isa>(seen: &SeenSpheres<I>, ray: &EachRay) -> u32 {
+    fn candidates<I: Isa>(seen: &SeenSpheres<I>, ray: &EachRay) -> u32 {
         let Distance { square, most, .. } = seen.distance(ray, seen.error(ray));
         let most = most.fused(I::F64x8::splat(1.0 + 16.0 * UNIT), I::F64x8::splat(f64::MIN_POSITIVE));
         !most.lt(square) & 0xff

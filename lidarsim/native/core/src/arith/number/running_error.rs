@@ -345,7 +345,7 @@ mod tests {
     }
 
     /// Off by its whole bound, eight roundings.
-    fn given(x: f64, up: bool) -> (RunningError, Dyadic) {
+    fn at_bound(x: f64, up: bool) -> (RunningError, Dyadic) {
         let error = GIVEN * x;
         let truth = Dyadic::exact(x).plus(&Dyadic::exact(if up { error } else { -error }));
         (RunningError::within(x, error, One), truth)
@@ -387,7 +387,7 @@ mod tests {
     #[test]
     fn operations_are_as_near_as_their_bounds_say() {
         let kinds: [(Given, [f64; 4]); 2] =
-            [(exact, [1.0, 0.976, 0.632, 0.99]), (given, [1.0, 0.997, 0.942, 0.554])];
+            [(exact, [1.0, 0.976, 0.632, 0.99]), (at_bound, [1.0, 0.997, 0.942, 0.554])];
         for (of, known) in kinds {
             let sum = |x: &[f64; 2]| {
                 let ((a, p), (b, q)) = (of(x[0], true), of(x[1], true));

@@ -92,7 +92,7 @@ impl LaneTask for RunningErrorLanes {
         let active = Cell::new(0);
         let lanes = Many::<F>::new(&active);
         let others = |x: &RunningErrors<_, N>, lane: usize, exact: &Dyadic| {
-            RunningErrors::load(&stored(x), 1, lanes).holds(lane, exact)
+            RunningErrors::load(&store(x), 1, lanes).holds(lane, exact)
         };
         check::<RunningErrors<_, N>, N>(&active, |v| RunningErrors::of_rays(F::load(v), lanes), others)
     }
@@ -105,7 +105,7 @@ impl LaneTask for DoubleDoubled {
         let active = Cell::new(0);
         let lanes = Many::<F>::new(&active);
         let others = |x: &DoubleDoubles<_, N>, lane: usize, exact: &Dyadic| {
-            let loaded = DoubleDoubles::load(&stored(x), 1, lanes);
+            let loaded = DoubleDoubles::load(&store(x), 1, lanes);
             loaded.holds(lane, exact) && RunningErrors::from(x).holds(lane, exact)
         };
         check::<DoubleDoubles<_, N>, N>(&active, |v| DoubleDoubles::of_rays(F::load(v), lanes), others)
@@ -113,7 +113,7 @@ impl LaneTask for DoubleDoubled {
 }
 
 /// Stores a number as the second part.
-fn stored<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(x: &K) -> Stored<16> {
+fn store<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(x: &K) -> Stored<16> {
     let mut stored = Stored::UNSET;
     x.store(1, &mut stored);
     stored
@@ -212,7 +212,7 @@ fn exact_zeros_stay_so_when_they_are_stored() {
         let lanes = Many::<[f64; 8]>::new(&active);
         let of = |x| RunningErrors::<_, 8>::of_rays(x, lanes);
         let product = of(values).times(&of(factors));
-        let loaded = RunningErrors::<_, 8>::load(&stored(&product), 1, lanes);
+        let loaded = RunningErrors::<_, 8>::load(&store(&product), 1, lanes);
         let expected = match lane {
             3 | 4 => Err(Uncertain), // too small, and too large
             6 => Ok(Ordering::Less),

@@ -276,17 +276,17 @@ fn in_order(keys: __m256i, what: &[u32; 8]) -> ([f32; 8], [u32; 8]) {
 fn sorted(x: __m256i) -> __m256i {
     // SAFETY: as above.
     unsafe {
-        let x = exchanged::<0b1001_1001>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x));
-        let x = exchanged::<0b1100_0011>(x, _mm256_shuffle_epi32::<0b01_00_11_10>(x));
-        let x = exchanged::<0b1010_0101>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x));
-        let x = exchanged::<0b0000_1111>(x, _mm256_permute2x128_si256::<1>(x, x));
-        let x = exchanged::<0b0011_0011>(x, _mm256_shuffle_epi32::<0b01_00_11_10>(x));
-        exchanged::<0b0101_0101>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x))
+        let x = exchange::<0b1001_1001>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x));
+        let x = exchange::<0b1100_0011>(x, _mm256_shuffle_epi32::<0b01_00_11_10>(x));
+        let x = exchange::<0b1010_0101>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x));
+        let x = exchange::<0b0000_1111>(x, _mm256_permute2x128_si256::<1>(x, x));
+        let x = exchange::<0b0011_0011>(x, _mm256_shuffle_epi32::<0b01_00_11_10>(x));
+        exchange::<0b0101_0101>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x))
     }
 }
 
 #[inline(always)]
-fn exchanged<const LARGER: i32>(x: __m256i, other: __m256i) -> __m256i {
+fn exchange<const LARGER: i32>(x: __m256i, other: __m256i) -> __m256i {
     // SAFETY: as above.
     unsafe { _mm256_blend_epi32::<LARGER>(_mm256_min_epi32(x, other), _mm256_max_epi32(x, other)) }
 }
@@ -464,7 +464,7 @@ impl Isa for Avx512 {
             let keys = if count > 2 {
                 sorted(keys)
             } else {
-                exchanged::<0b01>(keys, _mm256_shuffle_epi32::<0b10_11_00_01>(keys))
+                exchange::<0b01>(keys, _mm256_shuffle_epi32::<0b10_11_00_01>(keys))
             };
             let (distances, found) = in_order(keys, what);
             (count, distances, found)

@@ -130,7 +130,7 @@ impl Process {
     /// A bit for each of N pulses, those from N·part on, that have an echo. `uniforms`: the first draw of
     /// each pulse.
     #[inline(always)]
-    pub(super) fn seen<F: Floats<f64, N>, const N: usize>(&self, uniforms: &[f64], part: usize) -> u32 {
+    pub(super) fn echo_mask<F: Floats<f64, N>, const N: usize>(&self, uniforms: &[f64], part: usize) -> u32 {
         let uniform: F = lanes::load(uniforms, part);
         F::splat(self.none).le(uniform)
     }

@@ -37,7 +37,7 @@ impl Effect for Bias {
             pulses.normals_of_channels::<Self>(0, biases);
             biases.iter_mut().for_each(|bias| *bias *= self.channel_sigma);
         }
-        biases.resize(pulses.padded(), 0.0);
+        biases.resize(pulses.padded_len(), 0.0);
         self.given.add_to(biases, pulses);
     }
 

@@ -148,8 +148,8 @@ impl Fog {
 
     /// A bit for each of N pulses, those from N·part on, that see a patch.
     #[inline(always)]
-    pub(super) fn seen<F: Floats<f64, N>, const N: usize>(&self, draws: &Draws, part: usize) -> u32 {
-        self.patches.as_ref().map_or(0, |patches| patches.process.seen::<F, N>(&draws.fog, part))
+    pub(super) fn echo_mask<F: Floats<f64, N>, const N: usize>(&self, draws: &Draws, part: usize) -> u32 {
+        self.patches.as_ref().map_or(0, |patches| patches.process.echo_mask::<F, N>(&draws.fog, part))
     }
 
     /// The patches that a pulse of the batch sees, from the nearest on.

@@ -120,7 +120,7 @@ macro_rules! effects {
                 {
                     effect.apply(pulses, &draws.$field, &mut echoes);
                 })+
-                echoes.range = echoes.reported();
+                echoes.range = echoes.reported_range();
                 $(if let Some(effect) = &self.$field {
                     echoes.intensity = echoes.intensity.max(effect.least_intensity(echoes.range));
                 })+
@@ -195,8 +195,8 @@ impl Effects {
     /// A bit for each of N pulses, those from N·part on, that see a patch of fog, a drop or a flake.
     #[inline(always)]
     pub(super) fn spots_seen<F: Floats<f64, N>, const N: usize>(&self, draws: &Draws, part: usize) -> u32 {
-        self.fog.as_ref().map_or(0, |fog| fog.seen::<F, N>(draws, part))
-            | self.particles.as_ref().map_or(0, |particles| particles.seen::<F, N>(draws, part))
+        self.fog.as_ref().map_or(0, |fog| fog.echo_mask::<F, N>(draws, part))
+            | self.particles.as_ref().map_or(0, |particles| particles.echo_mask::<F, N>(draws, part))
     }
 
     /// The patches, drops and flakes nearer than `end` that a pulse of the batch sees.
@@ -317,7 +317,7 @@ pub(super) struct Pulses<'a> {
 impl Pulses<'_> {
     /// The length of arrays of draws: whole registers of pulses. What is past the pulses is unspecified.
     #[inline(always)]
-    fn padded(&self) -> usize {
+    fn padded_len(&self) -> usize {
         self.indices.len().next_multiple_of(8)
     }
 
@@ -325,14 +325,14 @@ impl Pulses<'_> {
     #[inline(always)]
     fn uniforms<E: Effect>(&self, draw: u16, uniforms: &mut Vec<f64>) {
         self.stream.uniforms(self.indices, const { id::<E>() }, draw, uniforms);
-        uniforms.resize(self.padded(), 0.0);
+        uniforms.resize(self.padded_len(), 0.0);
     }
 
     /// A normal number for each pulse.
     #[inline(always)]
     fn normals<E: Effect>(&self, draw: u16, normals: &mut Vec<f64>) {
         self.stream.normals(self.indices, const { id::<E>() }, draw, normals);
-        normals.resize(self.padded(), 0.0);
+        normals.resize(self.padded_len(), 0.0);
     }
 
     /// For each pulse the normal number of its channel, the same in all frames.
@@ -340,7 +340,7 @@ impl Pulses<'_> {
     fn normals_of_channels<E: Effect>(&self, draw: u16, normals: &mut Vec<f64>) {
         let channels: Vec<u64> = self.rings.iter().map(|ring| u64::from(*ring)).collect();
         self.stream.of_unit().normals(&channels, const { id::<E>() }, draw, normals);
-        normals.resize(self.padded(), 0.0);
+        normals.resize(self.padded_len(), 0.0);
     }
 
     /// A normal number for the pulse of each echo, drawn as it is needed.
@@ -421,7 +421,7 @@ impl<F: Floats<f64, N>, const N: usize> Echoes<F, N> {
 
     /// The range from the beam's origin that is reported of an echo that is kept.
     #[inline(always)]
-    pub(super) fn reported(&self) -> F {
+    pub(super) fn reported_range(&self) -> F {
         self.reading.sub(self.offset)
     }
 

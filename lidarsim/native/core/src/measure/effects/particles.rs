@@ -140,12 +140,12 @@ impl Particles {
 
     /// A bit for each of N pulses, those from N·part on, that see a particle.
     #[inline(always)]
-    pub(in crate::measure) fn seen<F: Floats<f64, N>, const N: usize>(
+    pub(in crate::measure) fn echo_mask<F: Floats<f64, N>, const N: usize>(
         &self,
         draws: &Draws,
         part: usize,
     ) -> u32 {
-        self.process.seen::<F, N>(&draws.particles, part)
+        self.process.echo_mask::<F, N>(&draws.particles, part)
     }
 
     /// The particles that a pulse of the batch sees, from the nearest on.
@@ -208,7 +208,7 @@ mod tests {
         let mut count = 0;
         for pulse in 0..indices.len() {
             let particles: Vec<Particle> = rain.of(&batch, pulse).collect();
-            assert_eq!(rain.seen::<f64, 1>(&draws, pulse) != 0, !particles.is_empty());
+            assert_eq!(rain.echo_mask::<f64, 1>(&draws, pulse) != 0, !particles.is_empty());
             assert!(particles.windows(2).all(|two| two[0].range < two[1].range));
             // The least diameter is rounded.
             let is_seen = |p: &Particle| p.intensity / (p.range * p.range) > 0.9999 * 0.1 / 1e4;

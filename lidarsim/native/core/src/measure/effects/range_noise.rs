@@ -93,7 +93,7 @@ impl Sigma {
             Sigma::Table(rows) => {
                 let mut sigmas = range.store();
                 for sigma in &mut sigmas {
-                    *sigma = interpolated(rows, *sigma);
+                    *sigma = interpolate(rows, *sigma);
                 }
                 F::load(&sigmas)
             }
@@ -103,7 +103,7 @@ impl Sigma {
 
 /// A table at a range: linear between its rows, constant outside.
 #[inline(always)]
-pub(super) fn interpolated(rows: &[[f64; 2]], range: f64) -> f64 {
+pub(super) fn interpolate(rows: &[[f64; 2]], range: f64) -> f64 {
     let above = rows.partition_point(|row| row[0] <= range);
     let Some(&[r0, s0]) = rows[..above].last() else {
         return rows.first().map_or(0.0, |row| row[1]);

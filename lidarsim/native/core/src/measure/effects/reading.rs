@@ -25,7 +25,7 @@ impl Effect for Reading {
     fn draw(&self, pulses: &Pulses, offsets: &mut Vec<f64>) {
         if let PerRing::Each(_) = self.offset {
             offsets.clear();
-            offsets.resize(pulses.padded(), 0.0);
+            offsets.resize(pulses.padded_len(), 0.0);
             self.offset.add_to(offsets, pulses);
         }
     }

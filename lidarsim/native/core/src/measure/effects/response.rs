@@ -3,7 +3,7 @@
 //! I' = min(limit, round(h((I·f(R)·c)^e·(1 + σg)))), with a factor f against range, a factor c of the
 //! channel, an exponent e, a normal g, and a curve h. It comes last, so that noise and detection have seen I.
 
-use super::range_noise::interpolated;
+use super::range_noise::interpolate;
 use super::{Echoes, Effect, Pulses};
 use crate::arith::elementary::{exp, ln};
 use crate::arith::simd::{Floats, lanes};
@@ -95,7 +95,7 @@ impl Effect for Response {
         if !self.range.is_empty() {
             let mut factors = echoes.range.store();
             for factor in &mut factors {
-                *factor = interpolated(&self.range, *factor);
+                *factor = interpolate(&self.range, *factor);
             }
             intensity = intensity.mul(F::load(&factors));
         }
@@ -121,7 +121,7 @@ impl Effect for Response {
         if !self.curve.is_empty() {
             let mut reported = intensity.store();
             for report in &mut reported {
-                *report = interpolated(&self.curve, *report);
+                *report = interpolate(&self.curve, *report);
             }
             intensity = F::load(&reported);
         }

@@ -145,7 +145,7 @@ impl<I: Isa> TrianglePlane<I> {
     /// w adds two roundings of 17u, 15u² that it omits, and 64u²: less than 520u²·wΣA_iQ_i. Both take
     /// `BOUND` twice, which is 640u².
     #[inline(always)]
-    pub fn placed(
+    pub fn of_placed(
         corners: [V<I>; 3],
         inverse: &ExpandedInverse,
         (o, o_size): ([Expansion<I>; 3], V<I>),
@@ -476,7 +476,7 @@ mod tests {
     /// Placed triangles: N·d and w·n·(a − o) against their bounds, and t against its own.
     #[test]
     fn placed_triangles_are_off_by_the_shares_of_their_bounds_that_are_known() {
-        let found = [0, 1, 2].map(|which| worst(6, 1500, draw, |x: &[f64; 27]| placed(x)[which]).0);
+        let found = [0, 1, 2].map(|which| worst(6, 1500, draw, |x: &[f64; 27]| evaluate_placed(x)[which]).0);
         for ((what, known), found) in
             [("N·d", 0.0155), ("w·n·(a − o)", 0.011), ("t", 0.009)].into_iter().zip(found)
         {
@@ -484,14 +484,14 @@ mod tests {
         }
     }
 
-    fn placed(x: &[f64; 27]) -> [f64; 3] {
+    fn evaluate_placed(x: &[f64; 27]) -> [f64; 3] {
         let [a, b, c, o, d] = std::array::from_fn(|k| std::array::from_fn(|axis| x[3 * k + axis]));
         let row = |k: usize| [x[k], x[k + 1], x[k + 2]];
         let Some(inverse) = Inverse::of(&Affine::new([row(15), row(18), row(21)], row(24)), None) else {
             return [0.0; 3];
         };
         let Some(expanded) = inverse.expanded() else { return [0.0; 3] };
-        let plane = TrianglePlane::<Portable>::placed(
+        let plane = TrianglePlane::<Portable>::of_placed(
             [a, b, c].map(in_lanes),
             expanded,
             expanded.points::<Portable>(in_lanes(o)),

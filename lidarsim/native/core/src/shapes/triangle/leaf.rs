@@ -479,7 +479,7 @@ impl<I: Isa> Edges<I> {
     }
 
     #[inline(always)]
-    pub fn stored(&self) -> StoredEdges {
+    pub fn store(&self) -> StoredEdges {
         let ([u, v, w], [bc, ca, ab]) = (self.normals, self.sides);
         StoredEdges {
             normals: [lanes::store(u), lanes::store(v), lanes::store(w)],
@@ -771,7 +771,7 @@ mod tests {
                 }
                 for i in 0..self.leaf.ids().len() {
                     let TriangleTest { candidates, known, t } =
-                        Leaf::test::<I, APART>(i, &edges.stored(), &planes, &rays);
+                        Leaf::test::<I, APART>(i, &edges.store(), &planes, &rays);
                     let (low, high) = (t.low.store(), t.high.store());
                     for (k, said) in told[one_by_one + 8 * group..].iter_mut().enumerate() {
                         said.candidates |= (candidates >> k & 1) << i;

@@ -26,7 +26,7 @@ impl Sides {
     pub fn hit_and_missed(&self) -> (u32, u32) {
         let [u, v, w] = &self.signs;
         let (below, above) = (u.below | v.below | w.below, u.above | v.above | w.above);
-        let known = u.known() & v.known() & w.known();
+        let known = u.certain() & v.certain() & w.certain();
         (self.ordinary & known & (below ^ above), self.ordinary & (below & above | known & !(below | above)))
     }
 
@@ -44,7 +44,7 @@ impl Sides {
         stop::poll();
         let [a, b, c] = &corners.map(|corner| vector::negated(&ray.origin_from(vector::exact(*corner))));
         for (side, (p, q)) in self.signs.iter_mut().zip([(c, b), (a, c), (b, a)]) {
-            if side.known() >> lane & 1 == 0 {
+            if side.certain() >> lane & 1 == 0 {
                 match volume(&ray.direction, p, q).sign() {
                     Ok(Ordering::Less) => side.below |= 1 << lane,
                     Ok(Ordering::Greater) => side.above |= 1 << lane,
@@ -157,7 +157,7 @@ const NUDGE: f64 = f64::from_bits((1023 - 600) << 52);
 /// `ExpandedInverse::points` and `vectors`.
 ///
 /// A corner less the origin, of size P, has a low part of at most 7u·P and is off by 187u²·P
-/// (`TrianglePlane::placed`). So the low part of a minor of two corners of sizes P and Q, with A = PⱼQₖ +
+/// (`TrianglePlane::of_placed`). So the low part of a minor of two corners of sizes P and Q, with A = PⱼQₖ +
 /// PₖQⱼ, is at most 16u·A; it rounds by 54u²·A, omits the products of low parts, 49u²·A, and its
 /// terms are off by 374u²·A: less than 480u²·A in all. In its product with d, whose low part is at most
 /// 6u and whose error 180u² of its size D, S = ΣA_iD_i, the low part is at most 26u·S, its roundings come
@@ -221,7 +221,7 @@ impl Side {
     }
 
     #[inline(always)]
-    fn known(&self) -> u32 {
+    fn certain(&self) -> u32 {
         self.below | self.zero | self.above
     }
 }
