@@ -667,6 +667,7 @@ def test_measured_values_are_printed_with_their_source(capsys: pytest.CaptureFix
     assert "measured" not in capsys.readouterr().out
 
 
+@pytest.mark.slow("what each command prints fits the columns of the terminal")
 @pytest.mark.parametrize(
     "command",
     [

@@ -178,6 +178,7 @@ ALTERED: dict[str, tuple[Callable[[list[ls.PointCloud]], list[ls.PointCloud]], s
 }
 
 
+@pytest.mark.slow("each measure finds what differs, and chance alone is no difference")
 @pytest.mark.parametrize(("alter", "named", "also"), ALTERED.values(), ids=ALTERED)
 def test_the_measure_that_differs_is_named(
     real: list[ls.PointCloud],
@@ -220,6 +221,7 @@ def test_chance_alone_makes_no_difference() -> None:
     assert alarms < 6
 
 
+@pytest.mark.slow("each measure finds what differs, and chance alone is no difference")
 @pytest.mark.parametrize("altered", [{"range_sigma": 0.03}, {"range_bias": 0.02}], ids=["noise", "bias"])
 @pytest.mark.parametrize("columns", [1024, 128, 48, 24])
 def test_a_centimetre_of_noise_or_two_of_bias_is_never_alike(altered: dict[str, float], columns: int) -> None:
@@ -740,6 +742,7 @@ def test_turns_are_rings_in_the_best_order() -> None:
         assert inferred._rising(cost).tolist() == list(best)
 
 
+@pytest.mark.slow("each measure finds what differs, and chance alone is no difference")
 def test_clouds_without_rings_are_compared(tmp_path: Path) -> None:
     lidar = ls.Lidar.preset("velodyne-vlp16", noise="measured")
     clouds = [scan.point_cloud() for scan in lidar.frames(scene(), None, 4, seed=1)]
@@ -770,6 +773,7 @@ def test_without_rings_it_says_what_needs_them(real: list[ls.PointCloud]) -> Non
     assert np.isnan(comparison["ring bias"].real)
 
 
+@pytest.mark.slow("each measure finds what differs, and chance alone is no difference")
 def test_unlike_sensors_are_noted(real: list[ls.PointCloud]) -> None:
     few = [cloud[cloud.ring % 2 == 0] for cloud in real]
     comparison = ls.compare(real, few)

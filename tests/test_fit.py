@@ -217,6 +217,7 @@ def test_a_limit_shows_by_what_piles_up_at_it() -> None:
     assert comparison["response.limit"].why == "no intensities pile up at the greatest"
 
 
+@pytest.mark.slow("a fitted sensor is alike in what the data sheet has otherwise")
 def test_the_fitted_sensor_is_alike_where_the_sheet_differs() -> None:
     of = unit(7)
     told, kept = clouds(of, count=2), clouds(of, count=4)[2:]

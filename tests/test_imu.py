@@ -64,6 +64,7 @@ def strapdown(samples: ls.ImuSamples, trajectory: ls.Trajectory, earth: np.ndarr
     return float(off), float((truth.rotation.inv() * Rotation.concatenate(turns)).magnitude().max())
 
 
+@pytest.mark.slow("exact inertial samples integrate to the trajectory")
 @pytest.mark.parametrize("latitude", [None, math.radians(48.0)])
 def test_exact_samples_integrate_to_the_trajectory(latitude: float | None) -> None:
     body = flight()
@@ -164,6 +165,7 @@ def allan_variance(values: np.ndarray, m: int) -> tuple[float, int]:
 STILL = ls.Trajectory.from_twist(np.eye(4))
 
 
+@pytest.mark.slow("noise of inertial sensors has the Allan variance of its data sheet")
 @pytest.mark.parametrize("kind", ["gyroscope", "accelerometer"])
 def test_allan_variance_of_the_noise(kind: str) -> None:
     rate, density, walk = 100.0, 0.02, 0.03
@@ -217,6 +219,7 @@ def test_the_floor_of_the_allan_deviation_is_that_of_the_data_sheet() -> None:
     assert abs(math.sqrt(sampled) - 1) < 0.01
 
 
+@pytest.mark.slow("noise of inertial sensors has the Allan variance of its data sheet")
 @pytest.mark.parametrize("kind", ["gyroscope", "accelerometer"])
 @pytest.mark.parametrize("m", [4, 64, 512])
 def test_allan_variance_of_the_bias_instability(kind: str, m: int) -> None:

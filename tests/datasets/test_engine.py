@@ -229,6 +229,7 @@ def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, drive
     assert tree(out) == drive
 
 
+@pytest.mark.slow("a cluster listens to its machine alone")
 def test_a_cluster_of_this_machine_listens_to_it_alone() -> None:
     distributed = pytest.importorskip("distributed")  # it sets levels when it is imported
     levels = {name: logging.getLogger(name).level for name in QUIET}

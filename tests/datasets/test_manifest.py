@@ -208,6 +208,7 @@ def test_notes_that_are_no_files(half: Path, shared: Path, tmp_path: Path, name:
         assert os.path.lexists(note)
 
 
+@pytest.mark.slow("parts of another data set are refused")
 def test_a_part_of_another_shard_recipe_or_size(
     originals: Path, half: Path, shared: Path, whole: dict[str, str], tree: Tree
 ) -> None:

@@ -118,6 +118,7 @@ def test_parts_make_their_own_lost_files(recipe: Path, tmp_path: Path, tree: Tre
     assert tree(out) == whole
 
 
+@pytest.mark.slow("pictures that are lost are drawn again")
 def test_pictures_come_back(recipe: Path, tmp_path: Path, tree: Tree) -> None:
     out = tmp_path / "out"
     ls.generate(recipe, out, layout="shards", pictures=1)

@@ -38,6 +38,7 @@ shapes = {
 }
 
 
+@pytest.mark.slow("any numbers end in a result or a documented error")
 @pytest.mark.parametrize("kind", shapes)
 def test_any_numbers(kind: str, slow: bool) -> None:
     # With the examples of the slow profile, more than a million casts of all kinds.

@@ -128,6 +128,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow("messages of bags are one turn from the cut of each driver")
 @pytest.mark.parametrize(("name", "layout", "cut", "azimuth"), CASES)
 def test_a_message_is_one_turn_from_the_cut(
     name: str, layout: str | None, cut: Any, azimuth: float | None, tmp_path: Path

@@ -56,6 +56,7 @@ def refusal(read: Callable[[], object], kind: type[Exception]) -> str:
     return text
 
 
+@pytest.mark.slow("damaged files of each format end in documented errors")
 def test_mutations(slow: bool) -> None:
     count = 20_000 if slow else 10  # 71 × 20,000: 1.4 million files, in hours
     command = [sys.executable, str(Path(__file__).with_name("mutations.py")), str(count), "3"]

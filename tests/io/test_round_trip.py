@@ -83,6 +83,7 @@ LAS = {"synthetic", "key_point", "withheld", "overlap", "classification", "user_
 TEXT = ["i1", "i4", "i8", "u1", "u4", "u8", "f4", "f8"]
 
 
+@pytest.mark.slow("fields of any name and number come back")
 @pytest.mark.parametrize("suffix", [*FORMATS, ".las", ".laz", ".csv", ".xyz"])
 @given(data=st.data())
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -234,6 +235,7 @@ def test_odd_names_of_classes_come_back_or_are_refused(suffix: str, name: str, t
         assert PointCloud.load(path).class_names == cloud.class_names
 
 
+@pytest.mark.slow("fields of any name and number come back")
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_thousands_of_fields(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"cloud{suffix}"

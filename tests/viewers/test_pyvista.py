@@ -267,6 +267,7 @@ def test_window_without_a_display(wall: PointCloud, monkeypatch: pytest.MonkeyPa
     )
 
 
+@pytest.mark.slow("drawing loses no name and prints nothing")
 def test_rendering_says_nothing(tmp_path: Path) -> None:
     code = (
         "from lidarsim.scan.pointcloud import PointCloud; from lidarsim import show;"
@@ -448,6 +449,7 @@ def beside(image: np.ndarray, color: str) -> tuple[slice, slice]:
     return slice(rows.min(), rows.max() + 1), slice(STAGE + columns.max() + 2, None)
 
 
+@pytest.mark.slow("drawing loses no name and prints nothing")
 @pytest.mark.parametrize("name", NAMES, ids=ascii)
 def test_no_name_is_lost_or_spoils_a_legend(name: str, wall: PointCloud, tmp_path: Path) -> None:
     wall.class_names = {7: name, 9: WIDE}

@@ -283,6 +283,7 @@ def in_turn(model: str, *, returns: str = "strongest") -> ls.Lidar:
 SENSORS = [*((model, sensor) for model in MODELS), *((model, in_turn) for model in IN_TURN)]
 
 
+@pytest.mark.slow("packets hold each pulse of a moving sensor")
 @pytest.mark.parametrize("returns", ["strongest", "dual"])
 @pytest.mark.parametrize(("model", "make"), SENSORS)
 def test_every_pulse_of_a_moving_sensor_is_decoded_within_the_steps_of_the_packets(

@@ -128,6 +128,7 @@ def encode(lidar: ls.Lidar, scans: list[ls.Scan], variant: str | None = None) ->
     return [*packets, *encoder.rest()]
 
 
+@pytest.mark.slow("packets hold each pulse of a moving sensor")
 @pytest.mark.parametrize(("model", "variant", "returns"), VARIANTS)
 def test_every_pulse_of_a_moving_sensor_is_decoded_within_the_steps_of_the_packets(
     model: str, variant: str, returns: int

@@ -154,6 +154,7 @@ def points(column: Column, metadata: dict[str, Any], echo: int) -> npt.NDArray[n
     return ((to_sensor @ np.stack([x, y, z, np.ones_like(x)]))[:3] / 1e3).T
 
 
+@pytest.mark.slow("decoders find our points in all variants and modes")
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_decoder_finds_our_points(name: str, variant: str) -> None:
