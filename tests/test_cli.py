@@ -444,6 +444,7 @@ def test_overrides_and_seed() -> None:
     assert not np.array_equal(other.range, ls.config.load("run.yaml").scan().point_cloud().range)
 
 
+@pytest.mark.slow("data sets, terrain, frames and the repository's configurations are viewed")
 def test_pictures() -> None:
     assert (
         lidarsim("scan", "run.yaml", "-o", "scan.pcd", "--screenshot", "scan.png", "--color-by", "label", *SMALL) == 0
@@ -474,6 +475,7 @@ def test_pictures_of_scene_files(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err.endswith("robot.xml:2: geom names a file, which is not read\n")
 
 
+@pytest.mark.slow("data sets, terrain, frames and the repository's configurations are viewed")
 @pytest.mark.parametrize("layout", ["semantickitti", "nuscenes", "shards", "bags"])
 def test_data_sets_are_viewed(layout: str, capsys: pytest.CaptureFixture[str]) -> None:
     run = "".join(f"  {line}\n" for line in MOVING.replace("frames: 2\n", "").splitlines())
@@ -502,6 +504,7 @@ def film(path: str) -> tuple[tuple[int, int], int]:
         return opened.size, getattr(opened, "n_frames", 1)
 
 
+@pytest.mark.slow("data sets, terrain, frames and the repository's configurations are viewed")
 def test_views_of_frames_are_of_all_or_of_the_first(capsys: pytest.CaptureFixture[str]) -> None:
     Path("moving.yaml").write_text(MOVING, encoding="utf-8")
     everything = ("--screenshot", "a.png", "--gif", "a.gif", "--html", "a.html")
@@ -519,6 +522,7 @@ def test_views_of_frames_are_of_all_or_of_the_first(capsys: pytest.CaptureFixtur
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow("data sets, terrain, frames and the repository's configurations are viewed")
 def test_terrain_is_viewed_from_all_around_and_by_height(capsys: pytest.CaptureFixture[str]) -> None:
     valley = str(ROOT / "configs" / "scenes" / "valley.tif")
     assert lidarsim("view", valley, "--screenshot", "a.png", "--html", "a.html", *SMALL) == 0
@@ -634,6 +638,7 @@ def test_check_and_scan_agree_on_a_trajectory_as_long_as_the_frames() -> None:
         assert np.array_equal(ls.PointCloud.load("scan_0001.npz").xyz, run.scan(1).point_cloud(deskew=moment).xyz)
 
 
+@pytest.mark.slow("data sets, terrain, frames and the repository's configurations are viewed")
 def test_the_configurations_in_the_repository_are_right() -> None:
     runs = sorted((ROOT / "configs").glob("*.yaml"))
     assert len(runs) >= 3

@@ -690,6 +690,7 @@ def without_rings(cloud: ls.PointCloud, order: str, path: Path) -> tuple[ls.Poin
     return bare, cloud.ring[chosen]
 
 
+@pytest.mark.slow("a sensor tells the rings of clouds without them")
 @pytest.mark.parametrize("order", [RING_BY_RING, AS_FIRED, SHUFFLED])
 @pytest.mark.parametrize("name", ["velodyne-vlp16", "velodyne-hdl64e-s2", "velodyne-hdl64e-s3", "ouster-os1-64"])
 def test_a_sensor_tells_the_rings(name: str, order: str, tmp_path: Path) -> None:

@@ -310,6 +310,7 @@ def test_the_overview_leads_the_report(results: dict[str, Any]) -> None:
     assert report.to_markdown(results).startswith(f"# Speed against error\n\n{report.overview(results)}\n\n")
 
 
+@pytest.mark.slow("a bench writes its table and its pictures")
 def test_files_are_written(results: dict[str, Any], tmp_path: Path) -> None:
     report.write(results, tmp_path)
     assert json.loads((tmp_path / "speed.json").read_text(encoding="utf-8")) == results

@@ -254,6 +254,7 @@ def test_a_cluster_of_this_machine_listens_to_it_alone() -> None:
     assert {name: logging.getLogger(name).level for name in QUIET} == levels
 
 
+@pytest.mark.slow("workers that cannot start are not waited for forever")
 def test_workers_that_cannot_start_are_not_waited_for_forever(
     recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -370,6 +370,7 @@ def test_bags(recipe: Path, tmp_path: Path) -> None:
     assert seen == 18
 
 
+@pytest.mark.slow("bags are cut where drivers cut")
 @pytest.mark.parametrize("options", [{"cut": "driver"}, {"cut_deg": 90}])
 def test_bags_cut_where_drivers_cut(recipe: Path, options: dict[str, Any], tmp_path: Path) -> None:
     points: dict[str, dict[str, list[Any]]] = {}

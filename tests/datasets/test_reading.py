@@ -177,6 +177,7 @@ def test_damaged_labels_of_kitti(file: str, text: str, message: str, tmp_path: P
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow("hostile tables of nuScenes end in documented errors")
 @pytest.mark.parametrize(
     ("table", "row", "key", "value", "message"),
     [

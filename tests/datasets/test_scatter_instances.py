@@ -458,6 +458,7 @@ def distance(first: Floats, second: Floats) -> float:
     return least
 
 
+@pytest.mark.slow("instances of several parts never meet")
 def test_instances_of_parts_never_meet(tmp_path: Path) -> None:
     gap = 0.3
     bend = [[-30, 0], [0, 4], [0, 30]]

@@ -8,6 +8,7 @@ from hard.children import output
 from lidarsim import _native
 
 
+@pytest.mark.slow("eight threads share growing scenes, and the environment changes beside them")
 def test_casts_beside_a_thread_that_changes_the_environment() -> None:
     """The C library's environment has no lock, so that only who holds the interpreter may read it."""
     code = """
@@ -63,6 +64,7 @@ def test_a_number_of_threads_that_is_set_goes_before_the_environment(monkeypatch
             _native.set_threads(wrong)
 
 
+@pytest.mark.slow("eight threads share growing scenes, and the environment changes beside them")
 def test_eight_threads_on_shared_and_growing_scenes() -> None:
     """Casts, scans, builds and new objects at once; whatever a thread added before it casts, it sees."""
     code = """

@@ -255,6 +255,7 @@ def from_height(points: Points, manual: Manual) -> np.ndarray:
     return chord
 
 
+@pytest.mark.slow("decoders find our points in all models and modes")
 @pytest.mark.parametrize("returns", MODES)
 @pytest.mark.parametrize("model", MANUALS)
 def test_a_decoder_by_the_manuals_finds_each_point(model: str, returns: str) -> None:
@@ -301,6 +302,7 @@ def read_by_velodyne_decoder(
     return np.concatenate([points for _, points in clouds]), np.concatenate(time)
 
 
+@pytest.mark.slow("decoders find our points in all models and modes")
 @pytest.mark.parametrize("returns", MODES)
 @pytest.mark.parametrize("model", MANUALS)
 def test_velodyne_decoder_finds_each_point(model: str, returns: str, tmp_path: Path) -> None:
