@@ -1,4 +1,4 @@
-"""Options and profiles of the tests: fast by default, also slow ones with ``-m slow``, thorough with ``--slow``."""
+"""Options and profiles: fast tests by default, slow ones with ``-m slow``, all with more cases with ``--slow``."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what is marked as slow, unless it or the thorough run was asked for."""
+    """Leave out tests marked as slow, unless ``-m`` or ``--slow`` is given."""
     marked = {item: marker for item in items if (marker := item.get_closest_marker("slow"))}
     if unexplained := [item.nodeid for item, marker in marked.items() if not marker.args]:
         raise pytest.UsageError(f"slow: expected what the test guards, got none at {unexplained[0]}")

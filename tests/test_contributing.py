@@ -555,11 +555,11 @@ def test_toys_are_used(toys: Copy) -> None:
 
 
 def files_that_are_noticed(toy: Toy) -> list[str]:
-    """The files of a toy that existing tests ask for, without the compiler."""
+    """The files of a toy whose absence existing tests notice without the compiler."""
     files = [*toy.edits]
     if toy is EFFECT:
         return files[-1:]
-    return files[1:] if toy in (PACKETS, OUTPUT, LAYOUT, MEASURE) else files  # not the test of its own
+    return files[1:] if toy in (PACKETS, OUTPUT, LAYOUT, MEASURE) else files  # all but its own test
 
 
 @pytest.mark.slow("the lists of the guide are true")

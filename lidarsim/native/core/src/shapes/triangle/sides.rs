@@ -157,13 +157,13 @@ const NUDGE: f64 = f64::from_bits((1023 - 600) << 52);
 /// `ExpandedInverse::points` and `vectors`.
 ///
 /// A corner less the origin, of size P, has a low part of at most 7u·P and is off by 187u²·P
-/// (`TrianglePlane::of_placed`). So the low part of a minor of two corners of sizes P and Q, with A = PⱼQₖ +
-/// PₖQⱼ, is at most 16u·A; it rounds by 54u²·A, omits the products of low parts, 49u²·A, and its
-/// terms are off by 374u²·A: less than 480u²·A in all. In its product with d, whose low part is at most
-/// 6u and whose error 180u² of its size D, S = ΣA_iD_i, the low part is at most 26u·S, its roundings come
-/// to 104u²·S, low parts omit 96u²·S, and with the errors of minors and d that is less than 870u²·S.
-/// `BOUND` is taken three times, which is 960u². What underflows loses less than `LEAST`, as d is less than
-/// 2³⁰⁰.
+/// (`TrianglePlane::of_placed`). So the low part of a minor of two corners of sizes P and Q, with
+/// A = PⱼQₖ + PₖQⱼ, is at most 16u·A; it rounds by 54u²·A, omits the products of low parts,
+/// 49u²·A, and its terms are off by 374u²·A: less than 480u²·A in all. In its product with d,
+/// whose low part is at most 6u and whose error 180u² of its size D, S = ΣA_iD_i, the low part is
+/// at most 26u·S, its roundings come to 104u²·S, low parts omit 96u²·S, and with the errors of
+/// minors and d that is less than 870u²·S. `BOUND` is taken three times, which is 960u². What
+/// underflows loses less than `LEAST`, as d is less than 2³⁰⁰.
 #[inline(always)]
 pub fn placed_sides<I: Isa>(
     [a, b, c]: [V<I>; 3],
