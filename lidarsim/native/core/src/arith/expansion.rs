@@ -48,7 +48,7 @@ impl Constant {
 impl From<&DoubleDouble> for Constant {
     #[inline(always)]
     fn from(x: &DoubleDouble) -> Self {
-        let (high, low, error) = x.terms();
+        let [high, low, error] = x.terms();
         Constant { high, low, size: (error / CONSTANT).max(high.abs()) }
     }
 }

@@ -195,7 +195,7 @@ mod tests {
                 let l = l * size * UNIT;
                 let found = quotient_of_sum::<One, 1>(s, e + l, d, q, One);
                 let Ok(t) = Dyadic::value(&exact_quotient(s, e, l, d)) else { return 0.0 };
-                let (high, low, error) = found.terms();
+                let [high, low, error] = found.terms();
                 t.minus(&Dyadic::exact(high)).minus(&Dyadic::exact(low)).split().0.abs() / error
             };
             assert_slack("quotient of a sum", worst(6, 2000, draw, share).0, known);
@@ -240,6 +240,6 @@ mod tests {
         assert!(plane.t::<One, 1>(1.0, 1.0, One).is_err());
         assert!(AxisPlane { high: 1e300, ..plane }.t::<One, 1>(-1e300, 1e-300, One).is_err());
         assert!(AxisPlane { high: 1e-200, ..plane }.t::<One, 1>(0.0, 1e200, One).is_err());
-        assert!(plane.t::<One, 1>(1.0 - DoubleDouble::exact(1.0).terms().0, 1.0, One).is_ok());
+        assert!(plane.t::<One, 1>(1.0 - DoubleDouble::exact(1.0).terms()[0], 1.0, One).is_ok());
     }
 }

@@ -44,19 +44,31 @@ const SMALL: f64 = f64::from_bits((1023 - 800) << 52);
 const SHORT: f64 = f64::from_bits((1023 - 400) << 52);
 const LONG: f64 = f64::from_bits((1023 + 400) << 52);
 
+/// The high part, the low part and the bound of the error, each in one register.
+type Terms<F> = [F; 3];
+
 operations! {
-    /// DWPlusFP of two high parts and one low part.
-    fn dw_plus_fp(a: F, b: F, low: F) -> (F, F) {
-        let (sh, sl) = two_sum(a, b);
-        fast_two_sum(sh, sl.add(low))
+    /// 2Sum.
+    fn fp_plus_fp(a: F, b: F) -> Terms<F> {
+        let (high, low) = two_sum(a, b);
+        [high, low, F::splat(0.0)]
+    }
+
+    /// DWPlusFP.
+    fn dw_plus_fp(a: Terms<F>, b: F) -> Terms<F> {
+        let [ah, al, error] = a;
+        let (sh, sl) = two_sum(ah, b);
+        let (high, low) = fast_two_sum(sh, sl.add(al));
+        [high, low, error_of_sum(high, error)]
     }
 
     /// AccurateDWPlusDW.
-    fn dw_plus_dw(a: [F; 2], b: [F; 2]) -> (F, F) {
-        let ([ah, al], [bh, bl]) = (a, b);
+    fn dw_plus_dw(a: Terms<F>, b: Terms<F>) -> Terms<F> {
+        let ([ah, al, e], [bh, bl, f]) = (a, b);
         let ((sh, sl), (th, tl)) = (two_sum(ah, bh), two_sum(al, bl));
         let (vh, vl) = fast_two_sum(sh, sl.add(th));
-        fast_two_sum(vh, tl.add(vl))
+        let (high, low) = fast_two_sum(vh, tl.add(vl));
+        [high, low, error_of_sum(high, e.add(f))]
     }
 
     /// The bound of a sum, with the errors of its operands.
@@ -64,17 +76,29 @@ operations! {
         operands.add(high.abs().mul(F::splat(PLUS))).mul(F::splat(PAD))
     }
 
+    /// 2Prod.
+    fn fp_times_fp(a: F, b: F) -> Terms<F> {
+        let (high, low) = two_product(a, b);
+        [high, low, underflow_of_product(a.abs(), b.abs())]
+    }
+
     /// DWTimesFP3.
-    fn dw_times_fp(a: [F; 2], b: F) -> (F, F) {
-        let (ph, pl) = two_product(a[0], b);
-        fast_two_sum(ph, a[1].mul_add(b, pl))
+    fn dw_times_fp(a: Terms<F>, b: F) -> Terms<F> {
+        let ([ah, al, error], size) = (a, b.abs());
+        let (ph, pl) = two_product(ah, b);
+        let (high, low) = fast_two_sum(ph, al.mul_add(b, pl));
+        let underflow = underflow_of_product(ah.abs().add(error), size);
+        [high, low, error_of_product(high, size.mul(error), underflow)]
     }
 
     /// DWTimesDW3.
-    fn dw_times_dw(a: [F; 2], b: [F; 2]) -> (F, F) {
-        let ([ah, al], [bh, bl]) = (a, b);
+    fn dw_times_dw(a: Terms<F>, b: Terms<F>) -> Terms<F> {
+        let ([ah, al, e], [bh, bl, f]) = (a, b);
         let (ph, pl) = two_product(ah, bh);
-        fast_two_sum(ph, pl.add(al.mul_add(bh, ah.mul_add(bl, al.mul(bl)))))
+        let (high, low) = fast_two_sum(ph, pl.add(al.mul_add(bh, ah.mul_add(bl, al.mul(bl)))));
+        let (larger, size) = (ah.abs().add(e), bh.abs());
+        let underflow = underflow_of_product(larger, size.add(f));
+        [high, low, error_of_product(high, larger.mul(f).add(size.mul(e)), underflow)]
     }
 
     /// Bound of what a product of numbers of these sizes loses to underflow; 0 if one is exactly zero.
@@ -83,17 +107,70 @@ operations! {
         a.min(b).le_pick(zero, zero, F::splat(UNDERFLOW))
     }
 
-    /// The bound of a product with an exact number, `a`; `error`: of the other.
-    fn error_of_exact_product(high: F, a: F, error: F, underflow: F) -> F {
+    /// The bound of a product; `operands`: what it is off by their errors.
+    fn error_of_product(high: F, operands: F, underflow: F) -> F {
         let (pad, rounding) = (F::splat(PAD), high.abs().mul(F::splat(TIMES)));
-        a.abs().mul(error).mul(pad).add(rounding).mul(pad).add(underflow)
+        operands.mul(pad).add(rounding).mul(pad).add(underflow)
     }
 
-    /// The bound of a product of two numbers, each with its error.
-    fn error_of_product(high: F, a: [F; 2], b: [F; 2], underflow: F) -> F {
-        let ([a, e], [b, f]) = (a, b);
-        let (pad, rounding) = (F::splat(PAD), high.abs().mul(F::splat(TIMES)));
-        a.abs().add(e).mul(f).add(b.abs().mul(e)).mul(pad).add(rounding).mul(pad).add(underflow)
+    /// DWDivDW2, and the lanes in which its bound holds. The errors of the operands propagate as in
+    /// `RunningErrors::over`.
+    fn dw_over_dw(a: Terms<F>, b: Terms<F>) -> (Terms<F>, u32) {
+        let ([ah, al, e], [bh, bl, f]) = (a, b);
+        let (pad, small, size) = (F::splat(PAD), F::splat(SMALL), ah.abs());
+        let margin = bh.abs().mul(F::splat(1.0 - 2.0 * UNIT)).sub(f.mul(pad));
+        let known = small.lt(margin) & (small.le(size) | size.le(F::splat(0.0)));
+        let th = ah.div(bh);
+        let (ph, pl) = two_product(bh, th);
+        let (rh, rl) = fast_two_sum(ph, bl.mul_add(th, pl));
+        let delta = ah.sub(rh).add(al.sub(rl));
+        let (high, low) = fast_two_sum(th, delta.div(bh));
+        let operands = e.add(high.abs().mul(f).mul(pad));
+        let error = operands.div(margin).mul(pad).add(high.abs().mul(F::splat(OVER)));
+        ([high, low, error.mul(pad).add(F::splat(UNDERFLOW))], known)
+    }
+
+    /// SQRTDWtoDW, and the lanes in which its bound holds.
+    fn sqrt_dw(x: Terms<F>) -> (Terms<F>, u32) {
+        let [xh, xl, error] = x;
+        let (pad, zero, size) = (F::splat(PAD), F::splat(0.0), xh.abs().add(error));
+        let away = error.mul(pad).lt(xh) & F::splat(SMALL).lt(xh);
+        let s = xh.sqrt();
+        let rho = s.negated().mul_add(s, xh);
+        let (high, low) = fast_two_sum(s, rho.add(xl).div(s.add(s)));
+        let error = error.div(high).mul(pad).add(high.mul(F::splat(SQRT))).mul(pad);
+        let terms = [
+            size.le_pick(zero, zero, high),
+            size.le_pick(zero, zero, low),
+            size.le_pick(zero, zero, error),
+        ];
+        (terms, away | size.le(zero))
+    }
+
+    /// The lanes in which the number is below, equal to and above zero.
+    fn signs(high: F, error: F) -> [u32; 3] {
+        // |high + low| ≥ |high|·(1 − u).
+        let least = high.mul(F::splat(1.0 - 2.0 * UNIT));
+        let zero = high.abs().add(error).le(F::splat(0.0));
+        [least.lt(error.negated()), zero, error.lt(least)]
+    }
+
+    /// The lanes in which `high` is the number rounded to the nearest float64.
+    fn rounded_lanes(x: Terms<F>) -> u32 {
+        // Rounding is monotone: if both ends of the interval round to `high`, so does the true value.
+        let [high, low, error] = x;
+        let error = error.mul(F::splat(PAD)).add(low.abs().mul(F::splat(2.0 * UNIT)));
+        let error = error.add(F::splat(UNDERFLOW));
+        let certain = high.add(low.add(error)).le(high) & high.le(high.add(low.sub(error)));
+        // A subnormal result would be rounded twice.
+        let size = high.abs();
+        certain & F::splat(f64::MIN_POSITIVE).le(size) & size.lt(F::splat(f64::INFINITY))
+    }
+
+    /// `a` where 0 ≤ `by`, `b` elsewhere.
+    fn pick(by: F, a: Terms<F>, b: Terms<F>) -> Terms<F> {
+        let (zero, [ah, al, e], [bh, bl, f]) = (F::splat(0.0), a, b);
+        [zero.le_pick(by, ah, bh), zero.le_pick(by, al, bl), zero.le_pick(by, e, f)]
     }
 }
 
@@ -101,10 +178,8 @@ operations! {
 #[derive(Clone, Copy, Debug)]
 pub struct DoubleDoubles<L: Lanes<N>, const N: usize> {
     high: L::Floats,
-    /// `None`: zero in every lane, and so is the error.
-    low: Option<L::Floats>,
-    /// `None`: exact in every lane.
-    error: Option<L::Floats>,
+    /// `None`: zero in every lane.
+    low_and_error: Option<[L::Floats; 2]>,
     lanes: L,
 }
 
@@ -113,39 +188,40 @@ pub type DoubleDouble = DoubleDoubles<One, 1>;
 impl<L: Lanes<N>, const N: usize> OfRays<L, N> for DoubleDoubles<L, N> {
     #[inline(always)]
     fn of_rays(value: L::Floats, lanes: L) -> Self {
-        DoubleDoubles { high: value, low: None, error: None, lanes }
+        DoubleDoubles { high: value, low_and_error: None, lanes }
     }
 
     #[inline(always)]
     fn load<const M: usize>(stored: &Stored<M>, i: usize, lanes: L) -> Self {
         let of = |x: &[f64; M]| L::Floats::load(&x.as_chunks().0[i]);
-        DoubleDoubles {
-            high: of(&stored.high),
-            low: Some(of(&stored.low)),
-            error: Some(of(&stored.error)),
-            lanes,
-        }
+        Self::new([of(&stored.high), of(&stored.low), of(&stored.error)], lanes)
     }
 
     #[inline(always)]
     fn store<const M: usize>(&self, i: usize, stored: &mut Stored<M>) {
-        stored.high.as_chunks_mut().0[i] = self.high.store();
-        stored.low.as_chunks_mut().0[i] = self.low().store();
-        stored.error.as_chunks_mut().0[i] = self.error().store();
+        let [high, low, error] = self.terms();
+        stored.high.as_chunks_mut().0[i] = high.store();
+        stored.low.as_chunks_mut().0[i] = low.store();
+        stored.error.as_chunks_mut().0[i] = error.store();
     }
 }
 
 impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
     #[inline(always)]
+    fn new([high, low, error]: Terms<L::Floats>, lanes: L) -> Self {
+        DoubleDoubles { high, low_and_error: Some([low, error]), lanes }
+    }
+
+    #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
-        DoubleDoubles { high: value, low: Some(splat::<L, N>(0.0)), error: Some(error), lanes }
+        Self::new([value, splat::<L, N>(0.0), error], lanes)
     }
 
     /// Within `error` of high + low, |low| ≤ |high|.
     #[inline(always)]
     pub fn of_sum(high: L::Floats, low: L::Floats, error: L::Floats, lanes: L) -> Self {
         let (high, low) = fast_two_sum(high, low);
-        DoubleDoubles { high, low: Some(low), error: Some(error), lanes }
+        Self::new([high, low, error], lanes)
     }
 
     /// The number rounded to float64, and a bound of its whole error.
@@ -154,93 +230,51 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         (self.high, self.error())
     }
 
+    /// The high and the low part, and a bound of the error of their sum.
     #[inline(always)]
-    fn low(self) -> L::Floats {
-        self.low.unwrap_or(splat::<L, N>(0.0))
+    pub fn terms(self) -> Terms<L::Floats> {
+        let [low, error] = self.low_and_error.unwrap_or([splat::<L, N>(0.0); 2]);
+        [self.high, low, error]
     }
 
     #[inline(always)]
     fn error(self) -> L::Floats {
-        self.error.unwrap_or(splat::<L, N>(0.0))
-    }
-
-    /// Zero only where the number is exactly zero.
-    #[inline(always)]
-    fn size(self) -> L::Floats {
-        match self.error {
-            None => self.high.abs(),
-            Some(error) => self.high.abs().add(error),
-        }
+        self.terms()[2]
     }
 
     /// `a` where 0 ≤ `by`, `b` elsewhere.
     #[inline(always)]
     fn pick(by: L::Floats, a: Self, b: Self) -> Self {
-        let zero = splat::<L, N>(0.0);
-        DoubleDoubles {
-            high: zero.le_pick(by, a.high, b.high),
-            low: Some(zero.le_pick(by, a.low(), b.low())),
-            error: Some(zero.le_pick(by, a.error(), b.error())),
-            lanes: a.lanes.or(b.lanes),
-        }
+        Self::new(pick(by, a.terms(), b.terms()), a.lanes.or(b.lanes))
     }
 
     /// Rounded to the nearest float64.
     #[inline(always)]
     pub fn rounded(self) -> Result<L::Floats, Uncertain> {
-        // Rounding is monotone: if both ends of the interval round to `high`, so does the true value.
-        let error = self.error().mul(splat::<L, N>(PAD)).add(self.low().abs().mul(splat::<L, N>(2.0 * UNIT)));
-        let error = error.add(splat::<L, N>(UNDERFLOW));
-        let (high, low) = (self.high, self.low());
-        let certain = high.add(low.add(error)).le(high) & high.le(high.add(low.sub(error)));
-        // A subnormal result would be rounded twice.
-        let size = high.abs();
-        let normal = splat::<L, N>(f64::MIN_POSITIVE).le(size) & size.lt(splat::<L, N>(f64::INFINITY));
-        self.lanes.keep(certain & normal)?;
-        Ok(high)
+        self.lanes.keep(rounded_lanes(self.terms()))?;
+        Ok(self.high)
     }
 
-    /// 2Sum, DWPlusFP or AccurateDWPlusDW, depending on which operands have low parts.
     #[inline(always)]
     fn sum(self, other: Self) -> Self {
-        let lanes = self.lanes.or(other.lanes);
-        let (high, low) = match (self.low, other.low) {
-            (None, None) => {
-                let (high, low) = two_sum(self.high, other.high);
-                return DoubleDoubles { high, low: Some(low), error: None, lanes };
-            }
-            (Some(low), None) | (None, Some(low)) => dw_plus_fp(self.high, other.high, low),
-            (Some(a), Some(b)) => dw_plus_dw([self.high, a], [other.high, b]),
+        let terms = match (self.low_and_error, other.low_and_error) {
+            (None, None) => fp_plus_fp(self.high, other.high),
+            (Some([low, error]), None) => dw_plus_fp([self.high, low, error], other.high),
+            (None, Some([low, error])) => dw_plus_fp([other.high, low, error], self.high),
+            (Some([al, e]), Some([bl, f])) => dw_plus_dw([self.high, al, e], [other.high, bl, f]),
         };
-        let error = match (self.error, other.error) {
-            (None, None) => high.abs().mul(splat::<L, N>(PLUS)).mul(splat::<L, N>(PAD)),
-            (Some(e), None) | (None, Some(e)) => error_of_sum(high, e),
-            (Some(e), Some(f)) => error_of_sum(high, e.add(f)),
-        };
-        DoubleDoubles { high, low: Some(low), error: Some(error), lanes }
+        Self::new(terms, self.lanes.or(other.lanes))
     }
 
-    /// 2Prod, DWTimesFP3 or DWTimesDW3, depending on which operands have low parts.
     #[inline(always)]
     fn product(self, other: Self) -> Self {
-        let lanes = self.lanes.or(other.lanes);
-        let underflow = underflow_of_product(self.size(), other.size());
-        let (high, low) = match (self.low, other.low) {
-            (None, None) => {
-                let (high, low) = two_product(self.high, other.high);
-                return DoubleDoubles { high, low: Some(low), error: Some(underflow), lanes };
-            }
-            (Some(low), None) => dw_times_fp([self.high, low], other.high),
-            (None, Some(low)) => dw_times_fp([other.high, low], self.high),
-            (Some(a), Some(b)) => dw_times_dw([self.high, a], [other.high, b]),
+        let terms = match (self.low_and_error, other.low_and_error) {
+            (None, None) => fp_times_fp(self.high, other.high),
+            (Some([low, error]), None) => dw_times_fp([self.high, low, error], other.high),
+            (None, Some([low, error])) => dw_times_fp([other.high, low, error], self.high),
+            (Some([al, e]), Some([bl, f])) => dw_times_dw([self.high, al, e], [other.high, bl, f]),
         };
-        let error = match (self.error, other.error) {
-            (None, None) => high.abs().mul(splat::<L, N>(TIMES)).mul(splat::<L, N>(PAD)).add(underflow),
-            (Some(e), None) => error_of_exact_product(high, other.high, e, underflow),
-            (None, Some(f)) => error_of_exact_product(high, self.high, f, underflow),
-            (Some(e), Some(f)) => error_of_product(high, [self.high, e], [other.high, f], underflow),
-        };
-        DoubleDoubles { high, low: Some(low), error: Some(error), lanes }
+        Self::new(terms, self.lanes.or(other.lanes))
     }
 
     /// Out of line for a single ray, the rare case, to keep the code small.
@@ -254,44 +288,19 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         self.product(other)
     }
 
-    /// DWDivDW2. The errors of the operands propagate as in `RunningErrors::over`.
     #[inline(always)]
     fn over(self, b: Self) -> Result<Self, Uncertain> {
-        let pad = splat::<L, N>(PAD);
-        let small = splat::<L, N>(SMALL);
-        let margin = b.high.abs().mul(splat::<L, N>(1.0 - 2.0 * UNIT)).sub(b.error().mul(pad));
-        let size = self.high.abs();
-        let lanes = self.lanes.or(b.lanes);
-        lanes.keep(small.lt(margin) & (small.le(size) | size.le(splat::<L, N>(0.0))))?;
-        let th = self.high.div(b.high);
-        let (ph, pl) = two_product(b.high, th);
-        let (rh, rl) = fast_two_sum(ph, b.low().mul_add(th, pl));
-        let delta = self.high.sub(rh).add(self.low().sub(rl));
-        let (high, low) = fast_two_sum(th, delta.div(b.high));
-        let operands = self.error().add(high.abs().mul(b.error()).mul(pad));
-        let error = operands.div(margin).mul(pad).add(high.abs().mul(splat::<L, N>(OVER)));
-        let error = error.mul(pad).add(splat::<L, N>(UNDERFLOW));
-        Ok(DoubleDoubles { high, low: Some(low), error: Some(error), lanes })
+        let ((terms, known), lanes) = (dw_over_dw(self.terms(), b.terms()), self.lanes.or(b.lanes));
+        lanes.keep(known)?;
+        Ok(Self::new(terms, lanes))
     }
 
-    /// SQRTDWtoDW. The true x must be ≥ 0.
+    /// The true x must be ≥ 0.
     #[inline(always)]
     fn sqrt(self) -> Result<Self, Uncertain> {
-        let pad = splat::<L, N>(PAD);
-        let zero = splat::<L, N>(0.0);
-        let away = self.error().mul(pad).lt(self.high) & splat::<L, N>(SMALL).lt(self.high);
-        let size = self.size();
-        self.lanes.keep(away | size.le(zero))?;
-        let s = self.high.sqrt();
-        let rho = s.negated().mul_add(s, self.high);
-        let (high, low) = fast_two_sum(s, rho.add(self.low()).div(s.add(s)));
-        let error = self.error().div(high).mul(pad).add(high.mul(splat::<L, N>(SQRT))).mul(pad);
-        Ok(DoubleDoubles {
-            high: size.le_pick(zero, zero, high),
-            low: Some(size.le_pick(zero, zero, low)),
-            error: Some(size.le_pick(zero, zero, error)),
-            lanes: self.lanes,
-        })
+        let (terms, known) = sqrt_dw(self.terms());
+        self.lanes.keep(known)?;
+        Ok(Self::new(terms, self.lanes))
     }
 
     /// Stable forms of (b ± √disc)/a, as for `RunningErrors`.
@@ -317,19 +326,12 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
 impl<L: Lanes<N>, const N: usize> From<&DoubleDoubles<L, N>> for RunningErrors<L, N> {
     #[inline(always)]
     fn from(x: &DoubleDoubles<L, N>) -> Self {
-        let DoubleDoubles { high, low, error, lanes } = *x;
-        if low.is_none() && error.is_none() {
+        let DoubleDoubles { high, low_and_error, lanes } = *x;
+        let Some([_, error]) = low_and_error else {
             return RunningErrors::of_rays(high, lanes);
-        }
-        let error = high.abs().fused(splat::<L, N>(UNIT), x.error());
+        };
+        let error = high.abs().fused(splat::<L, N>(UNIT), error);
         RunningErrors::within(high, error.mul(splat::<L, N>(PAD)), lanes)
-    }
-}
-
-impl DoubleDouble {
-    /// The high and the low part, and a bound of the error of their sum.
-    pub fn terms(&self) -> (f64, f64, f64) {
-        (self.high, self.low(), self.error())
     }
 }
 
@@ -337,9 +339,8 @@ impl DoubleDouble {
 impl<L: Lanes<N>, const N: usize> From<&DoubleDouble> for DoubleDoubles<L, N> {
     #[inline(always)]
     fn from(x: &DoubleDouble) -> Self {
-        let low = Some(splat::<L, N>(x.low()));
-        let error = Some(splat::<L, N>(x.error()));
-        DoubleDoubles { high: splat::<L, N>(x.high), low, error, lanes: L::UNIFORM }
+        let [high, low, error] = x.terms();
+        Self::new([splat::<L, N>(high), splat::<L, N>(low), splat::<L, N>(error)], L::UNIFORM)
     }
 }
 
@@ -348,7 +349,7 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
 
     #[inline(always)]
     fn exact(x: f64) -> Self {
-        DoubleDoubles { high: splat::<L, N>(x), low: None, error: None, lanes: L::UNIFORM }
+        Self::of_rays(splat::<L, N>(x), L::UNIFORM)
     }
 
     #[inline(always)]
@@ -369,17 +370,16 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
     #[inline(always)]
     fn negated(&self) -> Self {
         let high = self.high.negated();
-        let Some(low) = self.low else { return DoubleDoubles { high, ..*self } };
-        DoubleDoubles { high, low: Some(low.negated()), ..*self }
+        match self.low_and_error {
+            None => DoubleDoubles { high, ..*self },
+            Some([low, error]) => Self::new([high, low.negated(), error], self.lanes),
+        }
     }
 
     #[inline(always)]
     fn sign(&self) -> Result<Ordering, Uncertain> {
-        // |high + low| ≥ |high|·(1 − u).
-        let least = self.high.mul(splat::<L, N>(1.0 - 2.0 * UNIT));
-        let error = self.error();
-        let equal = self.size().le(splat::<L, N>(0.0));
-        self.lanes.agree(least.lt(error.negated()), equal, error.lt(least))
+        let [less, equal, greater] = signs(self.high, self.error());
+        self.lanes.agree(less, equal, greater)
     }
 
     #[inline(always)]
@@ -403,8 +403,8 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
     }
 
     fn split(&self) -> (L::Floats, Self) {
-        let rest = DoubleDoubles { high: self.low(), low: Some(splat::<L, N>(0.0)), ..*self };
-        (self.high, rest)
+        let [high, low, error] = self.terms();
+        (high, Self::within(low, error, self.lanes))
     }
 
     #[inline(always)]
@@ -431,7 +431,8 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
     #[inline(always)]
     fn enclose(root: &Root<Self>) -> Result<Interval<L::Floats>, Uncertain> {
         let t = DoubleDoubles::of_root(root)?;
-        interval::<L, N>(t.high, t.low().abs().add(t.error()), t.lanes)
+        let [high, low, error] = t.terms();
+        interval::<L, N>(high, low.abs().add(error), t.lanes)
     }
 }
 
@@ -444,7 +445,8 @@ mod tests {
 
     impl<L: Lanes<N>, const N: usize> Enclosure<N> for DoubleDoubles<L, N> {
         fn holds(&self, lane: usize, x: &Dyadic) -> bool {
-            within(x, self.high.store()[lane], self.low().store()[lane], self.error().store()[lane])
+            let [high, low, error] = self.terms().map(Floats::store);
+            within(x, high[lane], low[lane], error[lane])
         }
 
         fn is_certain(&self, lane: usize) -> bool {
@@ -456,7 +458,7 @@ mod tests {
     fn number(high: f64, fraction: f64) -> (DoubleDouble, Dyadic) {
         let low = fraction * (high.abs().next_up() - high.abs());
         let sum = DoubleDouble::exact(high).plus(&DoubleDouble::exact(low));
-        assert!(sum.error.is_none());
+        assert_eq!(sum.error(), 0.0);
         (sum, Dyadic::exact(high).plus(&Dyadic::exact(low)))
     }
 
@@ -471,8 +473,9 @@ mod tests {
 
     /// The error |x − found| as a share of its bound.
     fn share(found: DoubleDouble, x: &Dyadic) -> f64 {
-        let off = x.minus(&Dyadic::exact(found.high)).minus(&Dyadic::exact(found.low()));
-        off.split().0.abs() / found.error()
+        let [high, low, error] = found.terms();
+        let off = x.minus(&Dyadic::exact(high)).minus(&Dyadic::exact(low));
+        off.split().0.abs() / error
     }
 
     fn share_of(found: Result<DoubleDouble, Uncertain>, root: &Root<Dyadic>) -> f64 {
@@ -502,11 +505,12 @@ mod tests {
             let power = |k: i32| Dyadic::exact(2.0_f64.powi(k));
             let exact = long.times(&power(k / 2)).times(&power(k - k / 2));
             let found = nearly(&exact);
-            if found.error() < f64::INFINITY {
+            let [high, low, error] = found.terms();
+            if error < f64::INFINITY {
                 // Scaled so that no bound underflows.
                 let scaled = |x: f64| Dyadic::exact(x).times(&power(400));
-                let off = exact.times(&power(400)).minus(&scaled(found.high)).minus(&scaled(found.low()));
-                let bound = scaled(found.high.abs()).times(&power(-106));
+                let off = exact.times(&power(400)).minus(&scaled(high)).minus(&scaled(low));
+                let bound = scaled(high.abs()).times(&power(-106));
                 let off = if off.sign() == Ok(Ordering::Less) { off.negated() } else { off };
                 assert_eq!(off.minus(&bound).sign(), Ok(Ordering::Less), "{k}");
                 held += 1;
@@ -613,12 +617,9 @@ mod tests {
                 let mut operand = |exponent: i32| {
                     let (x, fraction, scale) = (1.0 + next(), next() - 0.5, 2.0_f64.powi(exponent / 2));
                     let low = fraction * f64::EPSILON;
-                    let sum = DoubleDouble {
-                        high: x * scale * scale,
-                        low: Some(low * scale * scale),
-                        ..DoubleDouble::exact(0.0)
-                    };
-                    (sum, Dyadic::exact(sum.high).plus(&Dyadic::exact(sum.low())))
+                    let [high, low] = [x, low].map(|x| x * scale * scale);
+                    let sum = DoubleDouble::new([high, low, 0.0], One);
+                    (sum, Dyadic::exact(high).plus(&Dyadic::exact(low)))
                 };
                 let ((a, p), (b, q)) = (operand(exponent), operand(beside));
                 let zero = Dyadic::exact(0.0);
@@ -641,11 +642,7 @@ mod tests {
     /// the 2u from high, and the other is for the product.
     #[test]
     fn what_a_rounding_could_hide_is_uncertain() {
-        let number = |low: f64, error: f64| DoubleDouble {
-            low: Some(low),
-            error: Some(error),
-            ..DoubleDouble::exact(1.0)
-        };
+        let number = |low: f64, error: f64| DoubleDouble::new([1.0, low, error], One);
         // The midpoint of 1 and its successor, or within less than half an ulp of `low` of it.
         assert_eq!(number(UNIT, UNIT * UNIT / 2.0).rounded(), Err(Uncertain));
         assert_eq!(number(UNIT, 0.0).rounded(), Err(Uncertain));

@@ -8,7 +8,102 @@ use std::cmp::Ordering;
 
 use super::lanes::{Lanes, OfRays, One};
 use super::{Interval, Kinds, Number, PAD, Root, Stored, UNDERFLOW, UNIT, Uncertain};
-use crate::arith::simd::Floats;
+use crate::arith::simd::{Floats, operations};
+
+/// The weight of a quotient; see `over`.
+const QUOTIENT: f64 = 3.0 * UNIT;
+
+operations! {
+    /// The lanes of a size above zero, or unknown.
+    fn nonzero_lanes(size: F) -> u32 {
+        !size.le(F::splat(0.0))
+    }
+
+    fn abs(value: F) -> F {
+        value.abs()
+    }
+
+    fn negated(value: F) -> F {
+        value.negated()
+    }
+
+    fn scaled(x: F, factor: f64) -> F {
+        x.mul(F::splat(factor))
+    }
+
+    /// The size of a number within `error` of `value`. This order propagates a NaN error.
+    fn size_of_given(value: F, error: F) -> F {
+        value.abs().max(error.mul(F::splat(1.0 / GIVEN)))
+    }
+
+    fn sum(a: F, b: F) -> F {
+        a.add(b)
+    }
+
+    /// The sum of two numbers, with that of their sizes.
+    fn sums(a: [F; 2], b: [F; 2]) -> [F; 2] {
+        [a[0].add(b[0]), a[1].add(b[1])]
+    }
+
+    fn products(a: [F; 2], b: [F; 2]) -> [F; 2] {
+        [a[0].mul(b[0]), a[1].fused(b[1], F::splat(UNDERFLOW))]
+    }
+
+    /// A quotient, and the lanes in which its size is a bound; see `over`.
+    fn quotients(a: [F; 2], weight_of_a: f64, b: [F; 2], weight_of_b: f64) -> ([F; 2], u32) {
+        let (pad, underflow) = (F::splat(PAD), F::splat(UNDERFLOW));
+        let inverse = F::splat(1.0).div(b[0]);
+        let slope = inverse.abs();
+        let value = a[0].mul(inverse);
+        let ordinary = F::splat(f64::MIN_POSITIVE).lt(slope);
+        let mut operands = underflow;
+        if weight_of_a != 0.0 {
+            operands = a[1].fused(F::splat(weight_of_a / QUOTIENT * PAD), operands);
+        }
+        let (size, known) = if weight_of_b == 0.0 {
+            (operands.mul(slope), ordinary)
+        } else {
+            let q = b[1].mul(F::splat(weight_of_b * PAD)).mul(slope).mul(pad);
+            operands = value.abs().fused(b[1].mul(F::splat(weight_of_b / QUOTIENT * PAD)), operands);
+            let size = operands.mul(slope).mul(q.fused(F::splat(2.0), F::splat(1.0)));
+            (size, ordinary & q.le(F::splat(0.5)))
+        };
+        ([value, size.fused(pad, value.abs()).fused(pad, underflow)], known)
+    }
+
+    /// The square root of a number within `error` of `value`, and the lanes of a number above zero, in which
+    /// the size is a bound.
+    fn roots(value: F, error: F) -> ([F; 2], u32) {
+        let root = value.sqrt();
+        let size = root.add(error.mul(F::splat(1.0 / UNIT)).div(root));
+        ([root, size.fused(F::splat(PAD), F::splat(UNDERFLOW))], error.lt(value))
+    }
+
+    /// As `roots`, given its result, with a bound in the other lanes, too.
+    fn roots_near_zero(value: F, error: F, root: [F; 2]) -> [F; 2] {
+        let zero = F::splat(0.0);
+        let reach = value.max(zero).add(error).mul(F::splat(PAD)).sqrt().mul(F::splat(PAD / UNIT));
+        [value.le_pick(error, zero, root[0]), value.le_pick(error, reach, root[1])]
+    }
+
+    /// The lanes of numbers below and above zero.
+    fn signs(value: F, error: F) -> [u32; 2] {
+        [value.lt(error.negated()), error.lt(value)]
+    }
+
+    /// `a` where 0 ≤ `by`, `b` elsewhere.
+    fn pick(by: F, a: [F; 2], b: [F; 2]) -> [F; 2] {
+        let zero = F::splat(0.0);
+        [zero.le_pick(by, a[0], b[0]), zero.le_pick(by, a[1], b[1])]
+    }
+
+    /// The ends of an interval, and the lanes in which they are finite; see `interval`.
+    fn ends(value: F, error: F) -> ([F; 2], u32) {
+        let margin = error.add(value.abs().mul(F::splat(4.0 * UNIT)));
+        let margin = margin.mul(F::splat(PAD)).add(F::splat(UNDERFLOW));
+        ([value.sub(margin), value.add(margin)], value.abs().add(margin).lt(F::splat(f64::INFINITY)))
+    }
+}
 
 /// One real number per lane, within `weight`·`size` of `value`. An infinite or NaN bound means unknown.
 #[derive(Clone, Copy, Debug)]
@@ -58,16 +153,15 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
     /// Numbers within `error` of `value`; exactly zero where both are.
     #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
-        // This order propagates a NaN error.
-        let size = value.abs().max(error.mul(splat::<L, N>(1.0 / GIVEN)));
-        RunningErrors { value, size, weight: GIVEN, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
+        let size = size_of_given(value, error);
+        RunningErrors { value, size, weight: GIVEN, nonzero: nonzero_lanes(size), lanes }
     }
 
     /// Numbers that are exact or rounded once, and zero only where the true value is.
     #[inline(always)]
     fn rounded(value: L::Floats, weight: f64, lanes: L) -> Self {
-        let size = value.abs();
-        RunningErrors { value, size, weight, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
+        let size = abs(value);
+        RunningErrors { value, size, weight, nonzero: nonzero_lanes(size), lanes }
     }
 
     /// The lanes whose number is known to be exactly zero.
@@ -84,16 +178,16 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
 
     #[inline(always)]
     fn error(self) -> L::Floats {
-        if self.weight == 0.0 { splat::<L, N>(0.0) } else { self.size.mul(splat::<L, N>(self.weight * PAD)) }
+        if self.weight == 0.0 { splat::<L, N>(0.0) } else { scaled(self.size, self.weight * PAD) }
     }
 
     /// `a` where 0 ≤ `by`, `b` elsewhere.
     #[inline(always)]
     fn pick(by: L::Floats, a: Self, b: Self) -> Self {
-        let zero = splat::<L, N>(0.0);
+        let [value, size] = pick(by, [a.value, a.size], [b.value, b.size]);
         RunningErrors {
-            value: zero.le_pick(by, a.value, b.value),
-            size: zero.le_pick(by, a.size, b.size),
+            value,
+            size,
             weight: larger(a.weight, b.weight),
             nonzero: a.nonzero | b.nonzero,
             lanes: a.lanes.or(b.lanes),
@@ -105,51 +199,23 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
     /// it might have lost bits is refused. The size is that sum in units of 3u.
     #[inline(always)]
     fn over(self, b: Self) -> Result<Self, Uncertain> {
-        const WEIGHT: f64 = 3.0 * UNIT;
-        let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
-        let inverse = splat::<L, N>(1.0).div(b.value);
-        let slope = inverse.abs();
-        let value = self.value.mul(inverse);
         let lanes = self.lanes.or(b.lanes);
-        let ordinary = splat::<L, N>(f64::MIN_POSITIVE).lt(slope);
-        let mut operands = underflow;
-        if self.weight != 0.0 {
-            operands = self.size.fused(splat::<L, N>(self.weight / WEIGHT * PAD), operands);
-        }
-        let size = if b.weight == 0.0 {
-            lanes.keep(ordinary)?;
-            operands.mul(slope)
-        } else {
-            let q = b.error().mul(slope).mul(pad);
-            lanes.keep(ordinary & q.le(splat::<L, N>(0.5)))?;
-            operands = value.abs().fused(b.size.mul(splat::<L, N>(b.weight / WEIGHT * PAD)), operands);
-            operands.mul(slope).mul(q.fused(splat::<L, N>(2.0), splat::<L, N>(1.0)))
-        };
-        let size = size.fused(pad, value.abs()).fused(pad, underflow);
-        Ok(RunningErrors { value, size, weight: WEIGHT, nonzero: self.nonzero, lanes })
+        let ([value, size], known) =
+            quotients([self.value, self.size], self.weight, [b.value, b.size], b.weight);
+        lanes.keep(known)?;
+        Ok(RunningErrors { value, size, weight: QUOTIENT, nonzero: self.nonzero, lanes })
     }
 
     /// The true x must be ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where v ≤ ε, 0 ≤
     /// √x ≤ √(v + ε).
     #[inline(always)]
     fn sqrt(self) -> Self {
-        let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
         let error = self.error();
-        let value = self.value.sqrt();
-        let units = error.mul(splat::<L, N>(1.0 / UNIT));
-        let size = value.add(units.div(value)).fused(pad, underflow);
-        let root = RunningErrors { value, size, weight: UNIT, ..self };
-        let away = error.lt(self.value);
-        if away & self.lanes.active() == self.lanes.active() {
-            return root;
+        let ([mut value, mut size], away) = roots(self.value, error);
+        if away & self.lanes.active() != self.lanes.active() {
+            [value, size] = roots_near_zero(self.value, error, [value, size]);
         }
-        let zero = splat::<L, N>(0.0);
-        let reach = self.value.max(zero).add(error).mul(pad).sqrt().mul(splat::<L, N>(PAD / UNIT));
-        RunningErrors {
-            value: self.value.le_pick(error, zero, value),
-            size: self.value.le_pick(error, reach, size),
-            ..root
-        }
+        RunningErrors { value, size, weight: UNIT, ..self }
     }
 
     /// Stable forms of (b ± √disc)/a: where b and ±√disc cancel, c/(b ∓ √disc) is the same root.
@@ -191,10 +257,9 @@ pub(super) fn interval<L: Lanes<N>, const N: usize>(
     error: L::Floats,
     lanes: L,
 ) -> Result<Interval<L::Floats>, Uncertain> {
-    let margin = error.add(value.abs().mul(splat::<L, N>(4.0 * UNIT)));
-    let margin = margin.mul(splat::<L, N>(PAD)).add(splat::<L, N>(UNDERFLOW));
-    lanes.keep(value.abs().add(margin).lt(splat::<L, N>(f64::INFINITY)))?;
-    Ok(Interval { low: value.sub(margin), high: value.add(margin) })
+    let ([low, high], finite) = ends(value, error);
+    lanes.keep(finite)?;
+    Ok(Interval { low, high })
 }
 
 /// Always with the same weight, so that the compiler knows it.
@@ -222,18 +287,13 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
     /// underflows.
     #[inline(always)]
     fn plus(&self, other: &Self) -> Self {
-        let (value, lanes) = (self.value.add(other.value), self.lanes.or(other.lanes));
+        let lanes = self.lanes.or(other.lanes);
         if self.weight == 0.0 && other.weight == 0.0 {
-            return Self::rounded(value, UNIT, lanes);
+            return Self::rounded(sum(self.value, other.value), UNIT, lanes);
         }
         let weight = (larger(self.weight, other.weight) + UNIT) * PAD;
-        RunningErrors {
-            value,
-            size: self.size.add(other.size),
-            weight,
-            nonzero: self.nonzero | other.nonzero,
-            lanes,
-        }
+        let [value, size] = sums([self.value, self.size], [other.value, other.size]);
+        RunningErrors { value, size, weight, nonzero: self.nonzero | other.nonzero, lanes }
     }
 
     #[inline(always)]
@@ -247,9 +307,10 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
     #[inline(always)]
     fn times(&self, other: &Self) -> Self {
         let (v, w) = (self.weight, other.weight);
+        let [value, size] = products([self.value, self.size], [other.value, other.size]);
         RunningErrors {
-            value: self.value.mul(other.value),
-            size: self.size.fused(other.size, splat::<L, N>(UNDERFLOW)),
+            value,
+            size,
             weight: (v + w + v * w + UNIT) * PAD,
             nonzero: self.nonzero & other.nonzero,
             lanes: self.lanes.or(other.lanes),
@@ -258,19 +319,21 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
 
     #[inline(always)]
     fn negated(&self) -> Self {
-        RunningErrors { value: self.value.negated(), ..*self }
+        RunningErrors { value: negated(self.value), ..*self }
     }
 
     /// The size overflows if the value does.
     #[inline(always)]
     fn doubled(&self) -> Self {
-        RunningErrors { value: self.value.add(self.value), size: self.size.add(self.size), ..*self }
+        let terms = [self.value, self.size];
+        let [value, size] = sums(terms, terms);
+        RunningErrors { value, size, ..*self }
     }
 
     #[inline(always)]
     fn sign(&self) -> Result<Ordering, Uncertain> {
-        let error = self.error();
-        self.lanes.agree(self.value.lt(error.negated()), !self.nonzero, error.lt(self.value))
+        let [less, greater] = signs(self.value, self.error());
+        self.lanes.agree(less, !self.nonzero, greater)
     }
 
     #[inline(always)]
