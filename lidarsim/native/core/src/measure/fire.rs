@@ -40,7 +40,7 @@ impl<C: Caster> Scan<'_, C> {
             Some(numbers) => indices.extend_from_slice(&numbers[pulses.clone()]),
         }
         let batch = frame.pulses(pulses.clone(), indices);
-        measurement.effects.draw(&batch, draws);
+        measurement.effects.draw::<I>(&batch, draws);
         let directions = measurement.effects.directions(&batch, draws);
         let count = pulses.len() * measurement.rays();
         resize(&mut rays.directions, count, [0.0; 3]);

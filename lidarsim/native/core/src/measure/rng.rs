@@ -5,6 +5,7 @@
 //! of the normal distribution.
 
 use crate::arith::elementary::{ln, polynomial};
+use crate::arith::simd::{Isa, Task};
 
 /// The permanent id of an effect, a part of the counter: see `effects`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,27 +64,62 @@ impl Stream {
     }
 
     /// Gaussian with mean 0 and variance 1.
-    #[inline(always)]
+    #[inline(never)]
     pub fn normal(&self, pulse: u64, effect: EffectId, draw: u16) -> f64 {
         normal_quantile(self.uniform(pulse, effect, draw))
     }
 
-    /// As `uniform` for each pulse, in a loop that becomes vector instructions.
+    /// As `uniform` for each pulse, out of line: many effects draw.
     #[inline(always)]
-    pub fn uniforms(&self, pulses: &[u64], effect: EffectId, draw: u16, uniforms: &mut Vec<f64>) {
-        uniforms.resize(pulses.len(), 0.0);
-        for (p, pulse) in uniforms.iter_mut().zip(pulses) {
-            *p = self.uniform(*pulse, effect, draw);
-        }
+    pub fn uniforms<I: Isa>(&self, pulses: &[u64], effect: EffectId, draw: u16, uniforms: &mut Vec<f64>) {
+        I::call(Uniforms(ForPulses { stream: self, pulses, effect, draw, numbers: uniforms }));
     }
 
-    /// As `normal` for each pulse: one kind of formula at a time.
+    /// As `normal` for each pulse, out of line.
     #[inline(always)]
-    pub fn normals(&self, pulses: &[u64], effect: EffectId, draw: u16, normals: &mut Vec<f64>) {
+    pub fn normals<I: Isa>(&self, pulses: &[u64], effect: EffectId, draw: u16, normals: &mut Vec<f64>) {
+        I::call(Normals(ForPulses { stream: self, pulses, effect, draw, numbers: normals }));
+    }
+}
+
+/// Random numbers, one for each pulse.
+struct ForPulses<'a> {
+    stream: &'a Stream,
+    pulses: &'a [u64],
+    effect: EffectId,
+    draw: u16,
+    numbers: &'a mut Vec<f64>,
+}
+
+struct Uniforms<'a>(ForPulses<'a>);
+
+impl Task for Uniforms<'_> {
+    type Output = ();
+
+    /// A loop that becomes vector instructions.
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let ForPulses { stream, pulses, effect, draw, numbers } = self.0;
+        numbers.resize(pulses.len(), 0.0);
+        for (p, pulse) in numbers.iter_mut().zip(pulses) {
+            *p = stream.uniform(*pulse, effect, draw);
+        }
+    }
+}
+
+struct Normals<'a>(ForPulses<'a>);
+
+impl Task for Normals<'_> {
+    type Output = ();
+
+    /// One kind of formula at a time.
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let ForPulses { stream, pulses, effect, draw, numbers } = self.0;
         let mut uniforms = Vec::new();
-        self.uniforms(pulses, effect, draw, &mut uniforms);
-        normals.resize(uniforms.len(), 0.0);
-        for (normal, p) in normals.iter_mut().zip(&uniforms) {
+        stream.uniforms::<I>(pulses, effect, draw, &mut uniforms);
+        numbers.resize(uniforms.len(), 0.0);
+        for (normal, p) in numbers.iter_mut().zip(&uniforms) {
             *normal = central(p - 0.5);
         }
         // The indices of the tails, found without branches: one in seven would be mispredicted.
@@ -98,7 +134,7 @@ impl Stream {
             *p = tail(*p);
         }
         for (&i, &normal) in places.iter().zip(&tails) {
-            normals[i] = if is_far_tail(uniforms[i]) { far_tail(uniforms[i]) } else { normal };
+            numbers[i] = if is_far_tail(uniforms[i]) { far_tail(uniforms[i]) } else { normal };
         }
     }
 }

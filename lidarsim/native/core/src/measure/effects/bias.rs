@@ -2,7 +2,7 @@
 
 use super::per_ring::PerRing;
 use super::{Echoes, Effect, Pulses};
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::measure::parameters::Parameters;
 use crate::measure::rng::EffectId;
 
@@ -28,13 +28,13 @@ impl Effect for Bias {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, biases: &mut Vec<f64>) {
+    fn draw<I: Isa>(&self, pulses: &Pulses, biases: &mut Vec<f64>) {
         if self.of_sensor().is_some() {
             return;
         }
         biases.clear();
         if self.channel_sigma > 0.0 {
-            pulses.normals_of_channels::<Self>(0, biases);
+            pulses.normals_of_channels::<I, Self>(0, biases);
             biases.iter_mut().for_each(|bias| *bias *= self.channel_sigma);
         }
         biases.resize(pulses.padded_len(), 0.0);

@@ -3,7 +3,7 @@
 
 use super::fluctuation::{factors_of, turn_into_factors};
 use super::{Echoes, Effect, Pulses};
-use crate::arith::simd::Floats;
+use crate::arith::simd::{Floats, Isa};
 use crate::measure::parameters::Parameters;
 use crate::measure::rng::EffectId;
 use crate::measure::status::Status;
@@ -33,9 +33,9 @@ impl Effect for DetectionLimit {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, factors: &mut Vec<f64>) {
+    fn draw<I: Isa>(&self, pulses: &Pulses, factors: &mut Vec<f64>) {
         if self.sigma > 0.0 {
-            pulses.normals::<Self>(0, factors);
+            pulses.normals::<I, Self>(0, factors);
             turn_into_factors(self.sigma, factors);
         }
     }

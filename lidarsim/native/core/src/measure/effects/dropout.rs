@@ -1,7 +1,7 @@
 //! Random drop-out of pulses.
 
 use super::{ActsOn, Echoes, Effect, Pulses};
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::measure::parameters::Parameters;
 use crate::measure::rng::EffectId;
 use crate::measure::status::Status;
@@ -24,8 +24,8 @@ impl Effect for Dropout {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, uniforms: &mut Vec<f64>) {
-        pulses.uniforms::<Self>(0, uniforms);
+    fn draw<I: Isa>(&self, pulses: &Pulses, uniforms: &mut Vec<f64>) {
+        pulses.uniforms::<I, Self>(0, uniforms);
     }
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! False returns: what the receiver takes for an echo though no surface sent light back.
 
 use super::{ActsOn, Echoes, Effect, Pulses};
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::measure::parameters::{Parameters, Value};
 use crate::measure::rng::EffectId;
 use crate::measure::status::Status;
@@ -43,9 +43,9 @@ impl Effect for FalseReturns {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, draws: &mut Uniforms) {
-        pulses.uniforms::<Self>(CHANCE, &mut draws.chance);
-        pulses.uniforms::<Self>(PLACE, &mut draws.place);
+    fn draw<I: Isa>(&self, pulses: &Pulses, draws: &mut Uniforms) {
+        pulses.uniforms::<I, Self>(CHANCE, &mut draws.chance);
+        pulses.uniforms::<I, Self>(PLACE, &mut draws.place);
     }
 
     /// Reads a range, uniform over the gate, for those of N pulses that have a false return.

@@ -3,7 +3,7 @@
 
 use super::{Echoes, Effect, Pulses};
 use crate::arith::elementary::exp;
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::measure::parameters::Parameters;
 use crate::measure::rng::{EffectId, normal_quantile};
 
@@ -25,8 +25,8 @@ impl Effect for Fluctuation {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, factors: &mut Vec<f64>) {
-        pulses.normals::<Self>(0, factors);
+    fn draw<I: Isa>(&self, pulses: &Pulses, factors: &mut Vec<f64>) {
+        pulses.normals::<I, Self>(0, factors);
         turn_into_factors(self.sigma, factors);
     }
 

@@ -29,7 +29,7 @@ use super::near::Near;
 use super::particles::{self, Particle};
 use super::{Draws, Effect, Pulses};
 use crate::arith::elementary::{exp, ln};
-use crate::arith::simd::Floats;
+use crate::arith::simd::{Floats, Isa};
 use crate::measure::beam::{REACH, pulse_sigma};
 use crate::measure::parameters::{Parameters, Value};
 use crate::measure::rng::EffectId;
@@ -93,9 +93,9 @@ impl Effect for Fog {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, uniforms: &mut Vec<f64>) {
+    fn draw<I: Isa>(&self, pulses: &Pulses, uniforms: &mut Vec<f64>) {
         if self.patches.is_some() {
-            pulses.uniforms::<Self>(0, uniforms);
+            pulses.uniforms::<I, Self>(0, uniforms);
         }
     }
 }

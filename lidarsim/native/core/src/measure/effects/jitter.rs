@@ -1,6 +1,7 @@
 //! Angular jitter: the error of a pulse's direction, before it is cast.
 
 use super::{Effect, Pulses};
+use crate::arith::simd::Isa;
 use crate::geometry::vector::Point;
 use crate::measure::direction::turned;
 use crate::measure::parameters::Parameters;
@@ -38,13 +39,13 @@ impl Effect for Jitter {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, draws: &mut Jittered) {
+    fn draw<I: Isa>(&self, pulses: &Pulses, draws: &mut Jittered) {
         let Jittered { azimuth, elevation, directions } = draws;
         for (sigma, draw, normals) in
             [(self.azimuth_sigma, AZIMUTH, &mut *azimuth), (self.elevation_sigma, ELEVATION, &mut *elevation)]
         {
             if sigma > 0.0 {
-                pulses.normals::<Self>(draw, normals);
+                pulses.normals::<I, Self>(draw, normals);
             } else {
                 normals.clear();
                 normals.resize(pulses.indices.len(), 0.0);

@@ -30,7 +30,7 @@ use std::ops::Range;
 use super::parameters::Parameters;
 use super::rng::{EffectId, Stream};
 use super::status::Status;
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 
 pub(super) use air::FIRST_NUMBER;
@@ -57,9 +57,9 @@ macro_rules! effects {
 
             /// Draws for each pulse of a batch.
             #[inline(always)]
-            pub(super) fn draw(&self, pulses: &Pulses, draws: &mut Draws) {
+            pub(super) fn draw<I: Isa>(&self, pulses: &Pulses, draws: &mut Draws) {
                 $(if let Some(effect) = &self.$field {
-                    effect.draw(pulses, &mut draws.$field);
+                    effect.draw::<I>(pulses, &mut draws.$field);
                 })+
             }
 
@@ -259,7 +259,7 @@ trait Effect: Sized {
 
     /// Draws for each pulse of a batch.
     #[inline(always)]
-    fn draw(&self, _: &Pulses, _: &mut Self::Draws) {}
+    fn draw<I: Isa>(&self, _: &Pulses, _: &mut Self::Draws) {}
 
     /// The part of the intensity that the receiver gathers of rays of these ranges, in any air.
     #[inline(always)]
@@ -323,23 +323,23 @@ impl Pulses<'_> {
 
     /// A uniform number for each pulse.
     #[inline(always)]
-    fn uniforms<E: Effect>(&self, draw: u16, uniforms: &mut Vec<f64>) {
-        self.stream.uniforms(self.indices, const { id::<E>() }, draw, uniforms);
+    fn uniforms<I: Isa, E: Effect>(&self, draw: u16, uniforms: &mut Vec<f64>) {
+        self.stream.uniforms::<I>(self.indices, const { id::<E>() }, draw, uniforms);
         uniforms.resize(self.padded_len(), 0.0);
     }
 
     /// A normal number for each pulse.
     #[inline(always)]
-    fn normals<E: Effect>(&self, draw: u16, normals: &mut Vec<f64>) {
-        self.stream.normals(self.indices, const { id::<E>() }, draw, normals);
+    fn normals<I: Isa, E: Effect>(&self, draw: u16, normals: &mut Vec<f64>) {
+        self.stream.normals::<I>(self.indices, const { id::<E>() }, draw, normals);
         normals.resize(self.padded_len(), 0.0);
     }
 
     /// For each pulse the normal number of its channel, the same in all frames.
     #[inline(always)]
-    fn normals_of_channels<E: Effect>(&self, draw: u16, normals: &mut Vec<f64>) {
+    fn normals_of_channels<I: Isa, E: Effect>(&self, draw: u16, normals: &mut Vec<f64>) {
         let channels: Vec<u64> = self.rings.iter().map(|ring| u64::from(*ring)).collect();
-        self.stream.of_unit().normals(&channels, const { id::<E>() }, draw, normals);
+        self.stream.of_unit().normals::<I>(&channels, const { id::<E>() }, draw, normals);
         normals.resize(self.padded_len(), 0.0);
     }
 

@@ -15,7 +15,7 @@ use super::air::{Air, Event, Process, Threshold};
 use super::fluctuation::{Fluctuation, largest_factor};
 use super::{Draws, Effect, Pulses};
 use crate::arith::elementary::exp;
-use crate::arith::simd::Floats;
+use crate::arith::simd::{Floats, Isa};
 use crate::measure::beam::divergence;
 use crate::measure::parameters::{Parameters, Value};
 use crate::measure::rng::EffectId;
@@ -86,8 +86,8 @@ impl Effect for Particles {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, uniforms: &mut Vec<f64>) {
-        pulses.uniforms::<Self>(0, uniforms);
+    fn draw<I: Isa>(&self, pulses: &Pulses, uniforms: &mut Vec<f64>) {
+        pulses.uniforms::<I, Self>(0, uniforms);
     }
 }
 
@@ -168,6 +168,7 @@ impl Particles {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arith::simd::Portable;
     use crate::measure::rng::Stream;
 
     struct Rain;
@@ -204,7 +205,7 @@ mod tests {
         let indices: Vec<u64> = (0..4096).collect();
         let batch = Pulses { stream: Stream::new(1, 2, 3), indices: &indices, rings: &[], directions: &[] };
         let mut draws = Draws::default();
-        rain.draw(&batch, &mut draws.particles);
+        rain.draw::<Portable>(&batch, &mut draws.particles);
         let mut count = 0;
         for pulse in 0..indices.len() {
             let particles: Vec<Particle> = rain.of(&batch, pulse).collect();

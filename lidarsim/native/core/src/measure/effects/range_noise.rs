@@ -2,7 +2,7 @@
 
 use super::detection::DetectionLimit;
 use super::{Echoes, Effect, Pulses};
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::measure::parameters::{Parameters, Value};
 use crate::measure::rng::EffectId;
 
@@ -56,8 +56,8 @@ impl Effect for RangeNoise {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, normals: &mut Vec<f64>) {
-        pulses.normals::<Self>(0, normals);
+    fn draw<I: Isa>(&self, pulses: &Pulses, normals: &mut Vec<f64>) {
+        pulses.normals::<I, Self>(0, normals);
     }
 
     #[inline(always)]

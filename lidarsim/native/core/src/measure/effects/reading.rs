@@ -3,7 +3,7 @@
 
 use super::per_ring::PerRing;
 use super::{ActsOn, Echoes, Effect, Pulses};
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::measure::parameters::Parameters;
 
 #[derive(Clone, Debug)]
@@ -22,7 +22,7 @@ impl Effect for Reading {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, offsets: &mut Vec<f64>) {
+    fn draw<I: Isa>(&self, pulses: &Pulses, offsets: &mut Vec<f64>) {
         if let PerRing::Each(_) = self.offset {
             offsets.clear();
             offsets.resize(pulses.padded_len(), 0.0);

@@ -6,7 +6,7 @@
 use super::range_noise::interpolate;
 use super::{Echoes, Effect, Pulses};
 use crate::arith::elementary::{exp, ln};
-use crate::arith::simd::{Floats, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::measure::parameters::{Parameters, Value};
 use crate::measure::rng::EffectId;
 
@@ -72,15 +72,15 @@ impl Effect for Response {
     }
 
     #[inline(always)]
-    fn draw(&self, pulses: &Pulses, Drawn { factors, normals }: &mut Drawn) {
+    fn draw<I: Isa>(&self, pulses: &Pulses, Drawn { factors, normals }: &mut Drawn) {
         if self.ring_sigma > 0.0 {
-            pulses.normals_of_channels::<Channels>(0, factors);
+            pulses.normals_of_channels::<I, Channels>(0, factors);
             for factor in factors {
                 *factor = exp(self.ring_sigma * (*factor - 0.5 * self.ring_sigma));
             }
         }
         if self.sigma > 0.0 {
-            pulses.normals::<Self>(0, normals);
+            pulses.normals::<I, Self>(0, normals);
         }
     }
 
