@@ -69,13 +69,14 @@ impl Stream {
         normal_quantile(self.uniform(pulse, effect, draw))
     }
 
-    /// As `uniform` for each pulse, out of line: many effects draw.
+    /// Draws a uniform number for each pulse. Many effects draw, so it is compiled once for each instruction
+    /// set.
     #[inline(always)]
     pub fn uniforms<I: Isa>(&self, pulses: &[u64], effect: EffectId, draw: u16, uniforms: &mut Vec<f64>) {
         I::call(Uniforms(ForPulses { stream: self, pulses, effect, draw, numbers: uniforms }));
     }
 
-    /// As `normal` for each pulse, out of line.
+    /// Draws a normal number for each pulse, compiled as `uniforms` is.
     #[inline(always)]
     pub fn normals<I: Isa>(&self, pulses: &[u64], effect: EffectId, draw: u16, normals: &mut Vec<f64>) {
         I::call(Normals(ForPulses { stream: self, pulses, effect, draw, numbers: normals }));

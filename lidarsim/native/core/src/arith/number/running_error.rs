@@ -19,14 +19,6 @@ operations! {
         !size.le(F::splat(0.0))
     }
 
-    fn abs(value: F) -> F {
-        value.abs()
-    }
-
-    fn negated(value: F) -> F {
-        value.negated()
-    }
-
     fn scaled(x: F, factor: f64) -> F {
         x.mul(F::splat(factor))
     }
@@ -36,21 +28,18 @@ operations! {
         value.abs().max(error.mul(F::splat(1.0 / GIVEN)))
     }
 
-    fn sum(a: F, b: F) -> F {
-        a.add(b)
-    }
-
-    /// The sum of two numbers, with that of their sizes.
-    fn sums(a: [F; 2], b: [F; 2]) -> [F; 2] {
+    /// The sum of two numbers, and its size.
+    fn sum(a: [F; 2], b: [F; 2]) -> [F; 2] {
         [a[0].add(b[0]), a[1].add(b[1])]
     }
 
-    fn products(a: [F; 2], b: [F; 2]) -> [F; 2] {
+    /// The product of two numbers, and its size; see `times`.
+    fn product(a: [F; 2], b: [F; 2]) -> [F; 2] {
         [a[0].mul(b[0]), a[1].fused(b[1], F::splat(UNDERFLOW))]
     }
 
-    /// A quotient, and the lanes in which its size is a bound; see `over`.
-    fn quotients(a: [F; 2], weight_of_a: f64, b: [F; 2], weight_of_b: f64) -> ([F; 2], u32) {
+    /// A quotient with its size, and the lanes in which that is a bound; see `over`.
+    fn quotient(a: [F; 2], weight_of_a: f64, b: [F; 2], weight_of_b: f64) -> ([F; 2], u32) {
         let (pad, underflow) = (F::splat(PAD), F::splat(UNDERFLOW));
         let inverse = F::splat(1.0).div(b[0]);
         let slope = inverse.abs();
@@ -71,16 +60,16 @@ operations! {
         ([value, size.fused(pad, value.abs()).fused(pad, underflow)], known)
     }
 
-    /// The square root of a number within `error` of `value`, and the lanes of a number above zero, in which
-    /// the size is a bound.
-    fn roots(value: F, error: F) -> ([F; 2], u32) {
+    /// The square root of a number within `error` of `value` with its size, and the lanes in which the number
+    /// is above zero and the size a bound; see `sqrt`.
+    fn square_root(value: F, error: F) -> ([F; 2], u32) {
         let root = value.sqrt();
         let size = root.add(error.mul(F::splat(1.0 / UNIT)).div(root));
         ([root, size.fused(F::splat(PAD), F::splat(UNDERFLOW))], error.lt(value))
     }
 
-    /// As `roots`, given its result, with a bound in the other lanes, too.
-    fn roots_near_zero(value: F, error: F, root: [F; 2]) -> [F; 2] {
+    /// The same with a bound in the other lanes, too.
+    fn square_root_near_zero(value: F, error: F, root: [F; 2]) -> [F; 2] {
         let zero = F::splat(0.0);
         let reach = value.max(zero).add(error).mul(F::splat(PAD)).sqrt().mul(F::splat(PAD / UNIT));
         [value.le_pick(error, zero, root[0]), value.le_pick(error, reach, root[1])]
@@ -160,7 +149,7 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
     /// Numbers that are exact or rounded once, and zero only where the true value is.
     #[inline(always)]
     fn rounded(value: L::Floats, weight: f64, lanes: L) -> Self {
-        let size = abs(value);
+        let size = value.abs();
         RunningErrors { value, size, weight, nonzero: nonzero_lanes(size), lanes }
     }
 
@@ -201,7 +190,7 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
     fn over(self, b: Self) -> Result<Self, Uncertain> {
         let lanes = self.lanes.or(b.lanes);
         let ([value, size], known) =
-            quotients([self.value, self.size], self.weight, [b.value, b.size], b.weight);
+            quotient([self.value, self.size], self.weight, [b.value, b.size], b.weight);
         lanes.keep(known)?;
         Ok(RunningErrors { value, size, weight: QUOTIENT, nonzero: self.nonzero, lanes })
     }
@@ -211,9 +200,9 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
     #[inline(always)]
     fn sqrt(self) -> Self {
         let error = self.error();
-        let ([mut value, mut size], away) = roots(self.value, error);
+        let ([mut value, mut size], away) = square_root(self.value, error);
         if away & self.lanes.active() != self.lanes.active() {
-            [value, size] = roots_near_zero(self.value, error, [value, size]);
+            [value, size] = square_root_near_zero(self.value, error, [value, size]);
         }
         RunningErrors { value, size, weight: UNIT, ..self }
     }
@@ -289,10 +278,10 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
     fn plus(&self, other: &Self) -> Self {
         let lanes = self.lanes.or(other.lanes);
         if self.weight == 0.0 && other.weight == 0.0 {
-            return Self::rounded(sum(self.value, other.value), UNIT, lanes);
+            return Self::rounded(self.value.add(other.value), UNIT, lanes);
         }
         let weight = (larger(self.weight, other.weight) + UNIT) * PAD;
-        let [value, size] = sums([self.value, self.size], [other.value, other.size]);
+        let [value, size] = sum([self.value, self.size], [other.value, other.size]);
         RunningErrors { value, size, weight, nonzero: self.nonzero | other.nonzero, lanes }
     }
 
@@ -307,7 +296,7 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
     #[inline(always)]
     fn times(&self, other: &Self) -> Self {
         let (v, w) = (self.weight, other.weight);
-        let [value, size] = products([self.value, self.size], [other.value, other.size]);
+        let [value, size] = product([self.value, self.size], [other.value, other.size]);
         RunningErrors {
             value,
             size,
@@ -319,14 +308,14 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
 
     #[inline(always)]
     fn negated(&self) -> Self {
-        RunningErrors { value: negated(self.value), ..*self }
+        RunningErrors { value: self.value.negated(), ..*self }
     }
 
     /// The size overflows if the value does.
     #[inline(always)]
     fn doubled(&self) -> Self {
         let terms = [self.value, self.size];
-        let [value, size] = sums(terms, terms);
+        let [value, size] = sum(terms, terms);
         RunningErrors { value, size, ..*self }
     }
 
