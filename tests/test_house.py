@@ -133,6 +133,71 @@ def test_only_the_top_imports_the_package_as_a_whole() -> None:
     assert users == {"bench", "cli", "starter"}  # the starter has a script for users
 
 
+def python_imports(package: Path) -> dict[str, set[str]]:
+    """Of each Python module of a package, those that it imports at any time, also for types alone."""
+    files = {
+        ".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in package.rglob("*.py")
+    }
+    modules = files.keys() | {f"{package.name}._native"}  # compiled: it imports none
+    found: dict[str, set[str]] = {}
+    for module, path in files.items():
+        names: set[str] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names.update(name.name for name in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{module} has a relative import"
+                wholes = [f"{node.module}.{name.name}" for name in node.names]
+                names.update(whole if whole in modules else str(node.module) for whole in wholes)
+        found[module] = names & files.keys()
+    return found
+
+
+def python_circle(imports: dict[str, set[str]]) -> list[str]:
+    """The modules of a circle of imports, each of which imports the next; none if there is no circle."""
+    try:
+        graphlib.TopologicalSorter(imports).prepare()
+    except graphlib.CycleError as error:
+        return list(reversed(error.args[1]))
+    return []
+
+
+def test_the_check_of_python_imports_finds_circles(tmp_path: Path) -> None:
+    package = tmp_path / "toy"
+    files = {
+        "__init__.py": "from toy.high import high\n",
+        "high.py": "import numpy\nfrom toy import _native, inner\ndef high() -> None: ...\n",
+        "inner/__init__.py": "from toy.inner.low import low\n",
+        "inner/low.py": "",
+    }
+    for name, text in files.items():
+        (package / name).parent.mkdir(exist_ok=True)
+        (package / name).write_text(text, encoding="utf-8")
+    imports = python_imports(package)
+    assert imports == {
+        "toy": {"toy.high"}, "toy.high": {"toy.inner"}, "toy.inner": {"toy.inner.low"}, "toy.inner.low": set(),
+    }  # fmt: skip
+    assert python_circle(imports) == []
+    for closing in (
+        "if TYPE_CHECKING:\n    from toy.high import high\n",
+        "def f() -> None:\n    import toy.high\n",
+        "from toy import high\n",
+    ):
+        (package / "inner" / "low.py").write_text(closing, encoding="utf-8")
+        assert set(python_circle(python_imports(package))) == {"toy.high", "toy.inner", "toy.inner.low"}
+    (package / "inner" / "low.py").write_text("from toy.inner.low import f\n", encoding="utf-8")
+    assert python_circle(python_imports(package)) == ["toy.inner.low", "toy.inner.low"]
+
+
+def test_no_python_files_import_each_other() -> None:
+    """`lint-imports` holds the order of the packages; within one, files could still import each other in a circle."""
+    imports = python_imports(ROOT / "lidarsim")
+    assert len(imports) >= 100
+    assert sum(map(len, imports.values())) >= 500
+    assert python_circle(imports) == []
+
+
 BLAS = {"dot", "inner", "matmul", "tensordot", "vdot", "einsum", "linalg"}
 """Functions of NumPy that may call BLAS, whose threads spin and whose sums depend on the processor."""
 

@@ -5,11 +5,11 @@ Importing this package is cheap: the YAML reader and schema are imported with th
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidarsim.config.recognition import recognise
 from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.world.scene import Scene, register_scene_reader
 
@@ -95,12 +95,6 @@ def read_scene(path: Path) -> Scene:
     from lidarsim.config import loader
 
     return loader.read_scene(path)
-
-
-def recognise(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, describes a sensor in lidarsim's own YAML."""
-    own = re.search(r"^(pattern|preset|file)\s*:", text, re.MULTILINE)
-    return path.suffix.lower() in (".yaml", ".yml") and own is not None
 
 
 register_lidar_reader("lidarsim YAML", recognise, read_lidar)

@@ -14,7 +14,6 @@ import yaml
 
 from lidarsim._base.files import noting_reads
 from lidarsim._base.validation import short_repr
-from lidarsim.config import recognise
 from lidarsim.config.document import (
     Loaded,
     Node,
@@ -30,6 +29,7 @@ from lidarsim.config.document import (
 from lidarsim.config.factories import Model
 from lidarsim.config.objects import World
 from lidarsim.config.poses import Drive, Stations, Strips, build_pose
+from lidarsim.config.recognition import recognise
 from lidarsim.config.schema import Config, SceneDocument, names_by_label
 from lidarsim.config.sensors import Sensor, VendorSensor, build_rig
 from lidarsim.config.starter import configuration

@@ -335,7 +335,7 @@ def ask_size(item: Mesh | SceneFile, place: Place, scale: float = 1.0) -> None:
         ask(plain(item.file, most=60), f"{format_size(size)} m", question)
 
 
-class Generated(Object):
+class GeneratedObject(Object):
     """An asset that a generator of `lidarsim.worlds` makes of a seed and its own keys, as one instance."""
 
     generator: ClassVar[Callable[..., worlds.Asset]]
@@ -355,7 +355,7 @@ class Generated(Object):
             if key in self.model_fields_set:
                 raise (place / key).error("expected none, since its parts have materials of their own")
         rng = np.random.default_rng(self.seed if seed is None else seed)
-        keys = type(self).model_fields.keys() - Generated.model_fields.keys() - {"shape", "kind"}
+        keys = type(self).model_fields.keys() - GeneratedObject.model_fields.keys() - {"shape", "kind"}
         kind = {"kind": self.kind} if "kind" in type(self).model_fields else {}  # type: ignore[attr-defined]
         return construct(partial(type(self).generator, rng=rng), self, keys, place, **kind)
 
@@ -365,7 +365,7 @@ class Generated(Object):
         return {"name": f"{self.name}/{part.name}".lstrip("/"), "label": label, "material": part.material}
 
 
-def _declare_generated(name: str, generator: Callable[..., worlds.Asset]) -> type[Generated]:
+def _declare_generated(name: str, generator: Callable[..., worlds.Asset]) -> type[GeneratedObject]:
     """Return the model of a generator, whose keys are its arguments; those that are lengths end in _m."""
     fields: dict[str, Any] = {"shape": (Literal[name], ...)}
     types = get_type_hints(generator)
@@ -374,7 +374,7 @@ def _declare_generated(name: str, generator: Callable[..., worlds.Asset]) -> typ
             is_length = types[argument] in {float, float | None}
             default = ... if parameter.default is inspect.Parameter.empty else parameter.default
             fields[f"{argument}_m" if is_length else argument] = (types[argument], default)
-    model = create_model(name.capitalize(), __base__=Generated, **fields)
+    model = create_model(name.capitalize(), __base__=GeneratedObject, **fields)
     model.generator = generator
     return model
 

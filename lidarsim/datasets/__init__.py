@@ -9,12 +9,12 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from lidarsim._base.shown import quantity
 from lidarsim._base.validation import flag, integer, named_labels, one_of, short_repr
+from lidarsim.datasets.result import Generated
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 
 if TYPE_CHECKING:
@@ -37,33 +37,6 @@ __all__ = ["Generated", "generate", "load", "verify"]
 
 TOLD = 10
 """Greatest number of failed shards that an error names."""
-
-
-@dataclass(frozen=True)
-class Generated:
-    """Result of a call of `generate`.
-
-    Attributes
-    ----------
-    frames, points : int
-        Frames and points made by this call; existing ones are not counted, those of lost files are.
-    seconds : float
-        Duration, pictures of the data card included, s.
-    shards_left : int
-        Shards that other parts still have to make; 0 if the data set is complete.
-    made_again : tuple of str
-        Names of lost and damaged files that were made again.
-    left_out : tuple of str
-        Of the sequences whose first frame this call made, one line per group of scattered objects that were not all
-        placed, with both numbers and the rules that refused them, and one per object of the scene in the sensor's way.
-    """
-
-    frames: int
-    points: int
-    seconds: float
-    shards_left: int
-    made_again: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
 
 
 def generate(

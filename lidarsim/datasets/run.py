@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarsim._base.shown import quantity
-from lidarsim.datasets import Generated, card, manifest
+from lidarsim.datasets import card, manifest
 from lidarsim.datasets.engine import Made, make
 from lidarsim.datasets.layouts import Files, Summary, class_name
 from lidarsim.datasets.manifest import Plan
 from lidarsim.datasets.progress import Progress
+from lidarsim.datasets.result import Generated
 from lidarsim.datasets.samples import RANGES
 from lidarsim.datasets.scattered import Scattered
 from lidarsim.datasets.store import open_store

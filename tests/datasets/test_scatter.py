@@ -19,7 +19,8 @@ from lidarsim.datasets import scatter as scattering
 from lidarsim.datasets.recipe import Document, load
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.datasets.scatter._outlines import Outline
-from lidarsim.datasets.scatter._ways import STEP, Way
+from lidarsim.datasets.scatter._travel import STEP
+from lidarsim.datasets.scatter._ways import Way
 from lidarsim.datasets.scattered import Scattered, Tally
 from lidarsim.errors import ConfigError
 

@@ -611,7 +611,9 @@ def test_the_outline_holds_what_turns(tmp_path: Path) -> None:
     assert isinstance(source, Document)
     group = source.settings.scatter["cars"]
     way = Way(group, Stream(0, "", 0), np.linspace(0, 4, 41), Place(source.root, ()))
-    bounds = instance_of(group.objects[0], Place(source.root, ())).swing(2.0, way, 0.0, Place(source.root, ())).bounds
+    bounds = (
+        instance_of(group.objects[0], Place(source.root, ())).swing(2.0, way.travel, 0.0, Place(source.root, ())).bounds
+    )
     np.testing.assert_allclose(bounds, [[-4, -1.7, 0], [2 * (2.5 + np.sqrt(0.5)), 1.7, 2.8]], rtol=0, atol=2.0**-44)
 
 

@@ -16,9 +16,10 @@ from lidarsim import worlds
 from lidarsim._base.validation import Floats, short_repr
 from lidarsim._base.vectors import product
 from lidarsim.config.factories import Scale
-from lidarsim.config.objects import SHAPES, AnyObject, Generated, Object, SceneFile, Surfels
+from lidarsim.config.objects import SHAPES, AnyObject, GeneratedObject, Object, SceneFile, Surfels
 from lidarsim.config.poses import Placement
 from lidarsim.datasets.scatter._outlines import bulge_of, turns_of
+from lidarsim.datasets.scatter._travel import Travel
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import Shape
@@ -26,7 +27,6 @@ from lidarsim.worlds import _walker
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
-    from lidarsim.datasets.scatter._ways import Way
 
 __all__ = ["AnyItem", "Instance", "Part", "PlacedPart", "Swing", "instance_of"]
 
@@ -168,8 +168,8 @@ class Instance:
         x = nearest[:, 1 if np.abs(nearest[2]).argmax() == 0 else 0]
         return bool(x[0] == np.abs(x).max())
 
-    def swing(self, scale: float, way: Way, phase: float, place: Place) -> Swing:
-        """Return the motion of the parts along a way.
+    def swing(self, scale: float, travel: Travel, phase: float, place: Place) -> Swing:
+        """Return the motion of the parts as their instance travels.
 
         Raises
         ------
@@ -178,34 +178,34 @@ class Instance:
         """
         size = np.diag([scale, scale, scale, 1.0])
         if self.walkers:
-            return self._walk(scale, way, phase, place)
-        wheels = {index: _wheel(part, size) for index, part in enumerate(self.parts) if part.wheel and way.moves}
+            return self._walk(scale, travel, phase, place)
+        wheels = {index: _wheel(part, size) for index, part in enumerate(self.parts) if part.wheel and travel.moves}
         least = min((half[2] for _, half in wheels.values()), default=np.inf)
-        per_step = max(1, int(np.ceil(np.abs(way.speeds).max() * way.step / (ROLL * least))))
-        times = _divide(way.times, per_step, place)
+        per_step = max(1, int(np.ceil(np.abs(travel.speeds).max() * travel.step / (ROLL * least))))
+        times = _divide(travel.times, per_step, place)
         rest = np.array([_extent(part.shape, size @ part.affine) for part in self.parts])
         bounds = np.array([rest[:, 0].min(axis=0), rest[:, 1].max(axis=0)])
         poses: list[Floats | None] = [None] * len(self.parts)
         reach = []
         for index, (middle, half) in wheels.items():
-            poses[index] = own = _roll(middle, np.fmod(way.ahead(times) / half[2], 2 * np.pi))
+            poses[index] = own = _roll(middle, np.fmod(travel.ahead(times) / half[2], 2 * np.pi))
             reach.append((float(np.linalg.norm(half)), float(turns_of(own).max())))
             far = np.hypot(half[0], half[2])
             bounds[:, 0] = min(bounds[0, 0], middle[0] - far), max(bounds[1, 0], middle[0] + far)
         return Swing(poses, times, per_step, bounds, reach)
 
-    def _walk(self, scale: float, way: Way, phase: float, place: Place) -> Swing:
+    def _walk(self, scale: float, travel: Travel, phase: float, place: Place) -> Swing:
         size = np.diag([scale, scale, scale, 1.0])
         height = self.walkers[0].height * scale
         hip = _walker.HIP * height
-        if not (np.abs(way.speeds) / hip <= _walker.FASTEST).all():
-            fastest, got = _walker.FASTEST * hip, np.abs(way.speeds).max()
+        if not (np.abs(travel.speeds) / hip <= _walker.FASTEST).all():
+            fastest, got = _walker.FASTEST * hip, np.abs(travel.speeds).max()
             expected = f"expected at most {fastest:.3g} m/s of a walker {height:.3g} m tall, got {got:.3g}"
             raise (place / "speed_m_per_s").error(expected)
-        times = _divide(way.times, STRIDE, place)
+        times = _divide(travel.times, STRIDE, place)
         poses: list[Floats | None] = [None] * len(self.parts)
         for walker in self.walkers:
-            limbs = _strides(walker.height * scale, phase, times, way.speed_ahead(times))
+            limbs = _strides(walker.height * scale, phase, times, travel.speed_ahead(times))
             for limb in limbs:
                 limb[:, 1, 3] += walker.left * scale
             poses[walker.first : walker.first + len(limbs)] = limbs
@@ -268,7 +268,7 @@ def instance_of(item: AnyItem, place: Place, seed: int = 0) -> Instance:
     """
     if "instance" in item.model_fields_set:
         raise (place / "instance").error("expected none, since each copy is an instance of its own")
-    if isinstance(item, Generated) and "seed" not in item.model_fields_set:
+    if isinstance(item, GeneratedObject) and "seed" not in item.model_fields_set:
         item = item.model_copy(update={"seed": seed})
     if (walking := _walkers(item, place)) is not None:
         return walking
@@ -291,7 +291,7 @@ def _walkers(item: AnyItem, place: Place) -> Instance | None:
     if isinstance(item, Walker):
         parts = [Part(item, shape, np.eye(4)) for _, shape in _walker.limbs(item.height_m)]
         instance = Instance(parts, (worlds.Walker(0, item.height_m),))
-    elif isinstance(item, Generated) and (asset := item.asset(place)).walkers:
+    elif isinstance(item, GeneratedObject) and (asset := item.asset(place)).walkers:
         limbs = {walker.first + limb for walker in asset.walkers for limb in range(_walker.LIMBS)}
         instance = Instance(list(_parts_of_asset(item, asset, np.eye(4), limbs)), asset.walkers)
     else:
@@ -322,7 +322,7 @@ def _parts(item: AnyItem, place: Place) -> Iterator[Part]:
     elif isinstance(item, Surfels):
         disks, labels = item._disks(place)
         yield Part(item, disks, base, {} if labels is None else {"label": labels})
-    elif isinstance(item, Generated):
+    elif isinstance(item, GeneratedObject):
         yield from _parts_of_asset(item, item.asset(place), base)
     else:
         yield Part(item, item.build(place), base)
@@ -340,7 +340,9 @@ def _parts_of_file(item: SceneFile, base: Floats, place: Place) -> Iterator[Part
         yield Part(item, placed.shape, base @ inner, more)
 
 
-def _parts_of_asset(item: Generated, asset: worlds.Asset, base: Floats, limbs: Collection[int] = ()) -> Iterator[Part]:
+def _parts_of_asset(
+    item: GeneratedObject, asset: worlds.Asset, base: Floats, limbs: Collection[int] = ()
+) -> Iterator[Part]:
     """Yield the parts of an asset, without their poses those of some indices."""
     for index, made in enumerate(asset.parts):
         inner = np.eye(4) if made.transform is None or index in limbs else made.transform
