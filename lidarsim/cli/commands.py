@@ -33,6 +33,7 @@ from lidarsim.cli.options import (
     Seed,
     Size,
     Surfaces,
+    Variant,
     View,
     Viewer,
     make_file_option,
@@ -296,9 +297,7 @@ def stream(
         ),
     ] = "127.0.0.1",
     fast: Annotated[bool, typer.Option("--fast", help="Send as fast as possible, not at the sensor's rate.")] = False,
-    variant: Annotated[
-        str | None, make_option("--variant", "NAME", "Layout of the packets; default: the first of the vendor's.")
-    ] = None,
+    variant: Variant = None,
     metadata: Annotated[
         Path | None,
         make_file_option("--metadata", "FILE", "Write what decoders need besides the packets, such as Ouster's JSON."),

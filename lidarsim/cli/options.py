@@ -88,6 +88,14 @@ def make_file_option(names: str, metavar: str, text: str) -> Any:
     return make_option(names, metavar, text, parser=parse_path)
 
 
+def make_output_option(option: outputs.Option) -> Any:
+    """Return the option of a kind of output."""
+    if option.kind is bool:
+        return typer.Option(option.flag, help=option.help)
+    texts = {int: parse_integer, float: parse_real}
+    return make_option(option.flag, option.metavar, option.help, parser=texts.get(option.kind))
+
+
 OPTIONS = {
     "color_by": "--color-by",
     "limits": "--limits",
@@ -122,17 +130,15 @@ Size = Annotated[
     str, make_option("--size", "WIDTHxHEIGHT", "Size of windows and pictures in pixels; default 1600x1000.")
 ]
 
+Variant = Annotated[str | None, make_output_option(outputs.options()["variant"])]
+
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of all kinds of output, which it takes as ``**options``."""
     own = inspect.signature(command, eval_str=True)
-    texts = {int: parse_integer, float: parse_real}
     named = [parameter for parameter in own.parameters.values() if parameter.kind is not inspect.Parameter.VAR_KEYWORD]
     for name, option in outputs.options().items():
-        if option.kind is bool:
-            info = typer.Option(option.flag, help=option.help)
-        else:
-            info = make_option(option.flag, option.metavar, option.help, parser=texts.get(option.kind))
+        info = make_output_option(option)
         annotation = Annotated[option.kind | None, info]  # type: ignore[name-defined] # known when it runs
         named.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation))
     command.__signature__ = own.replace(parameters=named)  # type: ignore[attr-defined]

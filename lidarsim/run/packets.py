@@ -54,7 +54,7 @@ class Packets(Output):
         "variant": Option(
             "--variant",
             "NAME",
-            f"Variant of packets: {', '.join(packets.variants())}; default: by the returns.",
+            f"Layout of packets: {', '.join(packets.variants())}; default: a sensor's first that holds its returns.",
         )
     }
     cloud: ClassVar[CloudArguments | None] = {"frame": "sensor", "deskew": False}

@@ -49,7 +49,7 @@ class Writer:
         Moment at time 0 of the scans, before 2106: s since 1970, or a datetime with its time zone. Default: the start
         of 2020.
     variant : str, optional
-        Variant of the packets, one of those of each sensor's format. Default: by the sensor.
+        Variant of the packets, one of each sensor's format. Default: the first that holds the sensor's returns.
     port : int, optional
         First UDP port; each further sensor takes the next two. Default: the vendor's.
 

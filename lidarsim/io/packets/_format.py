@@ -90,8 +90,8 @@ class PacketFormat(NamedTuple):
         Models, as in `Lidar.model`, or patterns of them such as "ouster-os*", with what a user reads about the packets
         of each.
     variants : tuple of str
-        Names of the packet layouts; the first is the default. Which are possible may depend on the model and on
-        `Measurement.returns`.
+        Names of the packet layouts; the default is the first that holds the sensor's returns. Which are possible may
+        depend on the model and on `Measurement.returns`.
     port : int
         First of its UDP ports.
     encoder : callable

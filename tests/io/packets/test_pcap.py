@@ -114,6 +114,34 @@ class _StopError(Exception):
     pass
 
 
+@pytest.mark.parametrize(
+    ("preset", "returns"),
+    [
+        *[(preset, "strongest") for preset in ("livox-mid360", "livox-mid40")],
+        *[
+            (preset, returns)
+            for preset in ("hesai-pandar64", "livox-avia", "ouster-os1-64", "velodyne-vlp16")
+            for returns in ("strongest", "dual")
+        ],
+    ],
+)
+def test_the_default_variant_is_the_first_that_holds_the_returns(preset: str, returns: str, scene: ls.Scene) -> None:
+    lidar = ls.Lidar.preset(preset)
+    lidar = replace(lidar, measurement=ls.Measurement(beam=ls.Beam(0.002, rays=4), returns=returns))
+    scan = lidar.scan(scene)
+
+    def sent(variant: str | None) -> list[Packet] | None:
+        try:
+            encoder = packets.encoders({"": lidar}, variant=variant)[""]
+        except FileFormatError:
+            return None
+        return [*encoder.packets(scan), *encoder.rest()]
+
+    possible = [found for variant in packets.format_of(lidar).variants if (found := sent(variant)) is not None]
+    assert possible[0]
+    assert sent(None) == possible[0]
+
+
 def _write_and_stop(writer: packets.Writer, scan: ls.Scan) -> None:
     writer.write(scan)
     raise _StopError
