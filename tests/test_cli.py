@@ -22,15 +22,16 @@ import lidarsim as ls
 from lidarsim._base.shown import plain
 from lidarsim.cli import main
 from lidarsim.run._output import OUTPUTS
+from lidarsim.scan.columns import PointColumns
+from lidarsim.scan.fields import CANONICAL
 from lidarsim.scan.formats import FORMATS as CLOUDS
 from tests.io.packets.captures import datagrams
 
 ROOT = Path(__file__).parents[1]
 LONG = "x" * 300
-FIELDS = (
-    "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, instance, label, "
-    "incidence, range_error"
-)
+ALWAYS = [name for name in CANONICAL if not PointColumns._columns[name].condition and name != "xyz"]
+NUMBERS = ", ".join(name for name in ALWAYS if not PointColumns._columns[name].shape)
+"""Fields of every cloud with a number per point."""
 FORMATS = " or ".join(
     ", ".join(sorted({*CLOUDS, *(name for kind in OUTPUTS for name in kind.suffixes)})).rsplit(", ", 1)
 )
@@ -814,7 +815,7 @@ MISTAKES = {
     "scan run.yaml -o a/ --fields label": "--fields: expected a point cloud file as output, got the bag a",
     "scan run.yaml -o a.pcd --fields ,": ("--fields: expected names such as intensity,ring, or xyz alone, got ','"),
     "scan run.yaml -o a.pcd --fields smell": (
-        f"--fields: expected fields of this point cloud (xyz, {FIELDS.replace('inc', 'normal, inc')}), got 'smell'"
+        f"--fields: expected fields of this point cloud (xyz, {', '.join(ALWAYS)}), got 'smell'"
     ),
     "scan run.yaml -o a.pcd --seed 1.5": "Invalid value for '--seed': expected an integer, got '1.5'",
     "scan run.yaml -o a/ --max-bag-duration x": "Invalid value for '--max-bag-duration': expected a number, got 'x'",
@@ -828,7 +829,7 @@ MISTAKES = {
     "scan run.yaml -o a.pcd --screenshot gone/a.png": "gone/a.png: the folder gone does not exist",
     # views
     "view gone.pcd --screenshot a.png": "gone.pcd: no such file",
-    "view run.yaml --screenshot a.png --color-by smell": f"--color-by: expected one of height, {FIELDS}, got 'smell'",
+    "view run.yaml --screenshot a.png --color-by smell": f"--color-by: expected one of height, {NUMBERS}, got 'smell'",
     "view run.yaml --with open3d --screenshot a.png": (
         "--with open3d: Open3D only opens windows; leave it out with --screenshot, --html, --gif or --mp4"
     ),

@@ -586,7 +586,7 @@ def test_toys_of_the_core_are_compiled(copy: Copy) -> None:
     copy.compile()
     passed, failed = copy.test("tests/conformance", "tests/hard/test_cases.py", "-k", "ball")
     assert (passed > 100, failed) == (True, 0)
-    whole = [f"tests/test_{name}.py" for name in ("measurement", "scan", "batch", "pages", "pointcloud")]
+    whole = [f"tests/test_{name}.py" for name in ("measurement", "scan", "batch", "pages", "pointcloud", "mistakes")]
     passed, failed = copy.test(*whole, "tests/io/test_round_trip.py")
     assert (passed > 800, failed) == (True, 0)
     for toy in (EFFECT, COLUMN):

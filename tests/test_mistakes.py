@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim.errors import ArgumentError
+from lidarsim.scan.columns import ScanColumns
 from lidarsim.scan.formats import FORMATS
 
 T = np.eye(4)
@@ -24,6 +25,7 @@ CLOUD = ls.PointCloud(xyz=np.zeros((3, 3)), label=[1, 2, 3])
 DRIVE = ls.Trajectory([0.0, 1.0], np.stack([np.eye(4), T]))
 SCENE = ls.Scene()
 SCENE.add(BALL)
+ALWAYS = [name for name, column in ScanColumns._columns.items() if not column.condition]
 
 MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "elevations in degrees": (
@@ -538,10 +540,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "image of an unknown field": (
         lambda: LIDAR.scan(SCENE).image("depth"),
         ValueError,
-        (
-            "field: expected one of range, true_range, intensity, return_count, object_id, instance, label, "
-            "normal, incidence, range_error, status, directions, origins, time, ring, column, got 'depth'"
-        ),
+        f"field: expected one of {', '.join(ALWAYS)}, directions, origins, time, ring, column, got 'depth'",
     ),
     "rig of lidars alone": (
         lambda: ls.Rig({"top": LIDAR}),

@@ -15,6 +15,7 @@ from lidarsim._base.validation import Floats
 from lidarsim.bench import scenes
 from lidarsim.bench.peers import CASTERS
 from lidarsim.bench.scenes import Rays
+from lidarsim.scan.columns import ScanColumns
 
 __all__ = ["calls", "over", "poses", "world"]
 
@@ -126,9 +127,8 @@ def calls(casters: Collection[str], threads: int, rows: int = ROWS) -> dict[str,
     return what
 
 
-_ARRAYS = ("range", "true_range", "range_error", "intensity", "object_id", "instance", "label", "normal", "incidence",
-           "status", "return_count")  # fmt: skip
-"""The arrays of a `Scan`."""
+_ARRAYS = tuple(name for name, column in ScanColumns._columns.items() if not column.condition)
+"""The arrays that every `Scan` has."""
 
 
 def _rays(lidar: ls.Lidar, places: Floats) -> tuple[Floats, Floats]:
