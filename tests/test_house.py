@@ -417,6 +417,22 @@ def test_the_page_about_the_core_names_files_that_exist() -> None:
     assert set(missing_files(odd, NATIVE)) == {"shapes/nowhere.rs", "core/src/measure/water"}
 
 
+def test_the_page_about_the_package_draws_all_rooms() -> None:
+    """In the order of the layers that `lint-imports` holds, above the core."""
+    (drawing,) = re.findall(
+        r"^```\n(.*?)^```$", (ROOT / "lidarsim/README.md").read_text("utf-8"), re.DOTALL | re.MULTILINE
+    )
+    drawn = re.findall(r"^(\w+)(/?) ", drawing, re.MULTILINE)
+    (layers,) = [
+        contract["layers"]
+        for contract in tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+        if contract["id"] == "layers"
+    ]
+    assert ["__main__", *(name for name, _ in drawn)] == [*re.findall(r"\w+", " ".join(layers)), "_native"]
+    folders = {path.parent.name for path in (ROOT / "lidarsim").glob("*/__init__.py")}
+    assert {name for name, folder in drawn if folder} == folders
+
+
 def test_lines_of_the_core_are_short() -> None:
     width = tomllib.loads((NATIVE / "rustfmt.toml").read_text(encoding="utf-8"))["max_width"]
     assert width == 110
