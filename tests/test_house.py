@@ -67,31 +67,31 @@ def blocks(language: str) -> list[str]:
 def public(module: ModuleType) -> Iterator[tuple[str, object]]:
     """Dotted name and object of everything public: what `__all__` lists, and the members of its classes."""
     for name in module.__all__:
-        thing = getattr(module, name)
+        item = getattr(module, name)
         dotted = f"{module.__name__}.{name}"
-        if inspect.ismodule(thing):
-            yield from public(thing)
-        elif inspect.isroutine(thing) or inspect.isclass(thing):
-            yield dotted, thing
-        if inspect.isclass(thing):
-            for member, value in inspect.getmembers(thing):
+        if inspect.ismodule(item):
+            yield from public(item)
+        elif inspect.isroutine(item) or inspect.isclass(item):
+            yield dotted, item
+        if inspect.isclass(item):
+            for member, value in inspect.getmembers(item):
                 source = getattr(value, "fget", value)
                 ours = str(getattr(source, "__module__", "")).startswith("lidarsim")
                 if not member.startswith("_") and ours and (inspect.isroutine(value) or isinstance(value, property)):
                     yield f"{dotted}.{member}", value
 
 
-def faults(dotted: str, thing: object) -> list[str]:
+def faults(dotted: str, item: object) -> list[str]:
     """What numpydoc finds wrong in a docstring; a dataclass may document its fields as attributes."""
     checks = CHECKS
-    if inspect.isclass(thing) and (
-        dataclasses.is_dataclass(thing) or issubclass(thing, enum.Enum | Exception) or Protocol in thing.__bases__
+    if inspect.isclass(item) and (
+        dataclasses.is_dataclass(item) or issubclass(item, enum.Enum | Exception) or Protocol in item.__bases__
     ):
         checks = checks - {"PR01"}
     found = [f"{code} {text}" for code, text in validate(dotted)["errors"] if code in checks]
-    if inspect.isclass(thing) and dataclasses.is_dataclass(thing):
-        documented = ", ".join(re.findall(r"^ *(\w+(?:, \w+)*) : ", thing.__doc__ or "", re.MULTILINE)).split(", ")
-        fields = [field.name for field in dataclasses.fields(thing) if not field.name.startswith("_")]
+    if inspect.isclass(item) and dataclasses.is_dataclass(item):
+        documented = ", ".join(re.findall(r"^ *(\w+(?:, \w+)*) : ", item.__doc__ or "", re.MULTILINE)).split(", ")
+        fields = [field.name for field in dataclasses.fields(item) if not field.name.startswith("_")]
         found += [f"field {name!r} is not documented" for name in fields if name not in documented]
     return found
 
@@ -109,7 +109,7 @@ def test_the_docstring_check_finds_faults() -> None:
 def test_public_docstrings_are_complete() -> None:
     api = dict(public(lidarsim))
     assert len(api) > 50
-    assert {name: found for name, thing in api.items() if (found := faults(name, thing))} == {}
+    assert {name: found for name, item in api.items() if (found := faults(name, item))} == {}
 
 
 def test_import_is_light() -> None:

@@ -18,7 +18,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 
 def crowd(seed: int, *, moving: bool = False) -> ls.Scene:
-    """Overlapping things of every kind of object: surfaces, unbounded, meshes, many in one, at rest and moving."""
+    """Overlapping instances of every kind of object: surfaces, unbounded, meshes, many in one, at rest and moving."""
     scene, draw = ls.Scene(), np.random.default_rng(seed)
     scene.add(ls.Plane((0, 0, 1), -1.0))
     scene.add(ls.Plane((0.1, 0, 1), -1.5))

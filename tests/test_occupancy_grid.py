@@ -141,7 +141,7 @@ def test_hits_of_a_scan_in_the_slice_are_in_occupied_cells() -> None:
     assert len(hits) == 3600
     near_hits = [grid.index(hits + shift) for shift in itertools.product((-1e-9, 1e-9), repeat=2)]
     occupied = np.array([grid.cells[tuple(index.T)] == 100 for index in near_hits]).any(axis=0)
-    # A corner of a cell that a round thing cuts off by less than an eighth of the cell's side may be missed.
+    # A corner of a cell that a round object cuts off by less than an eighth of the cell's side may be missed.
     assert occupied.mean() > 0.995
     # Beams reach their hits through free cells.
     for share in np.linspace(0, 0.9, 7):

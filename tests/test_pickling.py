@@ -27,7 +27,7 @@ def a_scene() -> ls.Scene:
     for i, sample in enumerate(SAMPLES):
         shift = np.array([6.0 * (i % 5) - 12.0, 6.0 * (i // 5) - 6.0, 0.0])
         material = ls.Material(reflectivity=0.1 + 0.05 * i)
-        scene.add(sample.build(Move(shift=shift)), name=f"thing {i}", label=i, material=material)
+        scene.add(sample.build(Move(shift=shift)), name=f"object {i}", label=i, material=material)
     mesh = ls.TriangleMesh.from_heightfield(np.random.default_rng(1).uniform(0, 1, (30, 40)), 0.5)
     per_face = ls.Material(reflectivity=np.linspace(0.1, 1.0, len(mesh)), per="face")
     scene.add(mesh, label=np.arange(len(mesh)) % 5, material=per_face, transform=SHEAR, instance=77)
@@ -92,57 +92,57 @@ def everything() -> dict[str, Any]:
     }
 
 
-THINGS = everything()
+OBJECTS = everything()
 
 
-def through_pickle(thing: object) -> object:
-    return pickle.loads(pickle.dumps(thing, protocol=5))  # noqa: S301
+def through_pickle(original: object) -> object:
+    return pickle.loads(pickle.dumps(original, protocol=5))  # noqa: S301
 
 
-def out_of_band(thing: object) -> object:
+def out_of_band(original: object) -> object:
     buffers: list[pickle.PickleBuffer] = []
-    data = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
+    data = pickle.dumps(original, protocol=5, buffer_callback=buffers.append)
     return pickle.loads(data, buffers=[bytearray(buffer.raw()) for buffer in buffers])  # noqa: S301
 
 
 WAYS = [copy.copy, copy.deepcopy, through_pickle, out_of_band]
 
 
-def parts(thing: object) -> Iterator[object]:
+def parts(value: object) -> Iterator[object]:
     """Yield what an object is made of, down to numbers, texts and arrays."""
-    if isinstance(thing, ls.Scene):
-        yield from parts([thing._next, dict(thing.class_names), list(thing)])
-    elif isinstance(thing, pickling.Pickled):
-        yield type(thing)
-        yield from parts(thing._contents())
-    elif isinstance(thing, dict):
-        yield list(thing)
-        yield from parts(list(thing.values()))
-    elif isinstance(thing, list | tuple):
-        yield len(thing)
-        for part in thing:
+    if isinstance(value, ls.Scene):
+        yield from parts([value._next, dict(value.class_names), list(value)])
+    elif isinstance(value, pickling.Pickled):
+        yield type(value)
+        yield from parts(value._contents())
+    elif isinstance(value, dict):
+        yield list(value)
+        yield from parts(list(value.values()))
+    elif isinstance(value, list | tuple):
+        yield len(value)
+        for part in value:
             yield from parts(part)
-    elif isinstance(thing, np.ndarray):
-        yield thing.dtype, thing.shape, np.ascontiguousarray(thing).tobytes()
-    elif isinstance(thing, float):
-        yield thing.hex()  # alike for every nan, which does not equal itself
+    elif isinstance(value, np.ndarray):
+        yield value.dtype, value.shape, np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, float):
+        yield value.hex()  # alike for every nan, which does not equal itself
     else:
-        yield thing
+        yield value
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", THINGS)
+@pytest.mark.parametrize("name", OBJECTS)
 def test_copies_are_equal_to_the_last_bit(name: str, way: Any) -> None:
-    thing, other = THINGS[name], way(THINGS[name])
-    assert type(other) is type(thing)
-    mine = list(parts(thing))
+    original, other = OBJECTS[name], way(OBJECTS[name])
+    assert type(other) is type(original)
+    mine = list(parts(original))
     assert mine == list(parts(other))
     assert len(mine) > 1
-    assert repr(thing) == repr(other)
-    if type(thing).__eq__ is not object.__eq__ and not isinstance(thing, ls.Lidar | ls.Rig | ls.Comparison):
-        assert other == thing
-        if type(thing).__hash__ is not None:
-            assert hash(other) == hash(thing)
+    assert repr(original) == repr(other)
+    if type(original).__eq__ is not object.__eq__ and not isinstance(original, ls.Lidar | ls.Rig | ls.Comparison):
+        assert other == original
+        if type(original).__hash__ is not None:
+            assert hash(other) == hash(original)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -156,9 +156,9 @@ def test_lidars_and_patterns_are_equal_by_value(way: Any) -> None:
     assert ls.Sphere((0, 0, 0), 1.0) != ls.Sphere((0, 0, 0), 1.0, transform=SHEAR)
 
 
-@pytest.mark.parametrize("name", [name for name in THINGS if name != "Comparison"])  # which shows its whole table
+@pytest.mark.parametrize("name", [name for name in OBJECTS if name != "Comparison"])  # which shows its whole table
 def test_representations_are_short(name: str) -> None:
-    text = repr(THINGS[name])
+    text = repr(OBJECTS[name])
     assert text.count("\n") < 15
     assert len(text) <= 1000
     assert " at 0x" not in text
@@ -174,7 +174,7 @@ def method(request: pytest.FixtureRequest) -> str:
 
 
 def test_other_processes_scan_the_same_bits(method: str) -> None:
-    expected = list(parts(THINGS["Scan"]))
+    expected = list(parts(OBJECTS["Scan"]))
     with ProcessPoolExecutor(2, multiprocessing.get_context(method)) as pool:
         futures = [pool.submit(a_lidar().scan, a_scene(), DRIVE, seed=3) for _ in range(3)]
         for future in futures:
@@ -208,9 +208,9 @@ class Frames:
 def test_pickles_hold_no_caches() -> None:
     lidar = ls.Lidar.preset("ouster-os1-64")
     scene = a_scene()
-    before = [len(pickle.dumps(thing)) for thing in (lidar, lidar.pattern, scene)]
+    before = [len(pickle.dumps(original)) for original in (lidar, lidar.pattern, scene)]
     lidar.scan(scene)
-    assert [len(pickle.dumps(thing)) for thing in (lidar, lidar.pattern, scene)] == before
+    assert [len(pickle.dumps(original)) for original in (lidar, lidar.pattern, scene)] == before
     assert before[0] < 20_000
 
 
@@ -242,14 +242,14 @@ def test_large_arrays_go_out_of_band_without_a_copy() -> None:
 def pickled_classes() -> set[str]:
     """Return the names of the classes whose objects are in these pickles."""
     found: set[str] = set()
-    waiting: list[Any] = list(THINGS.values())
+    waiting: list[Any] = list(OBJECTS.values())
     while waiting:
-        thing = waiting.pop()
-        if isinstance(thing, pickling.Pickled):
-            found.add(type(thing).__name__)
-            waiting.extend(thing._contents().values())
-        elif isinstance(thing, tuple | list | dict):
-            waiting.extend(thing.values() if isinstance(thing, dict) else thing)
+        value = waiting.pop()
+        if isinstance(value, pickling.Pickled):
+            found.add(type(value).__name__)
+            waiting.extend(value._contents().values())
+        elif isinstance(value, tuple | list | dict):
+            waiting.extend(value.values() if isinstance(value, dict) else value)
     return found
 
 
@@ -260,25 +260,25 @@ def test_every_public_class_is_pickled_here() -> None:
     assert classes - {"Shape"} <= pickled_classes()
 
 
-def of_format(number: int, thing: pickling.Pickled, lacks: set[str], **more: Any) -> bytes:
-    """Return the pickle of a thing in another format, whose contents lack these names."""
-    kept = {name: value for name, value in thing._contents().items() if name not in lacks}
+def of_format(number: int, original: pickling.Pickled, lacks: set[str], **more: Any) -> bytes:
+    """Return the pickle of an object in another format, whose contents lack these names."""
+    kept = {name: value for name, value in original._contents().items() if name not in lacks}
 
     class Older:
         def __reduce__(self) -> tuple[Any, ...]:
-            return pickling._restore, (number, type(thing), kept | more)
+            return pickling._restore, (number, type(original), kept | more)
 
     return pickle.dumps(Older())
 
 
 GAINED: dict[str, tuple[Any, set[str]]] = {
     "Detection": (ls.Detection(0.1, 100.0), {"sigma"}),
-    "Cells": (dataclasses.replace(THINGS["Cells"], quantity=""), {"quantity"}),
+    "Cells": (dataclasses.replace(OBJECTS["Cells"], quantity=""), {"quantity"}),
     "Measurement": (ls.Measurement(range_sigma=0.02), {"near_threshold", "near_range", "response", "receiver_offset"}),
-    "Texture": (THINGS["Texture"], {"interpolation"}),
-    "Rig": (THINGS["Rig"], {"_imus", "_receivers"}),
+    "Texture": (OBJECTS["Texture"], {"interpolation"}),
+    "Rig": (OBJECTS["Rig"], {"_imus", "_receivers"}),
     "ImuErrors": (ls.ImuErrors(noise_density=1e-4), {"bias_instability"}),
-    "Scene": (THINGS["Scene"], {"atmosphere", "animations"}),
+    "Scene": (OBJECTS["Scene"], {"atmosphere", "animations"}),
     "Scan": (a_lidar().scan(a_scene()), {"source", "path", "mirrored_point", "ignore"}),
 }
 """Objects with only defaults in the names that pickles of format 1 lack."""
@@ -287,27 +287,27 @@ GAINED: dict[str, tuple[Any, set[str]]] = {
 @pytest.mark.parametrize("number", [1, pickling.FORMAT])
 @pytest.mark.parametrize("name", GAINED)
 def test_older_pickles_have_the_defaults_of_what_they_lack(name: str, number: int) -> None:
-    thing, lacks = GAINED[name]
-    assert lacks & thing._contents().keys()
-    found = pickle.loads(of_format(number, thing, lacks))  # noqa: S301
-    assert type(found) is type(thing)
-    assert list(parts(found._contents())) == list(parts(thing._contents()))
+    original, lacks = GAINED[name]
+    assert lacks & original._contents().keys()
+    found = pickle.loads(of_format(number, original, lacks))  # noqa: S301
+    assert type(found) is type(original)
+    assert list(parts(found._contents())) == list(parts(original._contents()))
 
 
-@pytest.mark.parametrize("name", [name for name, thing in THINGS.items() if isinstance(thing, pickling.Pickled)])
+@pytest.mark.parametrize("name", [name for name, original in OBJECTS.items() if isinstance(original, pickling.Pickled)])
 def test_pickles_of_other_versions_say_so(name: str) -> None:
-    now, thing = pickling.FORMAT, THINGS[name]
+    now, original = pickling.FORMAT, OBJECTS[name]
     refused = (
-        rf"^pickle of a {type(thing).__name__}: expected format {now} of this version of lidarsim, got format {{}} of"
-        " another version; "
+        rf"^pickle of a {type(original).__name__}: expected format {now} of this version of lidarsim, got format {{}}"
+        " of another version; "
     )
     for number, more in ((now + 1, {}), (now, {"wings": 2}), (1, {"wings": 2})):
         with pytest.raises(pickle.UnpicklingError, match=refused.format(number)):
-            pickle.loads(of_format(number, thing, set(), **more))  # noqa: S301
+            pickle.loads(of_format(number, original, set(), **more))  # noqa: S301
     needed = {"Scene": "next", "Scan": "range", "Trajectory": "recipe", "shape sphere": "radius", "LaserScan": "ranges"}
     if name in needed:
         with pytest.raises(pickle.UnpicklingError, match=refused.format(now)):
-            pickle.loads(of_format(now, thing, {needed[name]}))  # noqa: S301
+            pickle.loads(of_format(now, original, {needed[name]}))  # noqa: S301
 
 
 def test_what_is_immutable_stays_so_in_a_copy() -> None:
@@ -318,4 +318,4 @@ def test_what_is_immutable_stays_so_in_a_copy() -> None:
         with pytest.raises(AttributeError, match="Sphere is immutable"):
             sphere.radius = 2.0
         with pytest.raises(ValueError, match="read-only"):
-            way(THINGS["Pulses"]).time[0] = 1.0
+            way(OBJECTS["Pulses"]).time[0] = 1.0

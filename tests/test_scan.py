@@ -118,7 +118,7 @@ def test_hits_are_those_of_the_scene() -> None:
     assert np.array_equal(scan.status, np.where(hits.hit, ls.Status.hit, ls.Status.miss))
     assert np.array_equal(scan.return_count, hits.hit)
     assert np.array_equal(scan.object_id[:, 0], hits.object_id)
-    labels = np.array([thing.label for thing in scene.objects])
+    labels = np.array([item.label for item in scene.objects])
     assert np.array_equal(scan.label[hits.hit, 0], labels[hits.object_id[hits.hit]])
     assert not scan.label[~hits.hit].any()
     # The rays above were turned by another multiplication of matrices. Its roundings, some 2⁻⁵³ of direction and
@@ -246,7 +246,7 @@ def test_a_sensor_inside_of_an_object_is_noted() -> None:
     # the gate may let the body through
     open_gate = dataclasses.replace(inside, min_range=0.3)
     assert open_gate.scan(shell).summary().note == note.format("0.5 m")
-    # not so if anything else is seen, or what is near is the smaller part, is beyond 0.5 m, or is two things
+    # not so if anything else is seen, or what is near is the smaller part, is beyond 0.5 m, or is two instances
     away = [[1, 0, 0, 19.3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     assert not any(sensor.scan(shell, away).summary().note for sensor in (inside, open_gate))
     assert not any(sensor.scan(ls.Scene()).summary().note for sensor in (inside, open_gate))

@@ -199,8 +199,8 @@ class MuJoCo(Caster):
         cls.module.set_mju_user_warning(lambda _: None)
 
     def __init__(self, world: World, _threads: int) -> None:
-        things = f'<site name="lidar" pos="{_text(world.sensor)}"/>' + "".join(map(_geom, world.shapes))
-        self.model = self.module.MjModel.from_xml_string(f"<mujoco><worldbody>{things}</worldbody></mujoco>")
+        bodies = f'<site name="lidar" pos="{_text(world.sensor)}"/>' + "".join(map(_geom, world.shapes))
+        self.model = self.module.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
         self.data = self.module.MjData(self.model)
         self.module.mj_forward(self.model, self.data)
 

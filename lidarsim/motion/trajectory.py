@@ -635,7 +635,7 @@ class Trajectory(Immutable):
             hint = "give it poses at times"
             raise ArgumentValueError("correlation_time", "inf, as the trajectory has no end", scale, hint)
         is_spline = bool(arguments[2].reshape(-1, 2, 3, 3)[:, :, 1:].any())
-        times = _finely(self._times, 0.1 * scale)
+        times = _refine(self._times, 0.1 * scale)
         errors = sigmas * gauss_markov(times, scale, seed)
         # Between its poses, it is the body that moves as interpolated. It turns about the sensor that it carries.
         poses, carried = _build((kind, arguments, ())).at(times), _build(("still", (np.eye(4).tolist(),), mounts))
@@ -711,8 +711,8 @@ MOST_POSES = 10_000_000
 """Most poses of a perturbed trajectory: 1.3 GB."""
 
 
-def _finely(times: Floats, step: float) -> Floats:
-    """Return the times and, equally spaced between each two, enough others for steps of `step` at most."""
+def _refine(times: Floats, step: float) -> Floats:
+    """Insert equally spaced times so that no step exceeds `step`."""
     lengths = np.diff(times)
     with np.errstate(over="ignore"):
         counts = np.ceil(lengths / step)

@@ -172,7 +172,7 @@ def occupancy(
         a cell more on each side. The grid begins at multiples of the resolution and covers them.
     free_from : array_like, shape (2,) or (k, 2), optional
         Points from which free space is found, such as where the robot stands: cells that are reached from there
-        without passing an occupied one, from side to side, are free, and others, such as the inside of things, are
+        without passing an occupied one, from side to side, are free, and others, such as the inside of objects, are
         unknown. Default: all cells that are not occupied are free.
     time : float
         Time at which moving objects are placed, s.

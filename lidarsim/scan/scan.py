@@ -278,8 +278,8 @@ class Scan(ScanColumns[None], Pickled, Plotted):
             Also move the points of moving objects, in either frame, to where they are on the objects at the moment of
             `deskew`. Tracking would have to find these motions; here, they are the true ones. Ghosts in mirrors stay.
         pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
-            Sensor to world, as one who does not know the truth believes: the points are placed and deskewed with it,
-            and normals turn with them. ``trajectory.perturbed(…)`` makes one. Default: the true pose.
+            The estimated pose, sensor to world: the points are placed and deskewed with it, and normals turn with them.
+            ``trajectory.perturbed(…)`` makes one. Default: the true pose.
         fields : collection of str, optional
             Names of the fields besides `xyz`; a cloud with fewer takes less time and memory. Default: all.
 
@@ -302,7 +302,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
                 raise ArgumentValueError(
                     "deskew_movers", "none with another pose, as motions are the true ones", "True"
                 )
-            return self._as_believed(pose).point_cloud(frame, deskew=deskew, fields=fields)
+            return self._with_pose(pose).point_cloud(frame, deskew=deskew, fields=fields)
         if frame == "world" and not deskew_movers:
             moment_of(deskew, 1.0)  # only checks it
             moment = None
@@ -327,15 +327,15 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         """Return the names of all fields that its clouds can have."""
         return [name for name in CANONICAL if name not in Scan._columns or getattr(self, name) is not None]
 
-    def _as_believed(self, pose: Transform | Trajectory) -> Scan:
+    def _with_pose(self, pose: Transform | Trajectory) -> Scan:
         """Return the scan with another pose; the normals, which the sensor sees in its own frame, turn with it."""
         where = _where(pose)
         if isinstance(where, Trajectory) and len(self):
             _check_span(where, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
-        believed = replace(self, pose=where)
-        turned = np.einsum("nij,nkj->nik", believed.poses[:, :3, :3], self.poses[:, :3, :3])
+        estimated = replace(self, pose=where)
+        turned = np.einsum("nij,nkj->nik", estimated.poses[:, :3, :3], self.poses[:, :3, :3])
         changed: dict[str, Any] = {"normal": np.einsum("nij,nrj->nri", turned, self.normal).astype(np.float32)}
-        return replace(believed, **changed)
+        return replace(estimated, **changed)
 
     def _find_deskew_moment(self, deskew: object) -> float | None:
         """Return the moment of `deskew`, s, after checking that the trajectory covers it; None for raw points."""

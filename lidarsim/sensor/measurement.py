@@ -291,8 +291,8 @@ class Measurement(Immutable):
     near_range : float
         n, range up to which it holds, m, > 0.
     extinction : float
-        Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR). That of the
-        scene's `Atmosphere` adds to it.
+        Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR). The
+        extinction of the scene's `Atmosphere` is added.
     false_returns : float
         Probability that a pulse has one more return, without a surface, 0 to 1. Its range is uniform over the range
         gate of the `Lidar`, which must have a `max_range`, and is quantised. It is the weakest echo of its pulse: it

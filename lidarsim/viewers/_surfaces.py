@@ -99,7 +99,7 @@ def surfaces(
     chord_error : float, optional
         Greatest distance of a triangle from its surface, m; by default 1/200 of the radius of each object.
     bounds : array_like, shape (2, 3), optional
-        Least and greatest coordinates of other visible things, m, to which planes also extend.
+        Least and greatest coordinates of other visible objects, m, to which planes also extend.
     time : float
         Time, s, for the poses of moving objects; clamped to the span of each motion.
 

@@ -15,7 +15,7 @@ import lidarsim as ls
 from lidarsim.world import shapes
 
 SHAPES = [
-    thing for name in shapes.__all__ if issubclass(thing := getattr(shapes, name), ls.Shape) and thing is not ls.Shape
+    shape for name in shapes.__all__ if issubclass(shape := getattr(shapes, name), ls.Shape) and shape is not ls.Shape
 ]
 CORE = Path(__file__).parents[2] / "lidarsim" / "native" / "core" / "src"
 

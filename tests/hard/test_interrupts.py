@@ -99,9 +99,9 @@ def interrupted(*_):
 def work(*_, **__):
     if sys.argv[1] == "callback":
         sys.unraisablehook = lambda _: print("dropped")
-        thing = threading.Event()
-        reference = weakref.ref(thing, interrupted)
-        del thing
+        event = threading.Event()
+        reference = weakref.ref(event, interrupted)
+        del event
     elif sys.argv[1] == "except":
         try:
             interrupted()
@@ -127,9 +127,9 @@ import contextlib, signal, threading, types, weakref
 from lidarsim import cli
 
 def work(_):
-    thing = threading.Event()
-    reference = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGINT))
-    del thing
+    event = threading.Event()
+    reference = weakref.ref(event, lambda _: signal.raise_signal(signal.SIGINT))
+    del event
 
 @contextlib.contextmanager
 def context(*_):
