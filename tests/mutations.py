@@ -4,8 +4,8 @@ Run by hand, from anywhere: ``python tests/mutations.py [--only WORDS] [--target
 per mutant. The working tree is not changed: the core is copied to a temporary folder, patched there and built without
 optimisation.
 
-Most mutants halve the factor of a bound, which tools such as cargo-mutants leave alone: they replace operators and
-what functions return.
+Many mutants change a number, such as the factor of a bound, or leave out a term. Tools such as cargo-mutants do
+neither: they replace operators and function bodies, and delete match arms.
 
 A mutant replaces a text in the core's sources; `tests/test_mutations.py` checks that the text occurs exactly once. The
 unit tests of the core run first. If they pass, mutants that concern whole casts are also tested by tests of the Python

@@ -1,8 +1,9 @@
 """The checklists of `.github/CONTRIBUTING.md`, applied to toys in a copy of the tree.
 
 A toy is a copy of an existing shape, effect, pattern or preset under another name, or a small column, format, packet
-format, layout or output of a run. It needs exactly the files of its checklist: the tests of the copy must pass with all
-of them, and fail if any is missing.
+format, layout or output of a run. The tests of the copy must pass with the files of its checklist alone, and fail
+without one of them: without the last, and with ``--slow`` without each in turn that existing tests notice without the
+compiler.
 """
 
 from __future__ import annotations

@@ -220,7 +220,8 @@ def test_no_scan_pattern_calls_blas() -> None:
 
 
 # Modules of one crate may import each other in circles: the compiler refuses none, and crates for the layers of the
-# core would be compiled one after the other. So the imports are read here.
+# core would be compiled one after the other. cargo-modules sees no paths in the bodies of functions, and knows no
+# layers. So the imports are read here.
 RUST_TOKEN = re.compile(
     r"""
       (?P<skipped> \s+ | //[^\n]* | b?r(?P<hashes>\#*)".*?"(?P=hashes) | [bc]?"(?:\\.|[^"\\])*"
