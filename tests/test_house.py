@@ -154,8 +154,8 @@ def python_imports(package: Path) -> dict[str, set[str]]:
     return found
 
 
-def python_circle(imports: dict[str, set[str]]) -> list[str]:
-    """The modules of a circle of imports, each of which imports the next; none if there is no circle."""
+def python_cycle(imports: dict[str, set[str]]) -> list[str]:
+    """The modules of a cycle of imports, each of which imports the next; none if there is no cycle."""
     try:
         graphlib.TopologicalSorter(imports).prepare()
     except graphlib.CycleError as error:
@@ -163,7 +163,7 @@ def python_circle(imports: dict[str, set[str]]) -> list[str]:
     return []
 
 
-def test_the_check_of_python_imports_finds_circles(tmp_path: Path) -> None:
+def test_the_check_of_python_imports_finds_cycles(tmp_path: Path) -> None:
     package = tmp_path / "toy"
     files = {
         "__init__.py": "from toy.high import high\n",
@@ -178,24 +178,24 @@ def test_the_check_of_python_imports_finds_circles(tmp_path: Path) -> None:
     assert imports == {
         "toy": {"toy.high"}, "toy.high": {"toy.inner"}, "toy.inner": {"toy.inner.low"}, "toy.inner.low": set(),
     }  # fmt: skip
-    assert python_circle(imports) == []
+    assert python_cycle(imports) == []
     for closing in (
         "if TYPE_CHECKING:\n    from toy.high import high\n",
         "def f() -> None:\n    import toy.high\n",
         "from toy import high\n",
     ):
         (package / "inner" / "low.py").write_text(closing, encoding="utf-8")
-        assert set(python_circle(python_imports(package))) == {"toy.high", "toy.inner", "toy.inner.low"}
+        assert set(python_cycle(python_imports(package))) == {"toy.high", "toy.inner", "toy.inner.low"}
     (package / "inner" / "low.py").write_text("from toy.inner.low import f\n", encoding="utf-8")
-    assert python_circle(python_imports(package)) == ["toy.inner.low", "toy.inner.low"]
+    assert python_cycle(python_imports(package)) == ["toy.inner.low", "toy.inner.low"]
 
 
 def test_no_python_files_import_each_other() -> None:
-    """`lint-imports` holds the order of the packages; within one, files could still import each other in a circle."""
+    """`lint-imports` holds the order of the packages; within one, files could still import each other in a cycle."""
     imports = python_imports(ROOT / "lidarsim")
     assert len(imports) >= 100
     assert sum(map(len, imports.values())) >= 500
-    assert python_circle(imports) == []
+    assert python_cycle(imports) == []
 
 
 BLAS = {"dot", "inner", "matmul", "tensordot", "vdot", "einsum", "linalg"}
