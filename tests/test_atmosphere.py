@@ -26,6 +26,8 @@ LIGHT = 299_792_458.0
 FOG = ls.Atmosphere.fog(50.0, label=7)
 RAIN = ls.Atmosphere.rain(10.0, label=8)
 LIMIT = ls.Detection(0.1, 100.0)
+ALL_AIR = (0.0, 0.01)
+"""Overlap of a receiver that, without a `near_threshold`, sees all of the air from the least range on."""
 SIGMAS = 5.0
 """Bounds of statistics: one in 1.7 million lies outside."""
 
@@ -36,7 +38,8 @@ def pulses(count: int) -> ls.patterns.Table:
 
 
 def sensor(count: int = 1, *, min_range: float = 0.9, max_range: float = math.inf, **measurement: Any) -> ls.Lidar:
-    return ls.Lidar(pulses(count), measurement=ls.Measurement(**measurement), min_range=min_range, max_range=max_range)
+    effects = ls.Measurement(**{"crossover": ALL_AIR, **measurement})
+    return ls.Lidar(pulses(count), measurement=effects, min_range=min_range, max_range=max_range)
 
 
 def scene(atmosphere: ls.Atmosphere | None, *walls: float, reflectivity: float = 1.0) -> ls.Scene:
@@ -170,7 +173,7 @@ def test_the_echo_of_fog_is_the_peak_of_the_response(
     alpha: float, overlap: tuple[float, float] | None, min_range: float, length: float | None
 ) -> None:
     beam = None if length is None else ls.Beam(1e-3, pulse_length=length)
-    lidar = sensor(min_range=min_range, crossover=overlap, beam=beam)
+    lidar = sensor(min_range=min_range, crossover=overlap, beam=beam, near_threshold=0.01)
     beta = 2e-3
     echo = ls.Atmosphere(extinction=alpha, backscatter=beta).fog_echo(lidar)
     assert echo is not None
@@ -317,14 +320,44 @@ def test_fog_needs_a_range_from_which_it_is_seen() -> None:
         lambda lidar: lidar.frames(scene(FOG), None, 1),
         FOG.fog_echo,
     ]
-    for lidar, use in itertools.product((sensor(min_range=0.0), sensor(min_range=0.0, crossover=(0.0, 1.0))), uses):
+    dull, open_ = sensor(min_range=0.0, crossover=None, near_threshold=NEAR), sensor(min_range=0.0)
+    for lidar, use in itertools.product((dull, open_), uses):
         with pytest.raises(ValueError, match=r"^min_range: expected a number > 0 in fog, got 0.0; or give"):
             use(lidar)
     assert sensor(min_range=0.0, crossover=(0.1, 1.0)).scan(scene(FOG)).status[0] == ls.Status.hit
     assert sensor(min_range=0.0).scan(scene(ls.Atmosphere(extinction=0.1))).status[0] == ls.Status.miss
 
 
-# Fog and the threshold near the sensor
+# The threshold near the sensor
+
+
+@pytest.mark.parametrize("air", [FOG, RAIN, ls.Atmosphere.snow(1.0)], ids=["fog", "rain", "snow"])
+def test_air_needs_a_receiver_that_is_dull_near_by(air: ls.Atmosphere) -> None:
+    """The error says what to write, and each of these remedies is one."""
+    bare, world = ls.Lidar.preset("hesai-xt32"), scene(air, 20.0)
+    message = (
+        "near_threshold: expected a number > 0 in fog, rain or snow, got 0.0; a preset has one with "
+        'noise="datasheet"; give a sensor of your own near_threshold=0.01, near_range=20.0 and, in fog, a min_range > '
+        "0; or, to see all of the air from a range on, a crossover such as (0.9, 1.0)"
+    )
+    uses: list[Callable[[ls.Lidar], object]] = [
+        lambda lidar: lidar.scan(world),
+        lambda lidar: lidar.frames(world, None, 1),
+        lambda lidar: lidar.scan_many(world, np.eye(4)[None]),
+        air.fog_echo,
+        air.patches_seen,
+        air.particles_seen,
+    ]
+    for use in uses:
+        with pytest.raises(ls.errors.ArgumentValueError) as error:
+            use(bare)
+        assert str(error.value) == message
+    own = dataclasses.replace(bare, measurement=ls.Measurement(near_threshold=0.01, near_range=20.0))
+    all_of_it = dataclasses.replace(bare, measurement=ls.Measurement(crossover=(0.9, 1.0)))
+    for lidar in (ls.Lidar.preset("hesai-xt32", noise="datasheet"), own, all_of_it):
+        assert lidar.scan(world).source is not None
+    world.atmosphere = ls.Atmosphere(extinction=0.1)
+    assert (bare.scan(world).status == ls.Status.hit).any()
 
 
 NEAR = 0.004
@@ -567,7 +600,8 @@ def test_bits_are_the_same_for_threads_instruction_sets_and_subsets(
         ls.patterns.Spinning(np.linspace(-0.4, 0.4, 9), columns=250),
         measurement=ls.Measurement(
             beam=beam, detection=LIMIT, range_sigma=0.02, power_sigma=0.2, range_sigma_limit=0.1, azimuth_sigma=1e-3,
-            returns=3 if beam else "strongest", dropout=0.1, near_threshold=near, false_returns=0.05,
+            returns=3 if beam else "strongest", dropout=0.1, near_threshold=near, crossover=ALL_AIR,
+            false_returns=0.05,
             response=ls.Response(
                 range=[(1, 0.5), (9, 1)], exponent=0.8, sigma=0.1, ring_sigma=0.1, curve=[(0, 0), (0.1, 0.2), (9, 1)],
                 resolution=1e-4,
@@ -721,7 +755,10 @@ def test_bad_arguments_are_named(make: Callable[[], object], message: str) -> No
 
 RUN = """
 scene: [{shape: plane, normal: [1, 0, 0], distance_m: 30}]
-sensor: {pattern: {type: grid, azimuths_deg: [0], elevations_deg: [0], rate_hz: 10}, min_range_m: 0.9, max_range_m: 100}
+sensor:
+  pattern: {type: grid, azimuths_deg: [0], elevations_deg: [0], rate_hz: 10}
+  measurement: {crossover_m: [0.9, 1.0]}
+  max_range_m: 100
 """
 
 

@@ -29,6 +29,9 @@ of 128 m each, 2⁻⁴⁶ m; 6σ off, with σ at least 0.06 m, the exponent chan
 CUT = math.exp(-18.0)
 """What is left of a Gaussian beyond the 6σ that are recorded."""
 
+ALL_AIR = (0.0, 0.01)
+"""Overlap of a receiver that sees all of fog, rain and snow from the least range on."""
+
 
 def sigma(pulse_length: float) -> float:
     """Standard deviation of a Gaussian pulse of this full width at half maximum, s, as a range, m."""
@@ -53,7 +56,7 @@ def shoot(
 ) -> ls.Scan:
     lidar = ls.Lidar(
         ls.patterns.Table(directions, rate=10.0),
-        measurement=ls.Measurement(**measurement),
+        measurement=ls.Measurement(**{"crossover": ALL_AIR, **measurement}),
         max_range=max_range,
         min_range=min_range,
     )
@@ -468,7 +471,7 @@ def test_the_same_bits_on_any_number_of_threads_and_any_instruction_set(
     scene.atmosphere = air
     lidar = ls.Lidar(
         ls.patterns.Grid(np.linspace(-0.004, 0.004, 15), np.linspace(-0.004, 0.004, 15), rate=10.0),
-        measurement=ls.Measurement(beam=ls.Beam(2e-3), returns=4, power_sigma=0.2),
+        measurement=ls.Measurement(beam=ls.Beam(2e-3), returns=4, power_sigma=0.2, crossover=ALL_AIR),
         min_range=1.0,
         max_range=130.0,
     )

@@ -328,8 +328,8 @@ class Measurement(Immutable):
     greater of the limit ρ/r² of the `detection` and i/R²·min(1, (n/R)²), which falls with R² up to the `near_range` n
     and with R⁴ from there on. (Without a `detection`, the latter holds where it is above the limit of the reflectivity
     0.1 at the `max_range` of the `Lidar`.) Which echo of a pulse is the strongest, and how much of `range_sigma_limit`
-    it has, depends on its power relative to this threshold. Without it, fog, rain and snow outshine all surfaces
-    (`Atmosphere`).
+    it has, depends on its power relative to this threshold. Without it, fog, rain and snow outshine all surfaces: a
+    scan in them is then refused, unless there is a `crossover` (`Atmosphere`).
 
     The receiver of a biaxial sensor stands beside the emitter. Beyond an edge of a nearer surface, on one side of it,
     the beam lights what that surface hides from the receiver: with an offset b, a strip b·(1/near - 1/far) rad wide. A

@@ -89,8 +89,12 @@ class Atmosphere(Immutable):
     2021). Its one peak is the echo of the fog, of the power W and the intensity W·R². A surface nearer than 2σ behind
     the peak hides it; with a beam, the sub-rays that hit such a surface do. The integral diverges at the sensor, so the
     receiver must see the air only from some range on: where the `crossover` begins or, without one that begins beyond
-    0, the `min_range` of the `Lidar`. A scan in fog without either is refused. Real receivers are far less sensitive so
-    close: without a `near_threshold`, the echo of fog outshines all but the nearest surfaces. Every preset has one.
+    0, the `min_range` of the `Lidar`. A scan in fog without either is refused.
+
+    **The receiver near by.** Real receivers are far less sensitive so close: without a `near_threshold`, the echo of
+    the air outshines all but the nearest surfaces. Every preset has one with ``noise="datasheet"`` or ``"measured"``,
+    none without noise. A scan in air that sends light back is refused without a `near_threshold`, unless the
+    measurement has a `crossover`.
 
     A receiver with a `near_threshold` sees fog only where it is brighter than on average. Its power, x times the mean,
     is assumed to have Weibull's distribution, P(X > x) = exp(−(Γ(1 + 1/k)·x)^k) with the shape k = 0.7, that of clutter
@@ -115,10 +119,10 @@ class Atmosphere(Immutable):
     >>> wall = scene.add(ls.Plane((1, 0, 0), 30.0))
     >>> scene.atmosphere = ls.Atmosphere.fog(visibility=50.0, label=99)
     >>> pattern = ls.patterns.Grid([0.0], [0.0], rate=10.0)
-    >>> lidar = ls.Lidar(pattern, min_range=0.9)
+    >>> lidar = ls.Lidar(pattern, measurement=ls.Measurement(crossover=(0.9, 1.0)))
     >>> scan = lidar.scan(scene)
     >>> ls.Source(scan.source[0, 0]).name, scan.range.round(2), scan.label
-    ('atmosphere', array([[1.21]]), array([[99]], dtype=uint32))
+    ('atmosphere', array([[1.27]]), array([[99]], dtype=uint32))
     """
 
     extinction: float = 0.0
@@ -370,18 +374,26 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor) -> None:
     TypeError
         If `lidar` is not a Lidar.
     ValueError
-        In fog without a range from which on the receiver sees it, or in rain or snow without a limit of what it sees.
+        In air that sends light back without a threshold near the sensor or a crossover, in fog without a range from
+        which on the receiver sees it, or in rain or snow without a limit of what it sees.
     """
     if atmosphere is None:
         return
     if not isinstance(lidar, Sensor):
         raise ArgumentTypeError("lidar", "a Lidar", short_repr(lidar))
     measurement = lidar.measurement
+    echoes = atmosphere.backscatter > 0.0 or atmosphere.intercept > 0.0
+    if echoes and measurement.near_threshold == 0.0 and measurement.crossover is None:
+        hint = (
+            'a preset has one with noise="datasheet"; give a sensor of your own near_threshold=0.01, near_range=20.0'
+            " and, in fog, a min_range > 0; or, to see all of the air from a range on, a crossover such as (0.9, 1.0)"
+        )
+        raise ArgumentValueError("near_threshold", "a number > 0 in fog, rain or snow", 0.0, hint)
     begins = measurement.crossover[0] if measurement.crossover else 0.0
     if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:
         hint = (
-            "or give the measurement a crossover that begins beyond 0, such as (0.3, 1.0): at the sensor, the echo of "
-            "fog is infinite; and near_threshold=0.01, without which the echo of fog outshines all surfaces"
+            "or give the measurement a crossover that begins beyond 0, such as (0.3, 1.0): at the sensor, the echo of"
+            " fog is infinite"
         )
         raise ArgumentValueError("min_range", "a number > 0 in fog", 0.0, hint)
     if atmosphere.intercept > 0.0 and measurement.detection is None and lidar.max_range == math.inf:
