@@ -321,23 +321,6 @@ def to_markdown(results: Results) -> str:
                 for row in results["patterns"]
             ),
         ),
-        "## Real sensors",
-        REALISTIC,
-        _table(
-            "sensor | pulses | sub-rays | clean, ns | data sheet, ns | real, ns | real / clean | Open3D, ns | × Open3D",
-            (
-                [
-                    row["sensor"],
-                    f"{row['pulses']:,}",
-                    str(row["sub_rays"]),
-                    *(_short(1e9 * row[kind]) for kind in ("clean", "datasheet", "measured")),
-                    _short(row["ratio"]),
-                    _short(None if row["Open3D"] is None else 1e9 * row["Open3D"]),
-                    _short(row["over_open3d"]),
-                ]
-                for row in results["realistic"]
-            ),
-        ),
         "## Random scenes",
         SCENES,
         _table(
@@ -363,7 +346,7 @@ def to_markdown(results: Results) -> str:
 
 
 def overview(results: Results, pictures: str = "") -> str:
-    """Return the summary tables: lidarsim and Open3D on meshes, every method on the analytic shapes.
+    """Return the summary tables: meshes beside Open3D, every method on analytic shapes, scans with noise of real units.
 
     Parameters
     ----------
@@ -408,6 +391,22 @@ def overview(results: Results, pictures: str = "") -> str:
         _table("scene | rays | lidarsim | Open3D | ratio | lidarsim: wrong; worst | Open3D: wrong; worst", meshes),
         SHAPES.format(shapes=results["plan"]["shapes"]),
         _table("method | threads | Mray/s | × Open3D | median, mm | p99, mm | max, mm | max, ulp | wrong", shapes),
+        REALISTIC,
+        _table(
+            "sensor | pulses | sub-rays | clean, ns | data sheet, ns | real, ns | real / clean | Open3D, ns | × Open3D",
+            (
+                [
+                    row["sensor"],
+                    f"{row['pulses']:,}",
+                    str(row["sub_rays"]),
+                    *(_short(1e9 * row[kind]) for kind in ("clean", "datasheet", "measured")),
+                    _short(row["ratio"]),
+                    _short(None if row["Open3D"] is None else 1e9 * row["Open3D"]),
+                    _short(row["over_open3d"]),
+                ]
+                for row in results["realistic"]
+            ),
+        ),
         f"![Error against the distance from the origin]({pictures}distance.png)",
         DISTANCE,
         _distances(results),

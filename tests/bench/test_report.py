@@ -307,6 +307,7 @@ def test_the_overview_leads_the_report(results: dict[str, Any]) -> None:
         "Open3D, icosphere 5",
     ]
     assert "Not available on that machine: MuJoCo-LiDAR, Taichi." in text
+    assert [cells[0] for cells in table(text, "sensor | pulses")] == ["ouster-os1-128", "velodyne-vls128"]
     assert report.to_markdown(results).startswith(f"# Speed against error\n\n{report.overview(results)}\n\n")
 
 
