@@ -346,13 +346,18 @@ def test_tables_are_written_row_by_row() -> None:
         (("real", "-o", "a.yaml", "--preset", "hesai-xt32"), "real: expected frames of hesai-xt32, got points"),
         (("real", "-o", "a.yaml", "--ground", "tarmac"), "--ground: expected the name of a material, got 'tarmac'"),
         (("flat.npz", "-o", "a.yaml"), "preset: expected the name of a sensor, got none; no preset has beams"),
+        (
+            ("few.npz", "-o", "a.yaml"),
+            "real: expected 1,000 points or more in the first frame, got 999; of smaller frames, give the --preset",
+        ),
         (("real",), "Missing option"),
     ],
 )
 def test_the_command_explains_a_mistake_in_a_line(
     folder: Path, arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ls.PointCloud({"xyz": np.ones((2000, 3)), "ring": np.zeros(2000, np.uint16)}).save("flat.npz")
+    for name, count in (("flat.npz", 2000), ("few.npz", 999)):
+        ls.PointCloud({"xyz": np.ones((count, 3)), "ring": np.zeros(count, np.uint16)}).save(name)
     assert run("fit", *arguments) == 2
     printed = capsys.readouterr()
     assert message in printed.err

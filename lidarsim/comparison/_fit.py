@@ -21,6 +21,7 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.lidar import Lidar
 from lidarsim.materials import Material
 from lidarsim.patterns import Spinning
+from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan
 from lidarsim.sensor.measurement import Detection, Response
 
@@ -84,18 +85,21 @@ def recognise(real: Source) -> tuple[Source, str]:
     Raises
     ------
     ValueError
-        If there is none.
+        If there is none, or it cannot be told for want of points.
     """
     first = next(real.frames, None)
     cloud = first.point_cloud() if isinstance(first, Scan) else first
+    if cloud is None:
+        cloud = PointCloud({"xyz": np.zeros((0, 3))})
+    cloud = cloud[np.isfinite(cloud.xyz).all(axis=1) & cloud.xyz.any(axis=1)]
+    xyz = cloud.xyz
     found: dict[str, float] = {}
-    for name in Lidar.presets() if cloud is not None and len(cloud) else ():
+    for name in Lidar.presets() if len(xyz) else ():
         lidar = Lidar.preset(name)
-        if cloud is None or not isinstance(lidar.pattern, Spinning):
+        if not isinstance(lidar.pattern, Spinning):
             continue
-        xyz = cloud.xyz[np.isfinite(cloud.xyz).all(axis=1) & cloud.xyz.any(axis=1)]
         try:
-            ring = cloud.ring[np.isfinite(cloud.xyz).all(axis=1) & cloud.xyz.any(axis=1)].astype(np.intp)
+            ring = cloud.ring.astype(np.intp)
         except AttributeError:
             try:
                 ring, _ = rings_of(lidar, xyz)
@@ -105,6 +109,9 @@ def recognise(real: Source) -> tuple[Source, str]:
             found[name] = misfit(Beams.of(lidar), xyz, ring)
     best = min(found, key=lambda name: found[name], default="")
     if not best or found[best] > MISFIT:
+        if len(xyz) < FEWEST_POINTS:
+            expected = f"{FEWEST_POINTS:,} points or more in the first frame"
+            raise ArgumentValueError("real", expected, f"{len(xyz):,}", "of smaller frames, give the --preset")
         raise ArgumentValueError("preset", "the name of a sensor", "none", "no preset has beams where the points are")
     return replace(real, frames=chain([] if first is None else [first], real.frames)), best
 
