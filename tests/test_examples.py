@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pictures
 import pytest
+from PIL import Image
 
 import lidarsim as ls
 from lidarsim.cli import main
@@ -55,9 +56,22 @@ def test_example_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def draws_what_the_page_shows(picture: Path, image: Path) -> None:
     assert pictures.is_as_shown(picture, image)
     if image.stem == "street":
-        # 128 colours have none for the axes of the sensor, which move a block by 18 of 255.
         assert pictures.difference(picture, image) < 25
         assert pictures.difference(picture, image.with_name("snippet.png")) > 100  # another picture fails
+
+
+def test_a_reduced_picture_keeps_the_colours_of_its_legend(tmp_path: Path) -> None:
+    """A patch of 8 × 8 pixels among a million of other colours, such as points of other classes, dark and bright."""
+    draw = np.random.default_rng(1)
+    classes = np.array([(255, 200, 0), (255, 0, 255), (0, 175, 0), (100, 150, 245), (135, 60, 0), (75, 0, 75)])
+    points = classes[draw.integers(6, size=(800, 1400))] * draw.random((800, 1400, 1))
+    pixels = np.clip(points + draw.normal(0, 12, points.shape), 0, 255).astype(np.uint8) // 8 * 8
+    pixels[20:28, 600:608] = cyan = 50, 255, 255
+    Image.fromarray(pixels).save(tmp_path / "drawn.png")
+    pictures.reduce(tmp_path / "drawn.png", tmp_path / "shown.png")
+    with Image.open(tmp_path / "shown.png") as shown:
+        assert shown.mode == "P"  # at most 256 colours
+        assert (np.asarray(shown.convert("RGB"))[20:28, 600:608] == cyan).all()
 
 
 def test_a_page_shows_twelve_draws_of_each_generator_of_worlds() -> None:
