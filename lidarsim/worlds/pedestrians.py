@@ -45,6 +45,9 @@ those of most national surveys."""
 ARMS = {5, 6, 10, 11}
 """Upper arms and forearms among the limbs."""
 
+PUSHING: dict[str, Any] = {"shoulder": (40.0, 40.0), "elbow": (35.0, 35.0)}
+"""Flexion of the arms of someone who pushes a pram, degrees, as in `_walker.figure`."""
+
 SHIRTS = (materials.CLOTH, materials.CLOTH_DARK, materials.CLOTH_LIGHT)
 TROUSERS = (materials.CLOTH, materials.CLOTH_DARK)
 
@@ -115,7 +118,7 @@ def _figure(
     """Return the limbs of a person in a posture, with the lower foot on the ground."""
     arms: dict[str, Any] = {}
     if pushes:
-        arms = {"shoulder": (40.0, 40.0), "elbow": (35.0, 35.0)}
+        arms = PUSHING
     elif holds:
         arms = {"shoulder": (5.0, 30.0), "elbow": (10.0, 110.0)}
     if posture == "walking":
@@ -228,9 +231,12 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
         x = 0.3 * height + 0.45
         body = _make_rounded((0.75, 0.4, 0.3), (x, 0, 0.62), materials.CLOTH)
         hood = _make_rounded((0.35, 0.42, 0.3), (x + 0.2, 0, 0.85), materials.CLOTH_DARK)
+        limbs = _walker.figure(height, hip=(0, 0), knee=(0, 0), **PUSHING)
+        left, right = (limbs[arm] @ (0, 0, -_walker.FOREARM * height, 1) for arm in (6, 11))
+        hands = [(*hand[:2], hips + hand[2]) for hand in (left, right)]
         bars = [
-            tube([(x - 0.2, side * 0.2, 0.5), (x - 0.55, side * 0.2, 1.0)], 0.015, 6, material=materials.PAINTED_METAL)
-            for side in (1, -1)
+            tube(ends, 0.015, 6, material=materials.PAINTED_METAL)
+            for ends in (hands, [(x - 0.2, 0.2, 0.5), hands[0]], [(x - 0.2, -0.2, 0.5), hands[1]])
         ]
         wheels = []
         for ahead in (0.28, -0.28):

@@ -162,6 +162,22 @@ def test_people_are_as_tall_as_they_are_said_to_be() -> None:
     assert 1.2 < np.diff(seated.bounds, axis=0)[0, 2] < 1.45
 
 
+@pytest.mark.parametrize("posture", ["walking", "standing"])
+@pytest.mark.parametrize("height", [1.5, 1.7, 2.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_hands_hold_the_pram(posture: Any, height: float, seed: int) -> None:
+    made = ls.worlds.pedestrian(np.random.default_rng(seed), posture=posture, load="pram", height=height)
+    (pram,) = (
+        part.shape.vertices for part in made.parts if isinstance(part.shape, ls.TriangleMesh) and part.name == "pram"
+    )
+    forearms = [part for part in made.parts if part.name.endswith("forearm")]
+    assert len(forearms) == 2
+    for forearm in forearms:
+        limb = cast("ls.Capsule", forearm.shape)
+        hand = (cast("Floats", forearm.transform) @ (*limb.end, 1.0))[:3]
+        assert np.linalg.norm(pram - hand, axis=1).min() < limb.radius
+
+
 @pytest.mark.parametrize("kind", ["broadleaf", "conifer", "young"])
 def test_trees_are_as_tall_as_they_are_said_to_be_with_gaps_between_their_leaves(kind: Any) -> None:
     low, high = HABITS[cast("Any", kind)].height
