@@ -74,11 +74,11 @@ def test_a_reduced_picture_keeps_the_colours_of_its_legend(tmp_path: Path) -> No
         assert (np.asarray(shown.convert("RGB"))[20:28, 600:608] == cyan).all()
 
 
-def test_a_page_shows_twelve_draws_of_each_generator_of_worlds() -> None:
+def test_a_page_shows_draws_of_each_generator_of_worlds() -> None:
     page = (ROOT / "lidarsim" / "worlds" / "README.md").read_text(encoding="utf-8")
     shown = {f"worlds-{name}.png" for name in (*ls.worlds.GENERATORS, "street")}
     assert set(re.findall(r"\]\(../../examples/images/([^)]+)\)", page)) == shown
-    assert all((IMAGES / name).stat().st_size < 150_000 for name in shown)
+    assert all((IMAGES / name).stat().st_size < 250_000 for name in shown)
 
 
 def test_the_pages_show_every_example_and_picture() -> None:
