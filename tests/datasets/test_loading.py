@@ -136,7 +136,7 @@ def total(frames: Any, index: int) -> tuple[int, float]:
     return len(cloud), float(cloud.xyz.sum())
 
 
-@pytest.mark.parametrize("layout", ["shards", "kitti", "nuscenes"])
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_it_can_be_pickled_and_forked(made: Any, layout: str) -> None:
     frames = ls.datasets.load(made(layout)[1])
     data = pickle.dumps(frames)
