@@ -4,6 +4,7 @@ use crate::arith::number::Interval;
 use crate::arith::simd::Isa;
 use crate::bvh::Stack;
 use crate::cast::{self, Cast, Departure, HitArrays, Met};
+use crate::geometry::affine::Inverse;
 use crate::geometry::point::sub;
 use crate::geometry::pose::Path;
 use crate::geometry::vector::Point;
@@ -73,8 +74,14 @@ impl Caster for World<'_> {
     }
 
     fn local(&self, hit: &Hit, ray: &TimedRay) -> Point {
-        let object = self.scene.at(hit.object as u32, ray.time);
-        let [o, d] = object.enclose(ray.origin, ray.direction).map(|point| point.map(middle));
+        let object = &self.scene.objects()[hit.object as usize];
+        let [o, d] = match object.inverse().and_then(Inverse::rounded) {
+            _ if object.is_untransformed() => [ray.origin, ray.direction],
+            Some(inverse) if object.motion().is_none() => {
+                [inverse.points::<f64, 1>(ray.origin).0, inverse.vectors::<f64, 1>(ray.direction).0]
+            }
+            _ => object.at(ray.time).enclose(ray.origin, ray.direction).map(|point| point.map(middle)),
+        };
         [0, 1, 2].map(|axis| o[axis] + hit.t * d[axis])
     }
 

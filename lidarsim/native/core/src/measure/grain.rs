@@ -4,8 +4,9 @@
 //! cubic grid in the object's own coordinates. The random numbers depend on the cell and the object alone,
 //! so that all scans of all sensors see the same surface.
 
-use super::rng::{normal_quantile, philox, uniform};
+use super::rng::{NormalQuantiles, philox, uniform};
 use crate::arith::elementary::{exp, ln};
+use crate::arith::simd::{Isa, Task};
 use crate::geometry::vector::Point;
 
 /// The texture of an object.
@@ -32,19 +33,102 @@ impl Grain {
         (sigma > 0.0).then_some(Grain { sigma, edge })
     }
 
-    /// The factor at a point in the object's own coordinates.
-    ///
-    /// It is compiled once for all instruction sets.
-    pub(super) fn at(&self, object: i32, point: Point) -> f64 {
-        let cell = [0, 1, 2].map(|axis| (point[axis] / self.edge + SHIFT[axis]).floor() as i64 as u32);
-        let normal = normal_quantile(uniform(philox([cell[0], cell[1], cell[2], object as u32], KEY)));
-        exp(self.sigma * (normal - 0.5 * self.sigma))
+    /// The cell of a point in the object's own coordinates.
+    #[inline(always)]
+    fn cell(&self, point: Point) -> [u32; 3] {
+        [0, 1, 2].map(|axis| (point[axis] / self.edge + SHIFT[axis]).floor() as i64 as u32)
+    }
+}
+
+/// Hits on objects with texture.
+#[derive(Default)]
+pub(super) struct GrainHits {
+    /// Their numbers among all hits.
+    indices: Vec<usize>,
+    /// Their cells, and their objects.
+    counters: [Vec<u32>; 4],
+    sigmas: Vec<f64>,
+    /// Of each, in the end the factor.
+    factors: Vec<f64>,
+}
+
+impl GrainHits {
+    /// Adds a hit at a point in the object's own coordinates.
+    #[inline(always)]
+    pub(super) fn push(&mut self, index: usize, grain: &Grain, object: i32, point: Point) {
+        let [x, y, z] = grain.cell(point);
+        for (column, number) in self.counters.iter_mut().zip([x, y, z, object as u32]) {
+            column.push(number);
+        }
+        self.indices.push(index);
+        self.sigmas.push(grain.sigma);
+    }
+
+    /// Multiplies the reflectivities of the hits by the factors of their cells, and forgets the hits.
+    #[inline(always)]
+    pub(super) fn apply<I: Isa>(&mut self, reflectivity: &mut [f64]) {
+        if self.indices.is_empty() {
+            return;
+        }
+        I::call(Factors(self));
+        for (&i, factor) in self.indices.iter().zip(&self.factors) {
+            reflectivity[i] *= factor;
+        }
+        self.indices.clear();
+        self.sigmas.clear();
+        self.counters.iter_mut().for_each(Vec::clear);
+    }
+}
+
+/// Computes the factors of hits, in loops that become vector instructions.
+struct Factors<'a>(&'a mut GrainHits);
+
+impl Task for Factors<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let GrainHits { counters: [x, y, z, object], sigmas, factors, .. } = self.0;
+        factors.clear();
+        factors.extend(
+            x.iter()
+                .zip(&*y)
+                .zip(&*z)
+                .zip(&*object)
+                .map(|(((x, y), z), o)| uniform(philox([*x, *y, *z, *o], KEY))),
+        );
+        I::call(NormalQuantiles(factors));
+        for (factor, sigma) in factors.iter_mut().zip(&*sigmas) {
+            *factor = exp(sigma * (*factor - 0.5 * sigma));
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arith::simd::{Level, dispatch};
+
+    /// The factor at a point of an object, the same on each instruction set.
+    fn factor(grain: &Grain, object: i32, point: Point) -> f64 {
+        struct Apply<'a>(&'a mut GrainHits, &'a mut [f64]);
+        impl Task for Apply<'_> {
+            type Output = ();
+            fn run<I: Isa>(self) {
+                self.0.apply::<I>(self.1);
+            }
+        }
+        let factors = Level::ALL.into_iter().filter(|level| *level <= Level::best()).map(|level| {
+            let (mut hits, mut values) = (GrainHits::default(), [1.0; 9]);
+            (0..9).for_each(|i| hits.push(i, grain, object, point));
+            dispatch(level, Apply(&mut hits, &mut values));
+            assert!(hits.indices.is_empty() && values == [values[0]; 9]);
+            values[0].to_bits()
+        });
+        let factors: Vec<u64> = factors.collect();
+        assert!(factors.iter().all(|bits| *bits == factors[0]));
+        f64::from_bits(factors[0])
+    }
 
     #[test]
     fn cells_have_factors_of_mean_1_and_of_the_variation() {
@@ -55,12 +139,12 @@ mod tests {
         for i in 0..100 {
             for j in 0..100 {
                 let point = [centre(i - 50, SHIFT[0]), centre(j - 50, SHIFT[1]), 0.0];
-                let factor = grain.at(7, point);
+                let here = factor(&grain, 7, point);
                 // All of the cell alike.
-                assert_eq!(factor, grain.at(7, [point[0] + 0.049, point[1] - 0.049, 0.003]));
-                assert_ne!(factor, grain.at(8, point));
-                assert_ne!(factor, grain.at(7, [point[0] + 0.1, point[1], 0.0]));
-                factors.push(factor);
+                assert_eq!(here, factor(&grain, 7, [point[0] + 0.049, point[1] - 0.049, 0.003]));
+                assert_ne!(here, factor(&grain, 8, point));
+                assert_ne!(here, factor(&grain, 7, [point[0] + 0.1, point[1], 0.0]));
+                factors.push(here);
             }
         }
         let mean = factors.iter().sum::<f64>() / 1e4;

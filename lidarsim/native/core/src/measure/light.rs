@@ -40,8 +40,8 @@ impl<C: Caster> Task for KeepLight<'_, '_, C> {
 impl<C: Caster> Scan<'_, C> {
     /// The reflectivity of what each ray hits. Makes arrays of hits and rays as long as whole registers.
     #[inline(always)]
-    pub(super) fn reflect(&self, scratch: &mut Scratch) {
-        let Scratch { rays, hits, reflectivity, is_lambert, .. } = scratch;
+    pub(super) fn reflect<I: Isa>(&self, scratch: &mut Scratch) {
+        let Scratch { rays, hits, reflectivity, is_lambert, grain_hits, .. } = scratch;
         let (whole, mut all_lambert) = (hits.len().next_multiple_of(8), true);
         hits.resize(whole);
         resize(&mut rays.directions, whole, [0.0; 3]);
@@ -63,14 +63,15 @@ impl<C: Caster> Scan<'_, C> {
                     let i = 8 * part + k;
                     let hit = || (hits.at(i), rays.at(i));
                     values[k] = appearance.reflectivity.at(hits.primitive[i], hit, self.caster);
-                    if let Some(grain) = appearance.grain {
+                    if let Some(grain) = &appearance.grain {
                         let (hit, ray) = hit();
-                        values[k] *= grain.at(*object, self.caster.local(&hit, &ray));
+                        grain_hits.push(i, grain, *object, self.caster.local(&hit, &ray));
                     }
                     all_lambert &= appearance.backscatter.is_none();
                 }
             }
         }
+        grain_hits.apply::<I>(reflectivity);
         *is_lambert = all_lambert;
     }
 

@@ -113,29 +113,41 @@ struct Normals<'a>(ForPulses<'a>);
 impl Task for Normals<'_> {
     type Output = ();
 
-    /// One kind of formula at a time.
     #[inline(always)]
     fn run<I: Isa>(self) {
         let ForPulses { stream, pulses, effect, draw, numbers } = self.0;
-        let mut uniforms = Vec::new();
-        stream.uniforms::<I>(pulses, effect, draw, &mut uniforms);
-        numbers.resize(uniforms.len(), 0.0);
-        for (normal, p) in numbers.iter_mut().zip(&uniforms) {
-            *normal = central(p - 0.5);
-        }
+        stream.uniforms::<I>(pulses, effect, draw, numbers);
+        I::call(NormalQuantiles(numbers));
+    }
+}
+
+/// Replaces each probability by its [`normal_quantile`].
+pub(super) struct NormalQuantiles<'a>(pub &'a mut [f64]);
+
+impl Task for NormalQuantiles<'_> {
+    type Output = ();
+
+    /// One kind of formula at a time.
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let numbers = self.0;
         // The indices of the tails, found without branches: one in seven would be mispredicted.
-        let (mut places, mut count) = (vec![0; uniforms.len()], 0);
-        for (i, &p) in uniforms.iter().enumerate() {
+        let (mut places, mut count) = (vec![0; numbers.len()], 0);
+        for (i, &p) in numbers.iter().enumerate() {
             places[count] = i;
             count += usize::from(is_tail(p));
         }
         places.truncate(count);
-        let mut tails: Vec<f64> = places.iter().map(|&i| uniforms[i]).collect();
+        let uniforms: Vec<f64> = places.iter().map(|&i| numbers[i]).collect();
+        let mut tails = uniforms.clone();
         for p in &mut tails {
             *p = tail(*p);
         }
-        for (&i, &normal) in places.iter().zip(&tails) {
-            numbers[i] = if is_far_tail(uniforms[i]) { far_tail(uniforms[i]) } else { normal };
+        for p in numbers.iter_mut() {
+            *p = central(*p - 0.5);
+        }
+        for ((&i, &normal), &p) in places.iter().zip(&tails).zip(&uniforms) {
+            numbers[i] = if is_far_tail(p) { far_tail(p) } else { normal };
         }
     }
 }

@@ -124,7 +124,7 @@ impl<C: Caster> Scan<'_, C> {
         if let Some(beyond) = &self.beyond {
             self.go_on::<I>(beyond, scratch);
         }
-        self.reflect(scratch);
+        self.reflect::<I>(scratch);
         Ok(())
     }
 

@@ -1,6 +1,7 @@
 //! Memory that one batch of pulses leaves to the next.
 
 use super::effects::Draws;
+use super::grain::GrainHits;
 use super::ways::Ways;
 use crate::cast::HitArrays;
 use crate::geometry::origins::Origins;
@@ -20,6 +21,8 @@ pub(super) struct Scratch {
     pub(super) ways: Ways,
     /// Per ray; unspecified for misses.
     pub(super) reflectivity: Vec<f64>,
+    /// Empty between batches.
+    pub(super) grain_hits: GrainHits,
     /// Whether all surfaces that were hit are Lambert's.
     pub(super) is_lambert: bool,
     pub(super) light: LightArrays,
