@@ -331,22 +331,20 @@ def test_fog_needs_a_range_from_which_it_is_seen() -> None:
 # The threshold near the sensor
 
 
-@pytest.mark.parametrize("air", [FOG, RAIN, ls.Atmosphere.snow(1.0)], ids=["fog", "rain", "snow"])
-def test_air_needs_a_receiver_that_is_dull_near_by(air: ls.Atmosphere) -> None:
+def test_fog_needs_a_receiver_that_is_dull_near_by() -> None:
     """The error says what to write, and each of these remedies is one."""
-    bare, world = ls.Lidar.preset("hesai-xt32"), scene(air, 20.0)
+    bare, world = ls.Lidar.preset("hesai-xt32"), scene(FOG, 20.0)
     message = (
-        "near_threshold: expected a number > 0 in fog, rain or snow, got 0.0; a preset has one with "
-        'noise="datasheet"; give a sensor of your own near_threshold=0.01, near_range=20.0 and, in fog, a min_range > '
-        "0; or, to see all of the air from a range on, a crossover such as (0.9, 1.0)"
+        'near_threshold: expected a number > 0 in fog, got 0.0; a preset has one with noise="datasheet"; give a sensor '
+        "of your own near_threshold=0.01, near_range=20.0 and a min_range > 0; or, to see all of the fog from a range "
+        "on, a crossover such as (0.9, 1.0)"
     )
     uses: list[Callable[[ls.Lidar], object]] = [
         lambda lidar: lidar.scan(world),
         lambda lidar: lidar.frames(world, None, 1),
         lambda lidar: lidar.scan_many(world, np.eye(4)[None]),
-        air.fog_echo,
-        air.patches_seen,
-        air.particles_seen,
+        FOG.fog_echo,
+        FOG.patches_seen,
     ]
     for use in uses:
         with pytest.raises(ls.errors.ArgumentValueError) as error:
@@ -356,8 +354,9 @@ def test_air_needs_a_receiver_that_is_dull_near_by(air: ls.Atmosphere) -> None:
     all_of_it = dataclasses.replace(bare, measurement=ls.Measurement(crossover=(0.9, 1.0)))
     for lidar in (ls.Lidar.preset("hesai-xt32", noise="datasheet"), own, all_of_it):
         assert lidar.scan(world).source is not None
-    world.atmosphere = ls.Atmosphere(extinction=0.1)
-    assert (bare.scan(world).status == ls.Status.hit).any()
+    for air in (ls.Atmosphere(extinction=0.1), RAIN, ls.Atmosphere.snow(1.0)):
+        world.atmosphere = air
+        assert (bare.scan(world).status == ls.Status.hit).any()
 
 
 NEAR = 0.004

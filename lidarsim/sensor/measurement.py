@@ -329,7 +329,7 @@ class Measurement(Immutable):
     and with R⁴ from there on. (Without a `detection`, the latter holds where it is above the limit of the reflectivity
     0.1 at the `max_range` of the `Lidar`.) Which echo of a pulse is the strongest, and how much of `range_sigma_limit`
     it has, depends on its power relative to this threshold. Without it, fog, rain and snow outshine all surfaces: a
-    scan in them is then refused, unless there is a `crossover` (`Atmosphere`).
+    scan in fog is then refused, unless there is a `crossover` (`Atmosphere`).
 
     The receiver of a biaxial sensor stands beside the emitter. Beyond an edge of a nearer surface, on one side of it,
     the beam lights what that surface hides from the receiver: with an offset b, a strip b·(1/near - 1/far) rad wide. A

@@ -93,8 +93,8 @@ class Atmosphere(Immutable):
 
     **The receiver near by.** Real receivers are far less sensitive so close: without a `near_threshold`, the echo of
     the air outshines all but the nearest surfaces. Every preset has one with ``noise="datasheet"`` or ``"measured"``,
-    none without noise. A scan in air that sends light back is refused without a `near_threshold`, unless the
-    measurement has a `crossover`.
+    none without noise. A scan in fog is refused without a `near_threshold`, unless the measurement has a
+    `crossover`.
 
     A receiver with a `near_threshold` sees fog only where it is brighter than on average. Its power, x times the mean,
     is assumed to have Weibull's distribution, P(X > x) = exp(−(Γ(1 + 1/k)·x)^k) with the shape k = 0.7, that of clutter
@@ -374,21 +374,21 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor) -> None:
     TypeError
         If `lidar` is not a Lidar.
     ValueError
-        In air that sends light back without a threshold near the sensor or a crossover, in fog without a range from
-        which on the receiver sees it, or in rain or snow without a limit of what it sees.
+        In fog without a threshold near the sensor or a crossover, or without a range from which on the receiver sees
+        it, or in rain or snow without a limit of what it sees.
     """
     if atmosphere is None:
         return
     if not isinstance(lidar, Sensor):
         raise ArgumentTypeError("lidar", "a Lidar", short_repr(lidar))
     measurement = lidar.measurement
-    echoes = atmosphere.backscatter > 0.0 or atmosphere.intercept > 0.0
-    if echoes and measurement.near_threshold == 0.0 and measurement.crossover is None:
+    is_bare = measurement.near_threshold == 0.0 and measurement.crossover is None
+    if atmosphere.backscatter > 0.0 and is_bare:
         hint = (
             'a preset has one with noise="datasheet"; give a sensor of your own near_threshold=0.01, near_range=20.0'
-            " and, in fog, a min_range > 0; or, to see all of the air from a range on, a crossover such as (0.9, 1.0)"
+            " and a min_range > 0; or, to see all of the fog from a range on, a crossover such as (0.9, 1.0)"
         )
-        raise ArgumentValueError("near_threshold", "a number > 0 in fog, rain or snow", 0.0, hint)
+        raise ArgumentValueError("near_threshold", "a number > 0 in fog", 0.0, hint)
     begins = measurement.crossover[0] if measurement.crossover else 0.0
     if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:
         hint = (
