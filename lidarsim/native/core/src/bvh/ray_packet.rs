@@ -176,11 +176,15 @@ impl RayPacket {
         (self.octant, self.has_offsets) = (octant, false);
         let first = mask.trailing_zeros() as usize;
         self.count = LANES - mask.leading_zeros() as usize;
-        let mut others = all(self.count.next_multiple_of(WIDE)) & !mask;
-        while let Some(lane) = take(&mut others) {
-            self.set(lane, self.origin(first), self.direction(first));
-            self.origin_error[lane] = self.origin_error[first];
-            self.direction_error[lane] = self.direction_error[first];
+        let others = all(self.count.next_multiple_of(WIDE)) & !mask;
+        let RayPacket { origin: [a, b, c], direction: [x, y, z], .. } = self;
+        let columns = [a, b, c, x, y, z, &mut self.length, &mut self.origin_error, &mut self.direction_error];
+        for column in columns {
+            let value = I::F64x8::splat(column[first]);
+            for (eight, numbers) in column.as_chunks_mut().0.iter_mut().enumerate() {
+                let lanes = part_of_mask::<8>(others, eight);
+                *numbers = I::pick(lanes, value, I::F64x8::load(numbers)).store();
+            }
         }
         self.compare_origins::<I>();
     }

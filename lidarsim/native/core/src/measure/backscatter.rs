@@ -54,23 +54,28 @@ impl Backscatter {
         cosine: F,
         squared_sine: F,
     ) -> F {
-        let (cosines, squared_sines) = (cosine.store(), squared_sine.store());
-        let (mut a, mut b, mut highlights) = ([0.0; N], [0.0; N], [0.0; N]);
+        let (mut a, mut b, mut specular, mut width) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
         for (k, surface) in surfaces.iter().enumerate() {
             (a[k], b[k]) = (surface.cosine, surface.squared_sine);
-            highlights[k] = surface.highlight(cosines[k], squared_sines[k]);
+            (specular[k], width[k]) = (surface.specular, surface.width);
         }
-        F::load(&a).mul(cosine).add(F::load(&b).mul(squared_sine)).add(F::load(&highlights))
-    }
-
-    #[inline(always)]
-    fn highlight(&self, cosine: f64, squared_sine: f64) -> f64 {
-        let slope = squared_sine.sqrt() / (cosine * self.width);
-        let falloff = exp(-(slope * slope));
-        let square = cosine * cosine;
+        let diffuse = F::load(&a).mul(cosine).add(F::load(&b).mul(squared_sine));
+        // Adding the highlight of a surface without one, 0, changes nothing.
+        if specular == [0.0; N] {
+            return diffuse;
+        }
+        let slope = squared_sine.sqrt().div(cosine.mul(F::load(&width)));
+        let mut falloff = slope.mul(slope).negated().store();
+        for x in &mut falloff {
+            *x = exp(*x);
+        }
+        let (falloff, square) = (F::load(&falloff), cosine.mul(cosine));
+        let highlight = F::load(&specular).mul(falloff).div(square.mul(square).mul(cosine)).store();
         // The quotient is 0/0 where the surface is grazed. Where the exponential is 0, its argument q is more
         // than 745, and the highlight, e^(−q)·(1 + q·w²)^2.5, is less than 2⁻¹⁰⁰⁰ for all w up to 1000.
-        if falloff > 0.0 { self.specular * falloff / (square * square * cosine) } else { 0.0 }
+        let is_seen = F::splat(0.0).lt(falloff);
+        let seen = std::array::from_fn(|k| if is_seen >> k & 1 != 0 { highlight[k] } else { 0.0 });
+        diffuse.add(F::load(&seen))
     }
 }
 
