@@ -92,23 +92,36 @@ impl Sigma {
             }
             Sigma::Table(rows) => {
                 let mut sigmas = range.store();
-                for sigma in &mut sigmas {
-                    *sigma = interpolate(rows, *sigma);
-                }
+                interpolate(rows, &mut sigmas);
                 F::load(&sigmas)
             }
         }
     }
 }
 
-/// A table at a range: linear between its rows, constant outside.
+/// Replaces each number by that of a table with rising first columns: linear between its rows, constant
+/// outside. Loops are over lanes, so that they vectorize.
 #[inline(always)]
-pub(super) fn interpolate(rows: &[[f64; 2]], range: f64) -> f64 {
-    let above = rows.partition_point(|row| row[0] <= range);
-    let Some(&[r0, s0]) = rows[..above].last() else {
-        return rows.first().map_or(0.0, |row| row[1]);
-    };
-    rows.get(above).map_or(s0, |[r1, s1]| s0 + (s1 - s0) * ((range - r0) / (r1 - r0)))
+pub(super) fn interpolate<const N: usize>(rows: &[[f64; 2]], numbers: &mut [f64; N]) {
+    let first = rows.first().unwrap_or(&[0.0; 2]);
+    // The rows around each number: twice the same outside.
+    let [mut low, mut low_value, mut high, mut high_value] =
+        [[first[0]; N], [first[1]; N], [first[0]; N], [first[1]; N]];
+    for (k, row) in rows.iter().enumerate() {
+        let next = rows.get(k + 1).unwrap_or(row);
+        for i in 0..N {
+            let is_above = row[0] <= numbers[i];
+            low[i] = if is_above { row[0] } else { low[i] };
+            low_value[i] = if is_above { row[1] } else { low_value[i] };
+            high[i] = if is_above { next[0] } else { high[i] };
+            high_value[i] = if is_above { next[1] } else { high_value[i] };
+        }
+    }
+    for i in 0..N {
+        let share = (numbers[i] - low[i]) / (high[i] - low[i]);
+        let between = low_value[i] + (high_value[i] - low_value[i]) * share;
+        numbers[i] = if low[i] < high[i] { between } else { low_value[i] };
+    }
 }
 
 #[cfg(test)]

@@ -94,9 +94,7 @@ impl Effect for Response {
         let mut intensity = echoes.intensity;
         if !self.range.is_empty() {
             let mut factors = echoes.range.store();
-            for factor in &mut factors {
-                *factor = interpolate(&self.range, *factor);
-            }
+            interpolate(&self.range, &mut factors);
             intensity = intensity.mul(F::load(&factors));
         }
         if self.ring_sigma > 0.0 {
@@ -104,9 +102,10 @@ impl Effect for Response {
         }
         if self.exponent != 1.0 {
             let mut powers = intensity.store();
-            for power in &mut powers {
+            for number in &mut powers {
+                let power = exp(self.exponent * ln(*number));
                 // Also for 0 and NaN.
-                *power = if *power > 0.0 { exp(self.exponent * ln(*power)) } else { *power };
+                *number = if *number > 0.0 { power } else { *number };
             }
             intensity = F::load(&powers);
         }
@@ -120,9 +119,7 @@ impl Effect for Response {
         }
         if !self.curve.is_empty() {
             let mut reported = intensity.store();
-            for report in &mut reported {
-                *report = interpolate(&self.curve, *report);
-            }
+            interpolate(&self.curve, &mut reported);
             intensity = F::load(&reported);
         }
         if self.resolution > 0.0 {
