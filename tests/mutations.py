@@ -637,8 +637,9 @@ MUTANTS = [
     ),
     Mutant("backscatter: A of a rough diffuser", "0.5 * square / (square + 0.33)", "0.5 * square / (square + 0.57)"),
     Mutant("backscatter: B of a rough diffuser", "0.45 * square / (square + 0.09)", "0.45 * square / (square + 0.9)"),
-    Mutant("backscatter: cos⁵ of a highlight", "(square * square * cosine)", "(square * cosine)"),
-    Mutant("backscatter: grazed highlights", "if falloff > 0.0 {", "if falloff >= 0.0 {"),
+    Mutant("backscatter: cos⁵ of a highlight", "square.mul(square).mul(cosine)", "square.mul(cosine)"),
+    Mutant("backscatter: grazed highlights", "F::splat(0.0).lt(falloff)", "F::splat(0.0).le(falloff)"),
+    Mutant("tables: constant outside", "if low[i] < high[i] { between }", "if low[i] <= high[i] { between }"),
     Mutant("fluctuation: mean 1", "(*normal - 0.5 * sigma)", "(*normal - sigma)"),
     Mutant("crossover: not below 0", "intensity.mul(overlap.max(F::splat(0.0)).min", "intensity.mul(overlap.min"),
     Mutant("crossover: not above 1", "(overlap.max(F::splat(0.0)).min(F::splat(1.0)))", "(overlap.max(F::splat(0.0)))"),
@@ -720,8 +721,8 @@ MUTANTS = [
     ),
     Mutant(
         "texture: cells of each object",
-        "[cell[0], cell[1], cell[2], object as u32]",
-        "[cell[0], cell[1], cell[2], 0]",
+        "[x, y, z, object as u32]",
+        "[x, y, z, 0]",
         ("tests/test_materials.py", "-k", "texture"),
     ),
     Mutant(
