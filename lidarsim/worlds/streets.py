@@ -25,7 +25,7 @@ from lidarsim.worlds._asset import Asset, draw
 from lidarsim.worlds.buildings import BuildingKind, building
 from lidarsim.worlds.furnishings import FurnitureKind, furniture
 from lidarsim.worlds.pedestrians import pedestrian
-from lidarsim.worlds.plants import BED, TreeKind, tree
+from lidarsim.worlds.plants import BED, TREES, TreeKind, tree
 from lidarsim.worlds.vehicles import VehicleKind, vehicle
 
 __all__ = ["GROUND", "STREETS", "Street", "StreetKind", "Ways", "street"]
@@ -622,8 +622,21 @@ class _Builder:
         places[:, 2, 2], places[:, 3, 3] = scale, 1.0
         places[:, :3, 3] = self.plan.at(s, d)
         places[:, 2, 3] -= sunk
+        indoors = self._find_indoors(places, scale)
+        for (asset, name, _), place, inside in zip(self.puts, places, indoors, strict=True):
+            if name not in TREES or not inside:
+                asset.add_to(self.scene, name=name, transform=place)
+
+    def _find_indoors(self, places: Floats, scale: Floats) -> Bools:
+        """Return which trunks, or middles of what has none, are in the footprint of a building."""
+        reach = scale * np.array([_trunk_radius(asset) for asset, *_ in self.puts])
+        indoors = np.zeros(len(places), bool)
         for (asset, name, _), place in zip(self.puts, places, strict=True):
-            asset.add_to(self.scene, name=name, transform=place)
+            if name == "building":
+                low, high = _footprint(asset)
+                at = (places[:, :2, 3] - place[:2, 3]) @ place[:2, :2]
+                indoors |= ((low - reach[:, None] < at) & (at < high + reach[:, None])).all(axis=1)
+        return indoors
 
     def _put(
         self, asset: Asset, name: str, at: Span, yaw: float = 0.0, *, scale: float = 1.0, sunk: float = 0.0
@@ -805,6 +818,18 @@ class _Builder:
                 if self._free(s, side, 3.0) and plan.kind in {"rural", "residential"}:
                     d = plan.sides[side].plot + rng.uniform(1.2, 3.0)
                     self._tree("grass", s, side * d)
+
+
+def _footprint(asset: Asset) -> Floats:
+    """Return the low and high corner, x and y, of a rectangle around the feet of the walls of a building."""
+    points = np.concatenate([part.shape.vertices for part in asset.parts if isinstance(part.shape, TriangleMesh)])
+    feet = points[points[:, 2] == 0.0, :2]
+    return np.array([feet.min(axis=0), feet.max(axis=0)])
+
+
+def _trunk_radius(asset: Asset) -> float:
+    """Return how far the trunk of a plant reaches from its middle; 0 for anything without a trunk."""
+    return max((float(np.abs(part.bounds[:, :2]).max()) for part in asset.parts if part.name == "trunk"), default=0.0)
 
 
 _BORDERS: tuple[Border, ...] = get_args(Border)

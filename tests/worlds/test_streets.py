@@ -7,6 +7,7 @@ import gc
 import pickle
 import re
 import tracemalloc
+from collections import Counter
 from collections.abc import Callable
 from itertools import combinations
 from typing import Any, cast
@@ -164,6 +165,38 @@ def test_buildings_do_not_overlap_each_other(town: ls.worlds.Street) -> None:
     places = np.array([*walls.values()])
     assert len(places) > 20
     assert min(np.linalg.norm(a - b) for a, b in combinations(places, 2)) > 3.5
+
+
+def footprints(world: ls.worlds.Street) -> list[tuple[Floats, Floats]]:
+    """The place of each building, and a rectangle around the feet of its walls, in its axes: x and y, low and high."""
+    found: dict[int, tuple[Floats, Floats]] = {}
+    for item in world.scene:
+        if item.name.startswith("building/") and isinstance(item.shape, ls.TriangleMesh):
+            assert item.transform is not None
+            feet = item.shape.vertices[item.shape.vertices[:, 2] == 0.0, :2]
+            if len(feet):
+                found[item.instance] = item.transform, np.array([feet.min(axis=0), feet.max(axis=0)])
+    return [*found.values()]
+
+
+@pytest.mark.parametrize("kind", STREETS)
+def test_no_plant_grows_in_a_building(kind: StreetKind) -> None:
+    counts = Counter[str]()
+    for seed in range(3):
+        world = ls.worlds.street(seed, kind, length=150.0)
+        buildings = footprints(world)
+        counts["building"] += len(buildings)
+        for item in world.scene:
+            name, _, part = item.name.partition("/")
+            if part == "trunk" or (part == "leaves" and name in {"bush", "grass", "hedge", "bed"}):
+                points = item.shape.vertices if isinstance(item.shape, ls.TriangleMesh) else np.zeros((1, 3))
+                assert item.transform is not None
+                placed = points @ item.transform[:3, :3].T + item.transform[:3, 3]
+                for place, (low, high) in buildings:
+                    at = (placed[:, :2] - place[:2, 3]) @ place[:2, :2]
+                    assert not ((low < at) & (at < high)).all(axis=1).any(), f"{item.name}, seed {seed}"
+                counts[part] += 1
+    assert min(counts[what] for what in ("building", "trunk", "leaves")) > 10
 
 
 def test_copies_share_their_shapes(town: ls.worlds.Street) -> None:
