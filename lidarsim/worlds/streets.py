@@ -102,6 +102,9 @@ BEDS = 0.6
 BEND = 1 / 130
 """Greatest curvature of the street, 1/m, so that its neighbourhood does not fold."""
 
+DEEP = 14.0
+"""Greatest depth of a building, m."""
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -329,6 +332,11 @@ class Plan:
     def heading(self, s: npt.ArrayLike) -> Floats:
         """Return the heading of the street."""
         return np.asarray(np.interp(np.asarray(s, float), self.course[:, 0], self.course[:, 3]))
+
+    def shortening(self, s: float, side: int, front: float) -> float:
+        """Return the least length of lines along a building, from front to back, over that along the street."""
+        bend = side * self._wave(0, s + np.linspace(0.0, 40.0, 9))
+        return float(1.0 - np.max(np.maximum(bend * front, bend * (front + DEEP))))
 
     def at(self, s: npt.ArrayLike, d: npt.ArrayLike) -> Floats:
         """Return points on the ground, shape (…, 3)."""
@@ -702,23 +710,24 @@ class _Builder:
                     self._put(street_tree, "broadleaf", (s, middle), self.rng.uniform(0, 6.3))
 
     def _houses(self, side: int) -> None:
-        widths, layout, rng = self.plan.sides[side], self.plan.layout, self.rng
-        holes = [(j.s - j.plot - 1.0, j.s + j.plot + 1.0) for j in self.plan.junctions if side in j.sides]
-        for start, stop in _between(-self.plan.length / 2 - 20.0, self.plan.length / 2 + 20.0, holes):
+        plan, widths, layout, rng = self.plan, self.plan.sides[side], self.plan.layout, self.rng
+        holes = [(j.s - j.plot - 1.0, j.s + j.plot + 1.0) for j in plan.junctions if side in j.sides]
+        for start, stop in _between(-plan.length / 2 - 20.0, plan.length / 2 + 20.0, holes):
             s = start + draw(rng, layout.gap) / 2
             while s < stop - 7.0:
                 kind = layout.buildings[rng.integers(len(layout.buildings))]
-                room = stop - s
+                short = plan.shortening(s, side, widths.front)
+                room = (stop - s) * short
                 house = building(kind, rng, width=min(draw(rng, _WIDTHS[kind]), room - 0.5))
                 width = float(np.diff(house.bounds, axis=0)[0, 1])
                 if width > room:
                     break
                 back = widths.front + rng.normal(0, 0.6) * (layout.gap[1] > 1.0)
-                middle = s + width / 2
-                at = middle, side * max(back, widths.plot + 0.3)
+                long = width / short
+                at = s + long / 2, side * max(back, widths.plot + 0.3)
                 self._put(house, "building", at, -side * np.pi / 2, sunk=0.25)
-                self._garden(side, s, s + width)
-                s += width + draw(rng, layout.gap)
+                self._garden(side, s, s + long)
+                s += long + draw(rng, layout.gap)
 
     def _garden(self, side: int, start: float, stop: float) -> None:
         """Put a fence, wall, hedge or bed at the pavement, and plants behind it and behind the house."""
@@ -800,7 +809,7 @@ class _Builder:
         plan, rng = self.plan, self.rng
         density = draw(rng, plan.layout.wild) / 100.0
         for side in (1, -1):
-            low = plan.sides[side].front + 14.0
+            low = plan.sides[side].front + DEEP
             for s in np.arange(-plan.length / 2, plan.length / 2, 24.0):
                 if plan.kind != "rural" and self._free(s, side, 12.0) and rng.random() < 0.7:
                     house = self._one("second row", partial(building, "house"), 4)

@@ -152,21 +152,6 @@ def test_nothing_stands_in_the_lanes(world: ls.worlds.Street) -> None:
     assert any(scene.cast(points, np.diff(street, axis=0), t_max=1.0).hit.any() for points in beside)
 
 
-def test_buildings_do_not_overlap_each_other(town: ls.worlds.Street) -> None:
-    walls: dict[int, Floats] = {}
-    for item in town.scene:
-        if item.name.startswith("building/") and isinstance(item.shape, ls.TriangleMesh):
-            low, high = item.shape.bounds
-            corners = np.array(
-                [(x, y, 0, 1) for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
-            )
-            assert item.transform is not None
-            walls.setdefault(item.instance, (corners @ item.transform.T)[:, :2].mean(axis=0))
-    places = np.array([*walls.values()])
-    assert len(places) > 20
-    assert min(np.linalg.norm(a - b) for a, b in combinations(places, 2)) > 3.5
-
-
 def footprints(world: ls.worlds.Street) -> list[tuple[Floats, Floats]]:
     """The place of each building, and a rectangle around the feet of its walls, in its axes: x and y, low and high."""
     found: dict[int, tuple[Floats, Floats]] = {}
@@ -197,6 +182,40 @@ def test_no_plant_grows_in_a_building(kind: StreetKind) -> None:
                     assert not ((low < at) & (at < high)).all(axis=1).any(), f"{item.name}, seed {seed}"
                 counts[part] += 1
     assert min(counts[what] for what in ("building", "trunk", "leaves")) > 10
+
+
+def overlap(first: Floats, second: Floats) -> float:
+    """How far two rectangles, (4, 2), overlap along the side along which they do so least, m; negative if apart."""
+    depths = []
+    for corners in (first, second):
+        for axis in corners[1:3] - corners[:2]:
+            a, b = (points @ axis / np.linalg.norm(axis) for points in (first, second))
+            depths.append(min(a.max(), b.max()) - max(a.min(), b.min()))
+    return float(min(depths))
+
+
+@pytest.mark.parametrize(("turn", "apart"), [(0.0, 1.0), (45.0, 0.5 + np.sqrt(0.5))])
+def test_rectangles_overlap_by_the_least_way_out(turn: float, apart: float) -> None:
+    square = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+    cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    turned = square @ np.array([[cosine, sine], [-sine, cosine]])
+    for depth in (0.1, -0.1):
+        assert overlap(square, turned + np.array([apart - depth, 0.05])) == pytest.approx(depth, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", STREETS)
+def test_buildings_do_not_overlap_each_other(kind: StreetKind) -> None:
+    pairs = 0
+    for seed in range(4):
+        rectangles = []
+        for place, ((left, near), (right, far)) in footprints(ls.worlds.street(seed, kind)):
+            corners = np.array([(left, near), (right, near), (right, far), (left, far)])
+            rectangles.append(corners @ place[:2, :2].T + place[:2, 3])
+        for first, second in combinations(rectangles, 2):
+            if np.linalg.norm(first.mean(axis=0) - second.mean(axis=0)) < 40.0:
+                assert overlap(first, second) < 0.0, f"seed {seed}"
+                pairs += 1
+    assert pairs > 0
 
 
 def test_copies_share_their_shapes(town: ls.worlds.Street) -> None:
