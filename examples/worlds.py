@@ -31,7 +31,7 @@ KINDS = {
 HUES = {
     "road": "c8ccd8", "parking": "b8c4f0", "sidewalk": "f0dcc8", "other-ground": "e8c8a0", "terrain": "c8f080",
     "vegetation": "70e050", "trunk": "d8a070", "building": "ffd8a8", "fence": "f0a070", "pole": "d0d8e8",
-    "traffic-sign": "f0f0f0", "car": "88b0ff", "truck": "c0a0ff", "other-vehicle": "ffb060", "person": "ff9080",
+    "traffic-sign": "f0f0f0", "car": "88b0ff", "truck": "c0a0ff", "bus": "ffb060", "person": "ff9080",
     "motorcyclist": "ff80d0", "bicyclist": "ff80d0",
 }  # fmt: skip
 REST, GLASS, RETRO, SKY = "e8e8e4", (0.3, 0.5, 0.62), (1.0, 0.85, 0.0), (0.93, 0.95, 0.97)

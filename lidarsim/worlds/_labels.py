@@ -4,7 +4,7 @@ J. Behley et al., 2019, SemanticKITTI: A dataset for semantic scene understandin
 are those of https://github.com/PRBonn/semantic-kitti-api/blob/master/config/semantic-kitti.yaml.
 """
 
-CAR, BICYCLE, MOTORCYCLE, TRUCK, OTHER_VEHICLE = 10, 11, 15, 18, 20
+CAR, BICYCLE, BUS, MOTORCYCLE, TRUCK, OTHER_VEHICLE = 10, 11, 13, 15, 18, 20
 PERSON, BICYCLIST, MOTORCYCLIST = 30, 31, 32
 ROAD, PARKING, SIDEWALK, OTHER_GROUND = 40, 44, 48, 49
 BUILDING, FENCE, OTHER_STRUCTURE = 50, 51, 52
@@ -14,6 +14,7 @@ POLE, TRAFFIC_SIGN, OTHER_OBJECT = 80, 81, 99
 CLASS_NAMES = {
     CAR: "car",
     BICYCLE: "bicycle",
+    BUS: "bus",
     MOTORCYCLE: "motorcycle",
     TRUCK: "truck",
     OTHER_VEHICLE: "other-vehicle",

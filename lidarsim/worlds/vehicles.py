@@ -26,7 +26,7 @@ from lidarsim.worlds._asset import (
     translation,
     tube,
 )
-from lidarsim.worlds._labels import BICYCLE, BICYCLIST, CAR, MOTORCYCLE, MOTORCYCLIST, OTHER_VEHICLE, TRUCK
+from lidarsim.worlds._labels import BICYCLE, BICYCLIST, BUS, CAR, MOTORCYCLE, MOTORCYCLIST, TRUCK
 from lidarsim.worlds.pedestrians import person
 
 __all__ = ["VEHICLES", "VehicleKind", "vehicle"]
@@ -144,8 +144,8 @@ PROFILES: dict[VehicleKind, Profile] = {
         (0.25, 0.36), (0.61, 0.64), ((0.31, 0.44), (0.47, 0.58)), belt=0.62, lean=0.78, front=0.43,
     ),
     "bus": Profile(
-        ((0, 0.86), (0.012, 0.97), (0.05, 1), (0.96, 1), (1, 0.95)),
-        (0, 0), (0, 0), tuple((0.03 + 0.094 * i, 0.112 + 0.094 * i) for i in range(10)),
+        ((0, 0.4), (0.015, 0.93), (0.05, 1), (0.96, 1), (0.988, 0.93), (1, 0.5)),
+        (0, 0.015), (0.988, 1), tuple((0.03 + 0.094 * i, 0.112 + 0.094 * i) for i in range(10)),
         belt=0.42, lean=0.94, front=0.46,
     ),
     "lorry": Profile(  # the cab alone
@@ -157,7 +157,7 @@ PROFILES: dict[VehicleKind, Profile] = {
 LABELS: dict[VehicleKind, int] = {
     **dict.fromkeys(VEHICLES, CAR),
     "lorry": TRUCK,
-    "bus": OTHER_VEHICLE,
+    "bus": BUS,
     "motorcycle": MOTORCYCLE,
     "bicycle": BICYCLE,
 }

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pytest
 
 import lidarsim as ls
+from lidarsim.viewers._classes import SEMANTIC_KITTI
 from lidarsim.worlds import _labels as labels
 from lidarsim.worlds.buildings import BUILDINGS
 from lidarsim.worlds.furnishings import FURNITURE
@@ -152,6 +153,22 @@ def test_light_passes_the_windows_of_a_car_but_not_its_doors() -> None:
     )
     assert low.xyz[0, 1] > 0.5
     assert low.xyz[0, 1] > high.xyz[0, 1]
+
+
+@pytest.mark.parametrize("side", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+def test_a_bus_has_windows_on_all_sides(side: tuple[float, float]) -> None:
+    scene = ls.Scene()
+    bus = ls.worlds.vehicle("bus", np.random.default_rng(0))
+    bus.add_to(scene)
+    above, below = np.array([0.65, 0.3]) * bus.bounds[1, 2]
+    outside = np.array([(20.0 * side[0], 20.0 * side[1], z) for z in (above, below)])
+    hits = scene.cast(outside, np.broadcast_to([-side[0], -side[1], 0.0], outside.shape))
+    assert [bool(scene[number].material.transmission) for number in hits.object_id.tolist()] == [True, False]
+    assert scene[0].label == 13
+
+
+def test_classes_are_those_of_semantickitti() -> None:
+    assert labels.CLASS_NAMES.items() <= {number: name for number, (name, _) in SEMANTIC_KITTI.items()}.items()
 
 
 def test_people_are_as_tall_as_they_are_said_to_be() -> None:
