@@ -212,11 +212,12 @@ def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, ta
 
 def _make_clipped(rng: np.random.Generator, habit: Habit, size: Floats) -> Part:
     """Return the leaves of clipped shrubs, most of which are just below its sides and top and face outwards."""
-    outward = np.array([(0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
-    area = np.array([size[2], size[2], size[1]])
-    count = int(habit.density * size[0] * area.sum() / (np.pi * habit.leaf**2))
+    outward = np.array([(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+    long, wide, tall = size
+    area = np.array([wide * tall, wide * tall, long * tall, long * tall, long * wide])
+    count = int(habit.density * area.sum() / (np.pi * habit.leaf**2))
     at = rng.uniform(-0.5, 0.5, (count, 3))
-    facing = outward[rng.choice(3, count, p=area / area.sum())] * (rng.random((count, 1)) < 0.8)
+    facing = outward[rng.choice(5, count, p=area / area.sum())] * (rng.random((count, 1)) < 0.8)
     at = np.where(facing, facing / 2, at) * size - facing * rng.uniform(0.0, SHELL, (count, 1))
     wave = 0.08 * size[2] * np.sin(at[:, :2] * rng.uniform(1.5, 3.0, 2) + rng.uniform(0, 6.3, 2)).sum(axis=1)
     at[:, 2] = np.clip(at[:, 2] + size[2] / 2 - np.abs(wave) * (facing[:, 2] > 0), 1.1 * habit.leaf, size[2])

@@ -233,6 +233,22 @@ def test_clipped_shrubs_have_even_surfaces(kind: Any, wide: float, tall: float) 
     assert np.subtract(*np.percentile(heights, [75, 25])) < 0.12
 
 
+@pytest.mark.parametrize("kind", ["hedge", "bed"])
+def test_clipped_shrubs_have_four_sides(kind: Any) -> None:
+    size = np.array([4.0, 2.0 if kind == "bed" else 1.12])
+    scene = ls.Scene()
+    ls.worlds.tree(kind, np.random.default_rng(0), height=1.4, length=4.0).add_to(scene)
+    for axis in (0, 1):
+        for side in (1.0, -1.0):
+            across, height = np.meshgrid(np.linspace(-0.35, 0.35, 20) * size[1 - axis], np.linspace(0.2, 1.0, 20))
+            origins = np.column_stack([across.ravel(), across.ravel(), height.ravel()])
+            origins[:, axis] = 5.0 * side
+            ahead = np.zeros(3)
+            ahead[axis] = -side
+            hits = scene.cast(origins, np.broadcast_to(ahead, origins.shape))
+            assert np.mean(hits.t < 5.0 - size[axis] / 2 + 0.15) > 0.85
+
+
 @pytest.mark.parametrize("kind", BUILDINGS)
 def test_buildings_have_the_size_that_is_asked_for(kind: Any) -> None:
     made = ls.worlds.building(kind, np.random.default_rng(3), width=12.0, depth=9.0, storeys=2)
