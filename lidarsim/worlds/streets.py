@@ -622,6 +622,8 @@ class _Builder:
             self._trees(side)
             self._furniture(side)
         self._background()
+        self._cables()
+        self._sitters()
         s, d, yaw, scale, sunk = np.array([how for _, _, how in self.puts]).reshape(-1, 5).T
         turn = self.plan.heading(s) + yaw
         cosine, sine = scale * np.cos(turn), scale * np.sin(turn)
@@ -827,6 +829,22 @@ class _Builder:
                 if self._free(s, side, 3.0) and plan.kind in {"rural", "residential"}:
                     d = plan.sides[side].plot + rng.uniform(1.2, 3.0)
                     self._tree("grass", s, side * d)
+
+    def _cables(self) -> None:
+        """Span cables over a city street, from front to front."""
+        if self.plan.kind == "city":
+            left, right = (max(side.front, side.plot + 0.3) for side in self.plan.sides.values())
+            for s in self._along((25.0, 50.0), 1, 12.0):
+                if self._free(s, -1, 12.0):
+                    cable = self._one("cable", partial(furniture, "cable", length=left + right), 3)
+                    self._put(cable, "cable", (s, (left - right) / 2))
+
+    def _sitters(self) -> None:
+        """Put someone on every other bench."""
+        for _, name, (s, d, yaw, *_) in [*self.puts]:
+            if name == "bench" and self.rng.random() < 0.5:
+                seated = self._one("seated", partial(pedestrian, posture="sitting"), 4)
+                self._put(seated, "person", (s, d), yaw)
 
 
 def _footprint(asset: Asset) -> Floats:

@@ -152,6 +152,25 @@ def test_nothing_stands_in_the_lanes(world: ls.worlds.Street) -> None:
     assert any(scene.cast(points, np.diff(street, axis=0), t_max=1.0).hit.any() for points in beside)
 
 
+def places(scene: ls.Scene, name: str) -> Floats:
+    """Where objects of a name are placed, (k, 3)."""
+    return np.array([scene[number].transform for number in scene.find(name)])[:, :3, 3]
+
+
+def test_cables_hang_over_city_streets_and_people_sit_on_benches() -> None:
+    world = ls.worlds.street(0, "city")
+    cables = [world.scene[number].bounds for number in world.scene.find("cable/cable")]
+    assert len(cables) > 2
+    road = np.concatenate(world.ways.lanes)
+    for low, high in cables:
+        below = road[np.linalg.norm(road[:, :2] - (low + high)[:2] / 2, axis=1).argmin()]
+        assert np.linalg.norm(below - (low + high) / 2) < 10.0
+        assert low[2] > below[2] + 4.5
+    benches, people = places(world.scene, "bench/bench"), places(world.scene, "person/torso")
+    apart = np.linalg.norm(benches[:, None, :2] - people[:, :2], axis=-1).min(axis=1)
+    assert 0 < np.count_nonzero(apart < 0.1) < len(benches)
+
+
 def footprints(world: ls.worlds.Street) -> list[tuple[Floats, Floats]]:
     """The place of each building, and a rectangle around the feet of its walls, in its axes: x and y, low and high."""
     found: dict[int, tuple[Floats, Floats]] = {}
