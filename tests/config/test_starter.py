@@ -36,7 +36,7 @@ def lidarsim(*arguments: str) -> int:
 
 def test_the_packaged_configurations_are_those_of_the_repository() -> None:
     shared = [file for file in starter.files() if file.name not in {"README.md", "scan.py"}]
-    assert len(shared) == 8
+    assert len(shared) == 10
     for file in shared:
         assert (starter.STARTER / file).read_bytes() == (CONFIGS / file).read_bytes(), file
 
@@ -46,7 +46,7 @@ def test_every_command_of_the_notes_runs_in_a_new_project(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert lidarsim("new", "project") == 0
-    assert [Path("project", file).is_file() for file in starter.files()] == [True] * 10
+    assert [Path("project", file).is_file() for file in starter.files()] == [True] * 12
     assert all(f"`{file.as_posix()}`" in NOTES for file in starter.files() if file.suffix in {".yaml", ".py"})
     said = capsys.readouterr().out
     first = said.partition("next: cd project && ")[2].splitlines()[0]

@@ -253,3 +253,16 @@ def test_threads_share_the_caches_of_a_recipe(recipe: Path) -> None:
     for sequence in (0, 1, 0):
         runs = made.source.run(sequence), replaced.run(sequence)
         assert len(runs[0].scene) == len(runs[1].scene) > 3
+
+
+def test_the_packaged_recipes_have_kittis_unit() -> None:
+    """Its rings, which are not those of the preset, steps of range that are lost, and scans corrected for motion."""
+    preset = ls.Lidar.preset("velodyne-hdl64e-s3", noise="measured")
+    for name in ("detection", "segmentation"):
+        run = load(Path(name)).source.run(0)
+        assert run.lidar.measurement.range_resolution == 0.0
+        assert run.lidar.measurement.range_sigma == preset.measurement.range_sigma
+        apart = np.degrees(run.lidar.pattern.elevations - preset.pattern.elevations)
+        assert 0.3 < np.abs(apart).max() < 1.0
+        assert (run.cloud["frame"], run.cloud["deskew"]) == ("sensor", "middle")
+        assert {"front", "back", "mast"} <= {item.name for item in run.scene}
