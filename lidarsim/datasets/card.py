@@ -43,7 +43,7 @@ BAR = 40
 CAMERAS: dict[Camera, str] = {"behind": "behind", "birds-eye": "above"}
 """Cameras of the pictures of a frame, and where they are in words."""
 LISTED = 20
-"""Greatest number of ranges of sequences that are listed for a split."""
+"""Greatest number of ranges of sequences that are listed for a split, and of objects for a group."""
 
 SPECIAL = re.compile(r"[\\`*\[\]<>&!|~$^{}]|(?<![^\W_])_|_(?![^\W_])|(?<=www)\.|:(?=//)|@", re.IGNORECASE)
 """Characters with a meaning in Markdown, HTML and tables; underscores only at the edge of a word."""
@@ -81,7 +81,7 @@ Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, r
 {_table("range", list(zip(spans, ranges, strict=True))[used[0] : used[-1] + 1], points)}"""
     if (box_filter := recipe.layout.box_filter) is not None:
         text += "\n" + _boxes(recipe, run, summary, box_filter)
-    text += _describe_scattered(summary.scattered)
+    text += _describe_scattered(recipe, summary.scattered)
     if drawn := _pictures(plan, files, pictures):
         text += "\n## Frames\n" + "".join(f"\n![{about}]({name})\n\n{about}\n" for name, about in drawn)
     files.write(manifest.CARD, text.encode())
@@ -184,17 +184,26 @@ def _describe(box_filter: BoxFilter) -> str:
     return ", ".join(parts)
 
 
-def _describe_scattered(scattered: Scattered) -> str:
+def _describe_scattered(recipe: Recipe, scattered: Scattered) -> str:
     """Return the section on scattered objects; empty without groups."""
     if not scattered.groups:
         return ""
+    given = recipe.to_dict()["scatter"]
     rows = [
-        f"| {escape(name)} | {tally.asked} | {tally.placed} | {escape(tally.rules)} |\n"
+        f"| {escape(name)} | {_members(**given[name])} | {tally.asked} | {tally.placed} | {escape(tally.rules)} |\n"
         for name, tally in scattered.groups.items()
     ]
     text = "\n## Scattered objects\n\nObjects without room are left out; shares are of the places tried for these.\n"
-    text += "\n| group | asked | placed | places refused by |\n|---|---:|---:|---|\n" + "".join(rows)
+    text += "\n| group | objects, with their weights | asked | placed | places refused by |\n|---|---|---:|---:|---|\n"
+    text += "".join(rows)
     return text + "".join(f"\nWarning: {escape(line)}.\n" for line in scattered.warnings())
+
+
+def _members(objects: list[dict[str, Any]], weights: list[float] | None = None, **_: object) -> str:
+    """Return what kinds of objects the members of a group are, each with its weight unless all are alike."""
+    kinds = [escape(str(item.get("kind", item.get("file", item["shape"])))) for item in objects]
+    texts = kinds if weights is None else [f"{kind} {weight:g}" for kind, weight in zip(kinds, weights, strict=True)]
+    return ", ".join(texts[:LISTED]) + (", …" if len(texts) > LISTED else "")
 
 
 def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -128,3 +128,10 @@ def test_boxes_are_counted_as_numpy_does(edges: tuple[float, ...]) -> None:
         counts = np.zeros(len(edges) - 1, int)
         counts[_bin(value, edges)] += 1
         assert counts.tolist() == np.histogram(value, edges)[0].tolist()
+
+
+def test_the_card_says_of_what_kinds_scattered_objects_are(tmp_path: Path) -> None:
+    ls.generate("detection", tmp_path, sequences=1, frames=1, pictures=0)
+    text = (tmp_path / "README.md").read_text(encoding="utf-8")
+    assert "| traffic | hatchback 4, saloon 2, estate 2, suv 2, van 2, lorry 2, bicycle 4 |" in text
+    assert "| people | pedestrian |" in text
