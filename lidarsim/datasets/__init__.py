@@ -90,7 +90,7 @@ def generate(
     part : tuple of int
         ``(i, n)`` makes only part i of n, counting from 0. The call that completes the data set writes its tables.
     overrides : sequence of str
-        Values of a YAML recipe to replace or add, such as ``"run.sensor.preset=ouster-os1-64"``.
+        Values of a YAML recipe to replace or add, such as ``"run.sensor={preset: ouster-os1-64}"``.
     sequences, frames : int, optional
         Number of sequences, and of frames in each. Default: those of the recipe; 1 for a function.
     seed : int, optional
