@@ -273,10 +273,11 @@ impl RayPacket {
         (self.spread, self.largest_origin_error) = (spread.largest(), error.largest());
     }
 
-    /// The runs of neighbours that share an origin; `compare_origins` must have been called.
+    /// The rays from a lane on, up to the first with another origin; `compare_origins` must have been called.
     #[inline(always)]
-    pub fn runs(&self) -> Runs {
-        Runs { starts: self.runs, end: self.count }
+    pub fn run_from(&self, lane: usize) -> Mask {
+        let next = self.runs & !all(lane + 1);
+        all(self.count.min(next.trailing_zeros() as usize)) & !all(lane)
     }
 
     /// The origins relative to that of the first ray, of part `eight` of eight lanes, by axis.
@@ -387,22 +388,6 @@ impl RayPacket {
 #[inline(always)]
 fn point(columns: &[[f64; LANES]; 3], lane: usize) -> Point {
     [columns[0][lane], columns[1][lane], columns[2][lane]]
-}
-
-/// The masks of runs of neighbours in a packet.
-pub struct Runs {
-    starts: Mask,
-    end: usize,
-}
-
-impl Iterator for Runs {
-    type Item = Mask;
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<Mask> {
-        let start = take(&mut self.starts)?;
-        Some(all(self.end.min(self.starts.trailing_zeros() as usize)) & !all(start))
-    }
 }
 
 /// Fewer than eight numbers, padded with `filler`.
@@ -665,7 +650,11 @@ mod tests {
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 let mut found = rays.clone();
                 let starts = dispatch(level, CompareOrigins(&mut found));
-                let masks: Vec<Mask> = found.runs().collect();
+                let (mut masks, mut left) = (Vec::new(), all(rays.count));
+                while left != 0 {
+                    masks.push(found.run_from(left.trailing_zeros() as usize));
+                    left &= !masks[masks.len() - 1];
+                }
                 assert_eq!((masks.len(), found.one_origin), (runs, runs == 1), "{level:?}, {round}");
                 assert_eq!(masks.iter().fold(0, |all, run| all | run), all(rays.count));
                 assert_eq!(masks.iter().map(|run| run.count_ones() as usize).sum::<usize>(), rays.count);

@@ -24,13 +24,12 @@ impl<S: Each<K>, const K: usize> PrimitiveIntersector<'_, '_, S, K> {
     /// Intersects these rays with a leaf, and returns the mask of those whose limits may have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(&mut self, leaf: &PrimitiveLeaf<K>, mask: Mask) -> Mask {
-        let mut nearer = 0;
-        for run in self.rays.runs() {
-            let mut left = mask & run;
-            if left == 0 {
-                continue;
-            }
-            let seen = S::seen_from::<I>(self.rays.origin(left.trailing_zeros() as usize), &leaf.numbers);
+        let (mut nearer, mut others) = (0, mask);
+        while others != 0 {
+            let first = others.trailing_zeros() as usize;
+            let mut left = others & self.rays.run_from(first);
+            others &= !left;
+            let seen = S::seen_from::<I>(self.rays.origin(first), &leaf.numbers);
             // All rays are tested before any result is used, so no branch depends on a single test.
             let (mut lanes, mut candidates, mut count) = ([0; LANES], [0; LANES], 0);
             while let Some(lane) = take(&mut left) {
