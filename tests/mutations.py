@@ -764,8 +764,8 @@ MUTANTS = [
         "Echoes::new(part, 0, surfaces.truth, surf",
         ONE_ECHO,
     ),
-    Mutant("beyond: power goes out and back", "share: way.share * passed * passed", "share: way.share * passed", DEPTH),
-    Mutant("beyond: the length of the way", "let before = way.before + distance", "let before = distance", DEPTH),
+    Mutant("further surfaces: power goes out and back", "share: path.share * passed * passed", "share: path.share * passed", DEPTH),
+    Mutant("further surfaces: the length of the path", "let before = path.before + distance", "let before = distance", DEPTH),
     Mutant(
         "beyond: the image's normal",
         "let normal = self.normal_of_image(light.ray);",

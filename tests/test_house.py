@@ -410,10 +410,17 @@ def missing_files(page: str, native: Path) -> list[str]:
     return [name for name in native_files(page) if not any(path.endswith(f"/{name}") for path in there)]
 
 
-def test_the_page_about_the_core_names_files_that_exist() -> None:
+def test_the_page_about_the_core_names_all_files_and_no_others() -> None:
     page = (NATIVE / "README.md").read_text(encoding="utf-8")
     assert len(native_files(page)) > 80
     assert missing_files(page, NATIVE) == []
+    core = [path for path in (NATIVE / "core/src").rglob("*.rs") if path.stem not in {"mod", "lib", "testing"}]
+    named = set(native_files(page))
+    folders = tuple(name for name in named if name.endswith("/"))
+    files = {path.relative_to(NATIVE).with_suffix("").as_posix() for path in core}
+    unnamed = {name for name in files if name not in named and not name.startswith(folders)}
+    assert len(files) > 120
+    assert unnamed == set()
     odd = page.replace("`shapes/newton.rs`", "`shapes/nowhere.rs`").replace("frame, fire", "frame, water")
     assert set(missing_files(odd, NATIVE)) == {"shapes/nowhere.rs", "core/src/measure/water"}
 

@@ -1,7 +1,7 @@
 //! Point clouds: one call takes the arrays of a scan to those of a cloud.
 
 use lidarsim_core::measure::{
-    Coordinates, Copied, Each, Field, Movers, Numbers, PointSource, PointsAndNormals, ReturnCounts,
+    Coordinates, Copied, Each, Field, MoverPoses, Numbers, PointSource, PointsAndNormals, ReturnCounts,
     WritePoints,
 };
 use lidarsim_core::{Origins, Path, Point, Pose, memory};
@@ -149,7 +149,7 @@ pub fn points_of<'py>(
             if objects.iter().any(|object| *object >= motions.len() as i32) {
                 return Err(PyValueError::new_err("movers: expected objects of the scene"));
             }
-            Some(Movers { objects, motions, frame })
+            Some(MoverPoses { objects, motions, frame })
         }
         _ => None,
     };

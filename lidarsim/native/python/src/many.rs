@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::path::pose;
-use crate::scan::{Entry, PulseArrays, beyond, check_rings, explain, measurement_of};
+use crate::scan::{Entry, PulseArrays, check_rings, explain, measurement_of, transport_of};
 use crate::{PyPath, PyScene, argument_error, detach, elements, kernels, plain};
 
 macro_rules! given {
@@ -246,7 +246,7 @@ pub fn scan_many<'py>(
                 measurement,
                 appearances: &own.appearances,
                 caster: own_worlds.get(i).unwrap_or(&worlds[world_of[i]]),
-                beyond: beyond(own, measurement, span_of(own, frame), ignored.of(i, scene[i])),
+                transport: transport_of(own, measurement, span_of(own, frame), ignored.of(i, scene[i])),
             }
         }));
         measure_all(&scans, pulses, all_rows, points, |batch| kernels.measure(batch))

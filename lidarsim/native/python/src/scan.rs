@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    BadPulse, Beyond, Fault, Frame, Layout, Measurement, Parameters, Scan, ScanColumns, Value,
+    BadPulse, Fault, Frame, Layout, LightTransport, Measurement, Parameters, Scan, ScanColumns, Value,
 };
 use lidarsim_core::{Origins, Path, Point, World, memory, span};
 use numpy::ndarray::ArrayD;
@@ -245,17 +245,17 @@ fn layout(measurement: &Measurement, pulses: usize) -> Layout {
 }
 
 /// The light that goes on behind the first surfaces, in a span of time; None if there is none.
-pub fn beyond<'a>(
+pub fn transport_of<'a>(
     scene: &'a PyScene,
     measurement: &Measurement,
     span: [f64; 2],
     ignored: &'a [u32],
-) -> Option<Beyond<World<'a>>> {
+) -> Option<LightTransport<World<'a>>> {
     let depth = measurement.depth();
     let goes_on = depth > 1 && scene.appearances.iter().any(|appearance| appearance.goes_on());
     goes_on.then(|| {
         let [passing, solid] = scene.parts(span).map(|part| part.ignoring(ignored));
-        Beyond { depth, passing, solid }
+        LightTransport { depth, passing, solid }
     })
 }
 
@@ -297,9 +297,9 @@ impl Shot<'_, '_> {
             let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
             let world = scene.scene.during(span);
             let world = world.ignoring(&ignored);
-            let beyond = beyond(scene, measurement, span, &ignored);
+            let transport = transport_of(scene, measurement, span, &ignored);
             let appearances = &scene.appearances;
-            work(&Scan { frame: &frame, measurement, appearances, caster: &world, beyond })
+            work(&Scan { frame: &frame, measurement, appearances, caster: &world, transport })
         })?;
         done.map_err(|bad| explain(bad, &frame))
     }

@@ -93,7 +93,7 @@ struct OfOneRay<'a> {
 }
 
 impl OfOneRay<'_> {
-    /// Appends pairs of a ray, of this index, and the instances that it meets but for a known one.
+    /// Appends (ray, instance) pairs, except the known instance.
     fn append(
         mut self,
         world: &World,

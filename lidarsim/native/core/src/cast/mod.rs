@@ -27,6 +27,6 @@ pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use driver::Cast;
 pub use instances_met::NO_INSTANCE;
 pub use meet_instances::MeetInstances;
-pub use next_hit::{Departure, Met, next_hit};
+pub use next_hit::{Departure, SurfaceHit, next_hit};
 pub use ray_sort::NEAR;
 pub use schedule::pieces;

@@ -16,19 +16,19 @@ const ALL: TRange = TRange { min: 0.0, max: f64::MAX };
 
 /// A surface from which light goes on.
 #[derive(Clone, Copy, Debug)]
-pub struct Met {
+pub struct SurfaceHit {
     pub hit: Hit,
     /// The root of the hit, if it is known. Most decisions need only bounds of t.
     root: Option<BoundedRoot>,
 }
 
-impl From<Hit> for Met {
+impl From<Hit> for SurfaceHit {
     fn from(hit: Hit) -> Self {
-        Met { hit, root: None }
+        SurfaceHit { hit, root: None }
     }
 }
 
-impl Met {
+impl SurfaceHit {
     fn is_on(&self, object: u32) -> bool {
         self.hit.object as u32 == object
     }
@@ -52,13 +52,13 @@ impl Met {
 #[derive(Clone, Copy, Debug)]
 pub enum Departure {
     /// From a surface that the same ray met, straight on.
-    Passed(Met),
+    Passed(SurfaceHit),
     /// From a mirror, which the ray before met where this one starts.
-    Mirrored(TimedRay, Met),
+    Mirrored(TimedRay, SurfaceHit),
 }
 
 impl Departure {
-    fn met(&self) -> &Met {
+    fn met(&self) -> &SurfaceHit {
         match self {
             Departure::Passed(met) | Departure::Mirrored(_, met) => met,
         }
@@ -86,7 +86,7 @@ impl Departure {
 }
 
 /// Whether a root of a ray from a mirror is that of the mirror, or of a surface that coincides with it.
-fn is_left_out(scene: &Scene, before: &TimedRay, mirror: &Met, ray: &TimedRay, at: &RootId) -> bool {
+fn is_left_out(scene: &Scene, before: &TimedRay, mirror: &SurfaceHit, ray: &TimedRay, at: &RootId) -> bool {
     let mut is_mirror = false;
     if mirror.is_on(at.object) {
         let (object, primitive) = (scene.at(at.object, ray.time), mirror.hit.primitive as u32);
@@ -100,7 +100,7 @@ fn is_left_out(scene: &Scene, before: &TimedRay, mirror: &Met, ray: &TimedRay, a
 }
 
 /// Whether a ray meets a primitive at the exact t at which it met a mirror.
-fn is_met(scene: &Scene, ray: &TimedRay, mirror: &Met, object: u32, primitive: u32) -> bool {
+fn is_met(scene: &Scene, ray: &TimedRay, mirror: &SurfaceHit, object: u32, primitive: u32) -> bool {
     let mut others = roots_of(scene, ray, object, primitive).into_iter().flatten();
     others.any(|other| mirror.order_of_t(scene, ray, &other) == Ordering::Equal)
 }
@@ -220,7 +220,7 @@ pub fn next_hit(
     ray: &TimedRay,
     from: &Departure,
     stack: &mut Stack,
-) -> Option<Met> {
+) -> Option<SurfaceHit> {
     let nearest = |world: &World, limit: f64, stack: &mut Stack| {
         let mut query = NextHit { scene: world.scene, ray: *ray, from, limit, found: None };
         query.run(world, stack);
@@ -228,7 +228,7 @@ pub fn next_hit(
     };
     let refined = |root: BoundedRoot| {
         let hit = world.scene.hit_within(&root.0, root.1, ray);
-        Met { hit, root: Some(root) }
+        SurfaceHit { hit, root: Some(root) }
     };
     if solid.object < 0 {
         return nearest(passing, ALL.max, stack).map(refined);
@@ -253,7 +253,7 @@ pub fn next_hit(
         }
     };
     if is_further && found.is_none_or(|found| found.1.low > high) {
-        return Some(Met::from(*solid));
+        return Some(SurfaceHit::from(*solid));
     }
     // Surfaces that coincide with others or with a mirror are rare, and decided with all surfaces at once.
     nearest(world, ALL.max, stack).map(refined)

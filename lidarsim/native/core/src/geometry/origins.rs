@@ -22,7 +22,7 @@ impl<'a> Origins<'a> {
         }
     }
 
-    /// Of eight rays from `first` on.
+    /// The origins of eight rays from `first` on.
     #[inline(always)]
     pub fn of_eight<I: Isa>(&self, first: usize) -> [I::F64x8; 3] {
         match self {
@@ -31,7 +31,7 @@ impl<'a> Origins<'a> {
         }
     }
 
-    /// Of any eight rays.
+    /// The origins of any eight rays.
     #[inline(always)]
     pub fn of_these<I: Isa>(&self, rays: &[usize; 8]) -> [I::F64x8; 3] {
         match self {
@@ -40,7 +40,7 @@ impl<'a> Origins<'a> {
         }
     }
 
-    /// Of some of the rays.
+    /// The origins of some of the rays.
     #[inline(always)]
     pub fn part(self, rays: Range<usize>) -> Self {
         match self {
@@ -49,7 +49,7 @@ impl<'a> Origins<'a> {
         }
     }
 
-    /// Those of each ray; none if they have a common one.
+    /// The origin of each ray; empty if all have a common one.
     #[inline(always)]
     pub fn each(self) -> &'a [Point] {
         match self {

@@ -3,7 +3,7 @@
 use crate::arith::number::Interval;
 use crate::arith::simd::Isa;
 use crate::bvh::Stack;
-use crate::cast::{self, Cast, Departure, HitArrays, Met};
+use crate::cast::{self, Cast, Departure, HitArrays, SurfaceHit};
 use crate::geometry::affine::Inverse;
 use crate::geometry::point::sub;
 use crate::geometry::pose::Path;
@@ -36,7 +36,7 @@ pub trait Caster: Sync {
         ray: &TimedRay,
         from: &Departure,
         stack: &mut Stack,
-    ) -> Option<Met>;
+    ) -> Option<SurfaceHit>;
 
     /// The motion of an object, if it moves.
     fn path(&self, object: i32) -> Option<&Path>;
@@ -65,7 +65,7 @@ impl Caster for World<'_> {
         ray: &TimedRay,
         from: &Departure,
         stack: &mut Stack,
-    ) -> Option<Met> {
+    ) -> Option<SurfaceHit> {
         cast::next_hit(self, passing, solid, ray, from, stack)
     }
 

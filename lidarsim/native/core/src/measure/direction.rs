@@ -148,7 +148,7 @@ mod tests {
         assert!((y / z - 0.1).abs() < 1e-15 && (x / z + 0.2).abs() < 1e-15);
     }
 
-    /// To the bit, signs of zeros too: with the heading, and of the axis without it.
+    /// Both functions give the same bits, including signed zeros.
     #[test]
     fn many_lie_beside_an_axis_as_each_does() {
         let mut number = numbers();

@@ -34,8 +34,8 @@ pub(super) struct Echo {
 }
 
 impl Light {
-    /// A share of it.
-    pub(super) fn dimmed(self, share: f64) -> Self {
+    /// Weakens the light to a share of its power.
+    pub(super) fn dim(self, share: f64) -> Self {
         let Light { intensity, power, clear_power, .. } = self;
         Light { intensity: share * intensity, power: share * power, clear_power: share * clear_power, ..self }
     }
@@ -53,14 +53,14 @@ impl Echo {
         Echo { source: Source::Surface, ray, true_range: range, range, intensity, power, measured: Ok(range) }
     }
 
-    /// Light from the air, before the receiver. `ray`: that it lies on.
+    /// An echo of the air, before receiver effects, on ray `ray`.
     pub(super) fn of_air(ray: usize, range: f64, intensity: f64) -> Self {
         let power = intensity / (range * range);
         let (source, measured) = (Source::Atmosphere, Ok(range));
         Echo { source, ray, true_range: range, range, intensity, power, measured }
     }
 
-    /// A return that no surface sent. `ray`: of its pulse.
+    /// A false return of the pulse of ray `ray`.
     #[inline(always)]
     pub(super) fn falsely(ray: usize, range: f64, intensity: f64) -> Self {
         // Weaker than any light that is seen.

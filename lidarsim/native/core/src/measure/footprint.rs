@@ -49,7 +49,7 @@ impl<C: Caster> Scan<'_, C> {
         let measurement = self.measurement;
         let is_plain = measurement.most_returns() == 1 && !measurement.effects.has_weather();
         scratch.wanted.clear();
-        match measurement.beam.as_ref().filter(|_| is_plain && scratch.ways.is_empty()) {
+        match measurement.beam.as_ref().filter(|_| is_plain && scratch.paths.is_empty()) {
             Some(beam) => self.measure_only_echoes::<I>(beam, pulses.clone(), scratch, rows),
             None => resize(&mut scratch.wanted, pulses.len().div_ceil(8), u8::MAX),
         }
@@ -107,7 +107,7 @@ impl<C: Caster> Scan<'_, C> {
         scratch.wanted.clear();
         resize(&mut scratch.wanted, pulses.len().div_ceil(8), 0);
         for pulse in 0..pulses.len() {
-            scratch.wanted[pulse / 8] |= u8::from(!scratch.ways.of(pulse).is_empty()) << (pulse % 8);
+            scratch.wanted[pulse / 8] |= u8::from(!scratch.paths.of(pulse).is_empty()) << (pulse % 8);
         }
         I::call(MeasurePulses { scan: self, pulses, scratch, rows });
     }
@@ -165,7 +165,7 @@ impl<C: Caster> Scan<'_, C> {
                 }
                 if let Some(entry) = rows.true_direction.get_mut(row) {
                     let direction = self.measurement.effects.directions(&batch, &scratch.draws)[pulse];
-                    let sub_ray = scratch.ways.fired_ray(echo.ray) - pulse * rays;
+                    let sub_ray = scratch.paths.fired_ray(echo.ray) - pulse * rays;
                     entry.write(match beam {
                         Some(beam) => beside(direction, beam.offset(sub_ray)),
                         None => direction,
@@ -217,7 +217,7 @@ impl<C: Caster> Scan<'_, C> {
                 instance: [instance],
                 label: [label],
                 source: [echo.source as u8],
-                path: [scratch.ways.way(echo.ray).map_or(0, |way| way.path)],
+                path: [scratch.paths.path(echo.ray).map_or(0, |path| path.passed)],
                 incidence: [incidence as f32],
             },
         );

@@ -82,8 +82,8 @@ impl<C: Caster> Scan<'_, C> {
         let normal = simd::load_points::<I>(&hits.normal.as_chunks().0.as_chunks().0[part]);
         let direction = simd::load_points::<I>(&rays.directions.as_chunks().0[part]);
         let mut range = distance(lanes::load(&hits.t, part), direction);
-        if !scratch.ways.is_empty() {
-            range = range.add(I::F64x8::load(&scratch.ways.each(part, 0.0, |way| way.before)));
+        if !scratch.paths.is_empty() {
+            range = range.add(I::F64x8::load(&scratch.paths.each(part, 0.0, |path| path.before)));
         }
         let cross = lanes::cross(normal, direction);
         let cosine = lanes::dot(normal, direction).abs();
@@ -124,7 +124,7 @@ impl<C: Caster> Scan<'_, C> {
         transmission.clear();
         resize(transmission, whole, 1.0);
         for part in 0..whole / 8 {
-            if of_further && !scratch.ways.touch(part) {
+            if of_further && !scratch.paths.touch(part) {
                 continue;
             }
             let lights = self.eight_lights::<I>(part, scratch);
@@ -132,8 +132,8 @@ impl<C: Caster> Scan<'_, C> {
             range.as_chunks_mut().0[part] = lights.range.store();
             cosine.as_chunks_mut().0[part] = lights.cosine.store();
             intensity.as_chunks_mut().0[part] = lights.intensity.store();
-            if !scratch.ways.is_empty() {
-                let shares = I::F64x8::load(&scratch.ways.each(part, 1.0, |way| way.share));
+            if !scratch.paths.is_empty() {
+                let shares = I::F64x8::load(&scratch.paths.each(part, 1.0, |path| path.share));
                 intensity.as_chunks_mut().0[part] = lights.intensity.mul(shares).store();
             }
         }
@@ -153,7 +153,7 @@ impl Scratch {
     /// The light of the surfaces that a fired ray meets after the first.
     #[inline(always)]
     pub(super) fn further_lights(&self, ray: usize) -> impl Iterator<Item = Light> {
-        self.ways.of(ray).iter().filter_map(|at| self.light_of(*at as usize))
+        self.paths.of(ray).iter().filter_map(|at| self.light_of(*at as usize))
     }
 
     /// The light that a ray brings back, if it hits anything.

@@ -1,7 +1,7 @@
 //! From pulses to returns.
 //!
 //! A batch of pulses is aimed, with its jitter, and cast (`fire.rs`). What the receiver does not see is no
-//! hit (`shadow.rs`). Light goes on through panes and from mirrors (`beyond.rs`). Hits become light
+//! hit (`shadow.rs`). Light goes on through panes and from mirrors (`light_transport.rs`). Hits become light
 //! (`light.rs`), light becomes echoes, one a ray (`single_ray.rs`) or those of a waveform over the footprint
 //! of a beam (`footprint.rs`), and the effects of the receiver turn echoes into readings (`effects/`), the
 //! range gate last. `recording.rs` samples the waveforms themselves, where they are asked for. The rows of a
@@ -12,7 +12,6 @@
 mod appearance;
 mod backscatter;
 mod beam;
-mod beyond;
 mod caster;
 mod columns;
 mod coverage;
@@ -25,6 +24,8 @@ mod footprint;
 mod frame;
 mod grain;
 mod light;
+mod light_paths;
+mod light_transport;
 mod many;
 mod measurement;
 mod parameters;
@@ -42,7 +43,6 @@ mod source;
 mod status;
 mod texture;
 mod waveform;
-mod ways;
 mod weather;
 
 pub use appearance::{Appearance, Labels, Reflectivity};
@@ -51,12 +51,12 @@ pub use columns::{Layout, Rows, ScanColumns};
 pub use coverage::{CoverPiece, InstancePulses, NominalPulses, Targets, UNKNOWN};
 pub use frame::{BadPulse, Fault, Frame};
 pub use grain::Grain;
+pub use light_paths::LightTransport;
 pub use many::measure_all;
 pub use measurement::Measurement;
 pub use parameters::{Parameters, Value};
-pub use points::{Coordinates, Movers, PointSource, PointsAndNormals, WritePoints};
+pub use points::{Coordinates, MoverPoses, PointSource, PointsAndNormals, WritePoints};
 pub use recording::{Recorder, Recording, Samples, Window};
 pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
 pub use scan::{Batch, Scan};
 pub use texture::{Interpolation, Texture, TextureCoordinates, TextureMap, Wrap};
-pub use ways::Beyond;

@@ -22,7 +22,7 @@ pub enum Coordinates {
 
 /// The moving objects whose points are moved along, to where they are on the objects at one moment.
 #[derive(Clone, Copy)]
-pub struct Movers<'a> {
+pub struct MoverPoses<'a> {
     /// Per row, the object that its point is on; negative if the point stays.
     pub objects: &'a [i32],
     /// Per object, its motion and its pose at the moment, in the frame; `None` if it stands still.
@@ -31,7 +31,7 @@ pub struct Movers<'a> {
     pub frame: Pose,
 }
 
-impl Movers<'_> {
+impl MoverPoses<'_> {
     /// Moves eight points and their normals along with the objects that they are on, if these move. `times`:
     /// when the pulses were fired, s.
     #[inline(always)]
@@ -80,7 +80,7 @@ pub struct PointSource<'a> {
     pub times: &'a [f64],
     pub start: f64,
     pub coordinates: Coordinates,
-    pub movers: Option<Movers<'a>>,
+    pub movers: Option<MoverPoses<'a>>,
 }
 
 impl PointSource<'_> {

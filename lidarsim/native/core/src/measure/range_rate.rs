@@ -13,29 +13,29 @@ impl<C: Caster> Scan<'_, C> {
     /// itself.
     #[inline(always)]
     pub(super) fn range_rate(&self, pulse: usize, ray: usize, scratch: &mut Scratch) -> [f64; 2] {
-        if scratch.ways.way(ray).is_some_and(|way| way.mirror.is_some()) {
+        if scratch.paths.path(ray).is_some_and(|path| path.mirror.is_some()) {
             return self.range_rate_in_mirrors(pulse, ray, scratch);
         }
         let (velocity, direction) = (self.velocity(pulse, ray, scratch), scratch.rays.directions[ray]);
         [dot(velocity, direction), dot(direction, direction)]
     }
 
-    /// As `range_rate`, of a way that mirrors bend: the rate of change of its length.
+    /// As `range_rate`, of a path that mirrors bend: the rate of change of its length.
     ///
-    /// A way of straight parts with directions dᵢ, between points of velocities vᵢ, has the rate Σ
+    /// A path of straight parts with directions dᵢ, between points of velocities vᵢ, has the rate Σ
     /// (vᵢ₊₁ − vᵢ)·dᵢ. So each point adds its velocity times the direction of the light that
     /// comes less that of the light that leaves. By Fermat's principle the points at which mirrors are met
     /// do not add to it by moving along them: their velocities are those of the mirrors.
     fn range_rate_in_mirrors(&self, pulse: usize, surface: usize, scratch: &mut Scratch) -> [f64; 2] {
         let mut direction = scratch.rays.directions[surface];
         let mut rate = dot(self.velocity_of_surface(surface, scratch), direction);
-        let mut way = scratch.ways.way(surface).copied();
-        while let Some(mirror) = way.and_then(|way| way.mirror) {
+        let mut path = scratch.paths.path(surface).copied();
+        while let Some(mirror) = path.and_then(|path| path.mirror) {
             let mirror = mirror as usize;
             let incoming = scratch.rays.directions[mirror];
             rate += dot(self.velocity_of_surface(mirror, scratch), sub(incoming, direction));
             direction = incoming;
-            way = scratch.ways.way(mirror).copied();
+            path = scratch.paths.path(mirror).copied();
         }
         if let Some(&origin) = scratch.velocities.origins.get(pulse) {
             rate -= dot(origin, direction);

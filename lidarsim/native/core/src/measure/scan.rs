@@ -9,9 +9,9 @@ use super::caster::Caster;
 use super::columns::Rows;
 use super::direction::reciprocal_length;
 use super::frame::{BadPulse, Frame};
+use super::light_paths::LightTransport;
 use super::measurement::Measurement;
 use super::scratch::Scratch;
-use super::ways::Beyond;
 use crate::arith::simd::{Isa, Task};
 use crate::cast::pieces;
 use crate::memory::resize;
@@ -25,7 +25,7 @@ pub struct Scan<'a, C> {
     pub appearances: &'a [Arc<Appearance>],
     pub caster: &'a C,
     /// None if light goes on from no surface.
-    pub beyond: Option<Beyond<C>>,
+    pub transport: Option<LightTransport<C>>,
 }
 
 thread_local! {
@@ -120,9 +120,9 @@ impl<C: Caster> Scan<'_, C> {
         if self.measurement.receiver_offset != 0.0 {
             self.hide::<I>(pulses, self.measurement.receiver_offset, scratch);
         }
-        scratch.ways.clear(scratch.hits.len());
-        if let Some(beyond) = &self.beyond {
-            self.go_on::<I>(beyond, scratch);
+        scratch.paths.clear(scratch.hits.len());
+        if let Some(transport) = &self.transport {
+            self.go_on::<I>(transport, scratch);
         }
         self.reflect::<I>(scratch);
         Ok(())

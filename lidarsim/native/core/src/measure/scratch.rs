@@ -2,7 +2,7 @@
 
 use super::effects::Draws;
 use super::grain::GrainHits;
-use super::ways::Ways;
+use super::light_paths::LightPaths;
 use crate::cast::HitArrays;
 use crate::geometry::origins::Origins;
 use crate::geometry::pose::Motion;
@@ -18,7 +18,7 @@ pub(super) struct Scratch {
     /// From the receiver to what the rays hit.
     pub(super) shadow_rays: RayArrays,
     /// The surfaces that light goes on to.
-    pub(super) ways: Ways,
+    pub(super) paths: LightPaths,
     /// Per ray; unspecified for misses.
     pub(super) reflectivity: Vec<f64>,
     /// Empty between batches.

@@ -54,7 +54,7 @@ impl<C: Caster> Scan<'_, C> {
             }
         }
         // Through panes the receiver sees.
-        let opaque = self.beyond.as_ref().map_or(self.caster, |beyond| &beyond.solid);
+        let opaque = self.transport.as_ref().map_or(self.caster, |transport| &transport.solid);
         let rays = Rays::new(&shadow_rays.origins, &shadow_rays.directions, &rays.times);
         opaque.find_any::<I>(Rays { bundle, ..rays }, &mut Hide(hits));
     }

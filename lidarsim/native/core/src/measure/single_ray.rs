@@ -41,7 +41,7 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        if scratch.ways.is_empty() {
+        if scratch.paths.is_empty() {
             self.measure_first_surfaces::<I>(pulses, scratch, rows);
             return;
         }

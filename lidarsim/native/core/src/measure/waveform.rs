@@ -64,12 +64,11 @@ impl Waveform {
             return;
         }
         lights.clear();
-        lights.extend(
-            beam.sub_rays(pulse).filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dimmed(share))),
-        );
-        if !scratch.ways.is_empty() {
+        lights
+            .extend(beam.sub_rays(pulse).filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dim(share))));
+        if !scratch.paths.is_empty() {
             for (ray, share) in beam.sub_rays(pulse) {
-                lights.extend(scratch.further_lights(ray).map(|light| light.dimmed(share)));
+                lights.extend(scratch.further_lights(ray).map(|light| light.dim(share)));
             }
         }
         let (least, most) =
@@ -204,7 +203,7 @@ impl Scratch {
         let first = pulse * beam.len();
         let rays = first..first + beam.len();
         let (objects, ranges) = (&self.hits.object[rays.clone()], &self.light.range[rays.clone()]);
-        if !self.ways.is_empty() || objects[0] < 0 || objects.iter().any(|object| *object != objects[0]) {
+        if !self.paths.is_empty() || objects[0] < 0 || objects.iter().any(|object| *object != objects[0]) {
             return None;
         }
         let (least, most) =
@@ -301,10 +300,8 @@ mod tests {
             // Black surfaces, and distance zero, have no mean.
             let powers = if k % 4 == 0 { [[0.0; 7], [f64::INFINITY; 7]][k / 4 % 2] } else { draw() };
             let mut scratch = seven(&beam, ranges, powers);
-            let lights: Vec<Light> = beam
-                .sub_rays(1)
-                .filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dimmed(share)))
-                .collect();
+            let lights: Vec<Light> =
+                beam.sub_rays(1).filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dim(share))).collect();
             assert_eq!(lights.len(), 7);
             let echo = scratch.only_echo(&beam, 1).expect("one surface");
             assert_eq!(parts(echo), parts(scratch.merge(&lights)), "{ranges:?} {powers:?}");

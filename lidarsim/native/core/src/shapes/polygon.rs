@@ -10,9 +10,9 @@ use crate::stop;
 type Point2 = [f64; 2];
 
 /// The sign of the area of a, b, c: positive for a left turn.
-struct Turn(Point2, Point2, Point2);
+struct Orientation(Point2, Point2, Point2);
 
-impl Predicate for Turn {
+impl Predicate for Orientation {
     type Answer = Ordering;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
@@ -29,7 +29,8 @@ fn between(a: Point2, b: Point2, p: Point2) -> bool {
 
 /// Whether two closed segments share a point.
 fn intersect(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
-    let turns = [Turn(a, b, c), Turn(a, b, d), Turn(c, d, a), Turn(c, d, b)].map(|turn| decide(&turn));
+    let turns = [Orientation(a, b, c), Orientation(a, b, d), Orientation(c, d, a), Orientation(c, d, b)]
+        .map(|turn| decide(&turn));
     let opposite = |x: Ordering, y: Ordering| x == y.reverse() && x != Ordering::Equal;
     (opposite(turns[0], turns[1]) && opposite(turns[2], turns[3]))
         || (turns[0] == Ordering::Equal && between(a, b, c))
@@ -47,9 +48,9 @@ pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
         let ((a, b), (c, d)) = (edge(i), edge(j));
         if j == i + 1 {
             // Neighbours share only b = c: d must not fold back.
-            decide(&Turn(a, b, d)) == Ordering::Equal && (between(a, b, d) || between(c, d, a))
+            decide(&Orientation(a, b, d)) == Ordering::Equal && (between(a, b, d) || between(c, d, a))
         } else if (j + 1) % n == i {
-            decide(&Turn(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
+            decide(&Orientation(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
         } else {
             intersect(a, b, c, d)
         }

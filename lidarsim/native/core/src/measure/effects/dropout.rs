@@ -8,7 +8,7 @@ use crate::measure::status::Status;
 
 #[derive(Clone, Debug)]
 pub(super) struct Dropout {
-    /// That a pulse is lost, with all of its echoes.
+    /// Probability that a pulse is lost, with all of its echoes.
     probability: f64,
 }
 

@@ -8,7 +8,7 @@ use crate::measure::status::Status;
 
 #[derive(Clone, Debug)]
 pub(super) struct FalseReturns {
-    /// That a pulse has one.
+    /// Probability that a pulse has a false return.
     probability: f64,
     /// The range gate, m: its near end, and its finite length.
     nearest: f64,

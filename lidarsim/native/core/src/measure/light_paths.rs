@@ -1,14 +1,14 @@
-//! The ways of light that goes on, and the surfaces that it meets.
+//! The paths of light that goes on, and the surfaces that it meets.
 
 use crate::bvh::Stack;
-use crate::cast::{Departure, HitArrays, Met};
+use crate::cast::{Departure, HitArrays, SurfaceHit};
 use crate::geometry::vector::Point;
 use crate::memory::resize;
 use crate::scene::{Hit, TimedRay};
 
 /// The scene behind panes and in mirrors.
-pub struct Beyond<C> {
-    /// The most surfaces of a way.
+pub struct LightTransport<C> {
+    /// The most surfaces of a path.
     pub depth: usize,
     /// The objects that light goes on from, and all others.
     pub passing: C,
@@ -17,26 +17,26 @@ pub struct Beyond<C> {
 
 /// A surface that light met after it passed others or was mirrored.
 #[derive(Clone, Copy)]
-pub(super) struct Way {
+pub(super) struct LightPath {
     /// The ray that was fired.
     pub(super) ray: u32,
     /// How many surfaces came before.
-    pub(super) path: u8,
+    pub(super) passed: u8,
     /// The surface at which the light was mirrored last.
     pub(super) mirror: Option<u32>,
-    /// The length of the way up to that mirror, m.
+    /// The length of the path up to that mirror, m.
     pub(super) before: f64,
-    /// The share of the power that comes back by this way.
+    /// The share of the power that comes back by this path.
     pub(super) share: f64,
 }
 
 /// The surfaces that the rays of a batch meet after the first. They follow the fired rays in the arrays of
-/// rays and hits; each has the part of its way after the last mirror as its ray.
+/// rays and hits; each has the part of its path after the last mirror as its ray.
 #[derive(Default)]
-pub(super) struct Ways {
+pub(super) struct LightPaths {
     /// The number of fired rays.
     pub(super) fired: usize,
-    pub(super) ways: Vec<Way>,
+    pub(super) paths: Vec<LightPath>,
     /// The surfaces in the order of their fired rays, and where those of each ray begin.
     order: Vec<u32>,
     starts: Vec<u32>,
@@ -54,51 +54,51 @@ pub(super) struct Ways {
 pub(super) struct PathVertex {
     /// Its index in the arrays of rays and hits.
     pub(super) at: u32,
-    pub(super) way: Way,
-    pub(super) met: Met,
+    pub(super) path: LightPath,
+    pub(super) met: SurfaceHit,
     /// The closest hit of its ray on a surface from which light does not go on, once that is known.
     pub(super) solid: Option<Hit>,
 }
 
-/// A part of a way that is about to be followed.
+/// A part of a path that is about to be followed.
 #[derive(Clone, Copy)]
 pub(super) struct PathSegment {
-    pub(super) way: Way,
+    pub(super) path: LightPath,
     pub(super) ray: TimedRay,
     pub(super) from: Departure,
     pub(super) solid: Option<Hit>,
 }
 
-impl Ways {
+impl LightPaths {
     pub(super) fn clear(&mut self, fired: usize) {
         self.fired = fired;
-        self.ways.clear();
+        self.paths.clear();
         self.order.clear();
     }
 
     pub(super) fn is_empty(&self) -> bool {
-        self.ways.is_empty()
+        self.paths.is_empty()
     }
 
-    /// The way to a surface, unless a fired ray met it first.
+    /// The path to a surface, unless a fired ray met it first.
     #[inline(always)]
-    pub(super) fn way(&self, at: usize) -> Option<&Way> {
-        if at < self.fired { None } else { self.ways.get(at - self.fired) }
+    pub(super) fn path(&self, at: usize) -> Option<&LightPath> {
+        if at < self.fired { None } else { self.paths.get(at - self.fired) }
     }
 
-    /// Of eight surfaces, those from 8·part on: what `of` tells of their ways, and `other` if there is none.
+    /// What `of` tells of the paths of eight surfaces, those from 8·part on; `other` for those without.
     #[inline(always)]
-    pub(super) fn each(&self, part: usize, other: f64, of: impl Fn(&Way) -> f64) -> [f64; 8] {
+    pub(super) fn each(&self, part: usize, other: f64, of: impl Fn(&LightPath) -> f64) -> [f64; 8] {
         let mut values = [other; 8];
         if 8 * part + 8 > self.fired {
             for (k, value) in values.iter_mut().enumerate() {
-                *value = self.way(8 * part + k).map_or(other, &of);
+                *value = self.path(8 * part + k).map_or(other, &of);
             }
         }
         values
     }
 
-    /// Whether the surfaces from 8·part on are part of any ways of more than one surface.
+    /// Whether the surfaces from 8·part on are part of any paths of more than one surface.
     #[inline(always)]
     pub(super) fn touch(&self, part: usize) -> bool {
         let last = 8 * part + 8;
@@ -108,13 +108,13 @@ impl Ways {
     /// The fired ray that met a surface.
     #[inline(always)]
     pub(super) fn fired_ray(&self, at: usize) -> usize {
-        self.way(at).map_or(at, |way| way.ray as usize)
+        self.path(at).map_or(at, |path| path.ray as usize)
     }
 
     /// The surfaces that a fired ray meets after the first, in the order of their numbers.
     #[inline(always)]
     pub(super) fn of(&self, ray: usize) -> &[u32] {
-        if self.ways.is_empty() {
+        if self.paths.is_empty() {
             return &[];
         }
         &self.order[self.starts[ray] as usize..self.starts[ray + 1] as usize]
@@ -124,15 +124,15 @@ impl Ways {
     pub(super) fn sort(&mut self) {
         resize(&mut self.starts, 0, 0);
         resize(&mut self.starts, self.fired + 2, 0);
-        for way in &self.ways {
-            self.starts[way.ray as usize + 2] += 1;
+        for path in &self.paths {
+            self.starts[path.ray as usize + 2] += 1;
         }
         for ray in 2..self.starts.len() {
             self.starts[ray] += self.starts[ray - 1];
         }
-        resize(&mut self.order, self.ways.len(), 0);
-        for (at, way) in (self.fired as u32..).zip(&self.ways) {
-            let place = &mut self.starts[way.ray as usize + 1];
+        resize(&mut self.order, self.paths.len(), 0);
+        for (at, path) in (self.fired as u32..).zip(&self.paths) {
+            let place = &mut self.starts[path.ray as usize + 1];
             self.order[*place as usize] = at;
             *place += 1;
         }
@@ -145,14 +145,14 @@ mod tests {
 
     #[test]
     fn surfaces_are_sorted_by_their_fired_rays() {
-        let mut ways = Ways::default();
-        ways.clear(5);
+        let mut paths = LightPaths::default();
+        paths.clear(5);
         for ray in [3, 1, 3, 1, 4, 3] {
-            ways.ways.push(Way { ray, path: 1, mirror: None, before: 0.0, share: 1.0 });
+            paths.paths.push(LightPath { ray, passed: 1, mirror: None, before: 0.0, share: 1.0 });
         }
-        ways.sort();
-        let found: Vec<&[u32]> = (0..5).map(|ray| ways.of(ray)).collect();
+        paths.sort();
+        let found: Vec<&[u32]> = (0..5).map(|ray| paths.of(ray)).collect();
         assert_eq!(found, [&[][..], &[6, 8], &[], &[5, 7, 10], &[9]]);
-        assert_eq!([0, 4, 5, 9, 10].map(|at| ways.fired_ray(at)), [0, 4, 3, 4, 3]);
+        assert_eq!([0, 4, 5, 9, 10].map(|at| paths.fired_ray(at)), [0, 4, 3, 4, 3]);
     }
 }

@@ -1,62 +1,62 @@
 //! Light that goes on: through surfaces that transmit it, and from mirrors.
 //!
 //! A pane lets the share T of the light pass straight on, and a mirror sends the share M on in the mirrored
-//! direction. What a surface further on sends back takes the same way in reverse, since light paths are
-//! reversible, and is weakened by the same shares once more. So the power that is received by a way is that
-//! of the surface at its end, seen at the length of the way, times the square of the product of the shares.
-//! The surfaces on the way send back their own light as if they were the last.
+//! direction. What a surface further on sends back takes the same path in reverse, since light paths are
+//! reversible, and is weakened by the same shares once more. So the power that is received by a path is that
+//! of the surface at its end, seen at the length of the path, times the square of the product of the shares.
+//! The surfaces on the path send back their own light as if they were the last.
 //!
-//! A pulse meets up to `depth` surfaces on each way. At each depth, the ways of a ray are up to twice as many
-//! as before; the `MOST_WAYS` of greatest share are followed, of equal ones the first, where straight on
-//! comes before mirrored.
+//! A pulse meets up to `depth` surfaces on each path. At each depth, the paths of a ray are up to twice as
+//! many as before; the `MOST_PATHS` of greatest share are followed, of equal ones the first, where straight
+//! on comes before mirrored.
 
 use super::caster::Caster;
 use super::columns::unused;
 use super::direction::distance;
 use super::echo::Echo;
+use super::light_paths::{LightPath, LightPaths, LightTransport, PathSegment, PathVertex};
 use super::scan::Scan;
 use super::scratch::Scratch;
-use super::ways::{Beyond, PathSegment, PathVertex, Way, Ways};
 use crate::arith::simd::Isa;
-use crate::cast::{Departure, Met};
+use crate::cast::{Departure, SurfaceHit};
 use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 use crate::memory::push;
 use crate::scene::{Hit, Rays, TimedRay};
 use crate::stop;
 
-/// Ways of a ray that are followed at each depth.
-const MOST_WAYS: usize = 16;
+/// Paths of a ray that are followed at each depth.
+const MOST_PATHS: usize = 16;
 
-/// Ways that are followed between two polls for a stop of the scan.
+/// Paths that are followed between two polls for a stop of the scan.
 const POLL: usize = 64;
 
 impl<C: Caster> Scan<'_, C> {
     /// Follows the light of the fired rays that goes on.
-    pub(super) fn go_on<I: Isa>(&self, beyond: &Beyond<C>, scratch: &mut Scratch) {
+    pub(super) fn go_on<I: Isa>(&self, transport: &LightTransport<C>, scratch: &mut Scratch) {
         let fired = scratch.hits.len();
-        let mut ways = std::mem::take(&mut scratch.ways);
-        ways.front.clear();
+        let mut paths = std::mem::take(&mut scratch.paths);
+        paths.front.clear();
         for at in 0..fired {
             if self.goes_on(scratch.hits.object[at]) {
-                let met = Met::from(scratch.hits.at(at));
-                let way = Way { ray: at as u32, path: 0, mirror: None, before: 0.0, share: 1.0 };
-                push(&mut ways.front, PathVertex { at: at as u32, way, met, solid: None });
+                let met = SurfaceHit::from(scratch.hits.at(at));
+                let path = LightPath { ray: at as u32, passed: 0, mirror: None, before: 0.0, share: 1.0 };
+                push(&mut paths.front, PathVertex { at: at as u32, path, met, solid: None });
             }
         }
-        if !ways.front.is_empty() {
+        if !paths.front.is_empty() {
             scratch.rays.separate_origins();
         }
-        for _ in 1..beyond.depth {
-            if ways.front.is_empty() {
+        for _ in 1..transport.depth {
+            if paths.front.is_empty() {
                 break;
             }
-            self.leave(&mut ways, scratch);
-            find_solid::<I, C>(&beyond.solid, &mut ways);
-            self.arrive(beyond, &mut ways, scratch);
+            self.leave(&mut paths, scratch);
+            find_solid::<I, C>(&transport.solid, &mut paths);
+            self.arrive(transport, &mut paths, scratch);
         }
-        ways.sort();
-        scratch.ways = ways;
+        paths.sort();
+        scratch.paths = paths;
     }
 
     fn goes_on(&self, object: i32) -> bool {
@@ -64,29 +64,32 @@ impl<C: Caster> Scan<'_, C> {
     }
 
     /// The steps from the surfaces at the front, those of a ray together.
-    fn leave(&self, ways: &mut Ways, scratch: &Scratch) {
-        let Ways { front, steps, .. } = ways;
+    fn leave(&self, paths: &mut LightPaths, scratch: &Scratch) {
+        let LightPaths { front, steps, .. } = paths;
         steps.clear();
         let mut first = 0;
         for i in 0..front.len() {
-            let PathVertex { at, way, met, solid } = front[i];
+            let PathVertex { at, path, met, solid } = front[i];
             let (hit, ray) = (met.hit, scratch.rays.at(at as usize));
             let appearance = &self.appearances[hit.object as usize];
             let [passed, mirrored] = [appearance.transmission, appearance.mirror];
-            let way = Way { path: way.path + 1, ..way };
+            let path = LightPath { passed: path.passed + 1, ..path };
             if passed > 0.0 {
-                let way = Way { share: way.share * passed * passed, ..way };
-                push(steps, PathSegment { way, ray, from: Departure::Passed(met), solid });
+                let path = LightPath { share: path.share * passed * passed, ..path };
+                push(steps, PathSegment { path, ray, from: Departure::Passed(met), solid });
             }
             if mirrored > 0.0
                 && let Some(next) = mirror_image(&ray, &hit)
             {
-                let before = way.before + distance::<f64, 1>(hit.t, ray.direction);
-                let share = way.share * mirrored * mirrored;
-                let way = Way { mirror: Some(at), before, share, ..way };
-                push(steps, PathSegment { way, ray: next, from: Departure::Mirrored(ray, met), solid: None });
+                let before = path.before + distance::<f64, 1>(hit.t, ray.direction);
+                let share = path.share * mirrored * mirrored;
+                let path = LightPath { mirror: Some(at), before, share, ..path };
+                push(
+                    steps,
+                    PathSegment { path, ray: next, from: Departure::Mirrored(ray, met), solid: None },
+                );
             }
-            if front.get(i + 1).is_none_or(|next| next.way.ray != way.ray) {
+            if front.get(i + 1).is_none_or(|next| next.path.ray != path.ray) {
                 keep_strongest(steps, first);
                 first = steps.len();
             }
@@ -94,20 +97,20 @@ impl<C: Caster> Scan<'_, C> {
     }
 
     /// Finds the next surface of each step.
-    fn arrive(&self, beyond: &Beyond<C>, ways: &mut Ways, scratch: &mut Scratch) {
-        let Ways { ways, front, steps, stack, .. } = ways;
+    fn arrive(&self, transport: &LightTransport<C>, paths: &mut LightPaths, scratch: &mut Scratch) {
+        let LightPaths { paths, front, steps, stack, .. } = paths;
         let (rays, hits) = (&mut scratch.rays, &mut scratch.hits);
         let stack = stack.get_or_insert_default();
         front.clear();
-        for (i, PathSegment { way, ray, from, solid }) in steps.iter().enumerate() {
+        for (i, PathSegment { path, ray, from, solid }) in steps.iter().enumerate() {
             if i.is_multiple_of(POLL) {
                 stop::poll();
             }
             let solid = solid.unwrap_or(Hit::MISS);
-            let found = self.caster.next_hit(&beyond.passing, &solid, ray, from, stack);
+            let found = self.caster.next_hit(&transport.passing, &solid, ray, from, stack);
             let Some(met) = found else { continue };
             let at = hits.len();
-            push(ways, *way);
+            push(paths, *path);
             push(&mut rays.origins, ray.origin);
             push(&mut rays.directions, ray.direction);
             if !rays.times.is_empty() {
@@ -115,7 +118,7 @@ impl<C: Caster> Scan<'_, C> {
             }
             hits.push(&met.hit);
             if self.goes_on(met.hit.object) {
-                push(front, PathVertex { at: at as u32, way: *way, met, solid: Some(solid) });
+                push(front, PathVertex { at: at as u32, path: *path, met, solid: Some(solid) });
             }
         }
     }
@@ -123,16 +126,16 @@ impl<C: Caster> Scan<'_, C> {
 
 /// Keeps the steps of a ray, those from `first` on, of the greatest shares, in their order.
 fn keep_strongest(steps: &mut Vec<PathSegment>, first: usize) {
-    if steps.len() - first > MOST_WAYS {
-        let mut shares: Vec<f64> = steps[first..].iter().map(|step| step.way.share).collect();
+    if steps.len() - first > MOST_PATHS {
+        let mut shares: Vec<f64> = steps[first..].iter().map(|step| step.path.share).collect();
         shares.sort_unstable_by(|a, b| b.total_cmp(a));
-        let least = shares[MOST_WAYS - 1];
-        let mut equal = MOST_WAYS - shares.iter().filter(|share| **share > least).count();
+        let least = shares[MOST_PATHS - 1];
+        let mut equal = MOST_PATHS - shares.iter().filter(|share| **share > least).count();
         let mut i = 0;
         steps.retain(|step| {
             i += 1;
-            let is_kept = i <= first || step.way.share > least || step.way.share == least && equal > 0;
-            equal -= usize::from(i > first && is_kept && step.way.share == least);
+            let is_kept = i <= first || step.path.share > least || step.path.share == least && equal > 0;
+            equal -= usize::from(i > first && is_kept && step.path.share == least);
             is_kept
         });
     }
@@ -140,8 +143,8 @@ fn keep_strongest(steps: &mut Vec<PathSegment>, first: usize) {
 
 /// Finds the closest solid hit of each step that does not know it. Neighbours that go straight on, and those
 /// that a mirror turns, are alike; together they are not.
-fn find_solid<I: Isa, C: Caster>(solid: &C, ways: &mut Ways) {
-    let Ways { steps, origins, directions, times, solid: hits, .. } = ways;
+fn find_solid<I: Isa, C: Caster>(solid: &C, paths: &mut LightPaths) {
+    let LightPaths { steps, origins, directions, times, solid: hits, .. } = paths;
     for are_mirrored in [false, true] {
         let is_asked = |step: &PathSegment| {
             step.solid.is_none() && matches!(step.from, Departure::Mirrored(..)) == are_mirrored
@@ -183,7 +186,7 @@ fn mirror_image(ray: &TimedRay, hit: &Hit) -> Option<TimedRay> {
 impl<C: Caster> Scan<'_, C> {
     /// The place of a surface that was seen in mirrors, in the sensor frame when it fired a pulse.
     pub(super) fn mirrored_point(&self, pulse: usize, at: usize, scratch: &Scratch) -> Point {
-        if scratch.ways.way(at).is_none_or(|way| way.mirror.is_none()) {
+        if scratch.paths.path(at).is_none_or(|path| path.mirror.is_none()) {
             return unused::mirrored_point;
         }
         let TimedRay { origin, direction, .. } = scratch.rays.at(at);
@@ -203,12 +206,12 @@ impl Scratch {
     /// The normal of a surface as the fired rays see it: that of its image, if it is seen in mirrors.
     pub(super) fn normal_of_image(&self, at: usize) -> Point {
         let mut normal = self.hits.normal(at);
-        let mut way = self.ways.way(at);
-        while let Some(mirror) = way.and_then(|way| way.mirror) {
+        let mut path = self.paths.path(at);
+        while let Some(mirror) = path.and_then(|path| path.mirror) {
             let n = self.hits.normal(mirror as usize);
             let twice = 2.0 * dot(normal, n) / dot(n, n);
             normal = [0, 1, 2].map(|k| normal[k] - twice * n[k]);
-            way = self.ways.way(mirror as usize);
+            path = self.paths.path(mirror as usize);
         }
         normal
     }
@@ -217,10 +220,15 @@ impl Scratch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    fn step(share: f64, path: u8) -> PathSegment {
+    fn step(share: f64, passed: u8) -> PathSegment {
         let ray = TimedRay { origin: [0.0; 3], direction: [1.0, 0.0, 0.0], time: 0.0 };
-        let from = Departure::Passed(Met::from(Hit::MISS));
-        PathSegment { way: Way { ray: 0, path, mirror: None, before: 0.0, share }, ray, from, solid: None }
+        let from = Departure::Passed(SurfaceHit::from(Hit::MISS));
+        PathSegment {
+            path: LightPath { ray: 0, passed, mirror: None, before: 0.0, share },
+            ray,
+            from,
+            solid: None,
+        }
     }
 
     #[test]
@@ -228,16 +236,16 @@ mod tests {
         let others = [step(0.0, 200), step(1.0, 201)];
         let kept = |shares: &[f64]| {
             let mut steps: Vec<PathSegment> = others.to_vec();
-            steps.extend((0..).zip(shares).map(|(path, share)| step(*share, path)));
+            steps.extend((0..).zip(shares).map(|(passed, share)| step(*share, passed)));
             keep_strongest(&mut steps, others.len());
-            let paths: Vec<u8> = steps.iter().map(|step| step.way.path).collect();
-            assert_eq!(paths[..2], [200, 201]);
-            paths[2..].to_vec()
+            let passed: Vec<u8> = steps.iter().map(|step| step.path.passed).collect();
+            assert_eq!(passed[..2], [200, 201]);
+            passed[2..].to_vec()
         };
-        assert_eq!(kept(&[0.5; MOST_WAYS]), (0..MOST_WAYS as u8).collect::<Vec<_>>());
-        assert_eq!(kept(&[0.5; 3 * MOST_WAYS]), (0..MOST_WAYS as u8).collect::<Vec<_>>());
+        assert_eq!(kept(&[0.5; MOST_PATHS]), (0..MOST_PATHS as u8).collect::<Vec<_>>());
+        assert_eq!(kept(&[0.5; 3 * MOST_PATHS]), (0..MOST_PATHS as u8).collect::<Vec<_>>());
         let rising: Vec<f64> = (0..40).map(|k| f64::from(k) / 40.0).collect();
-        assert_eq!(kept(&rising), (40 - MOST_WAYS as u8..40).collect::<Vec<_>>());
+        assert_eq!(kept(&rising), (40 - MOST_PATHS as u8..40).collect::<Vec<_>>());
         let mut mixed = vec![0.25; 20];
         (mixed[3], mixed[19]) = (0.5, 0.75);
         let expected: Vec<u8> = (0..15).chain([19]).collect();
