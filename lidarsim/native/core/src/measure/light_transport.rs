@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn the_strongest_ways_are_kept_in_their_order() {
+    fn the_strongest_paths_are_kept_in_their_order() {
         let others = [step(0.0, 200), step(1.0, 201)];
         let kept = |shares: &[f64]| {
             let mut steps: Vec<PathSegment> = others.to_vec();
