@@ -764,10 +764,20 @@ MUTANTS = [
         "Echoes::new(part, 0, surfaces.truth, surf",
         ONE_ECHO,
     ),
-    Mutant("further surfaces: power goes out and back", "share: path.share * passed * passed", "share: path.share * passed", DEPTH),
-    Mutant("further surfaces: the length of the path", "let before = path.before + distance", "let before = distance", DEPTH),
     Mutant(
-        "beyond: the image's normal",
+        "further surfaces: power goes out and back",
+        "share: path.share * passed * passed",
+        "share: path.share * passed",
+        DEPTH,
+    ),
+    Mutant(
+        "further surfaces: the length of the path",
+        "let before = path.before + distance",
+        "let before = distance",
+        DEPTH,
+    ),
+    Mutant(
+        "further surfaces: the image's normal",
         "let normal = self.normal_of_image(light.ray);",
         "let normal = self.hits.normal(light.ray);",
         DEPTH,
