@@ -270,7 +270,9 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "visibility": lambda _: 50.0,
     **dict.fromkeys(("backscatter", "aperture", "divergence"), lambda _: 1e-3),
     **dict.fromkeys(("intercept", "slope", "reflectance"), lambda _: 1.0),
-    "lidar": lambda _: dataclasses.replace(lidar(), min_range=0.1, max_range=80.0),
+    "lidar": lambda _: dataclasses.replace(
+        lidar(), min_range=0.1, max_range=80.0, measurement=ls.Measurement(near_threshold=0.01)
+    ),
     "detection": lambda _: ls.Detection(0.1, 100.0),
     "beam": lambda _: ls.Beam(1e-3, rays=7),
     "returns": lambda _: 2,
