@@ -60,7 +60,7 @@ impl Backscatter {
             (specular[k], width[k]) = (surface.specular, surface.width);
         }
         let diffuse = F::load(&a).mul(cosine).add(F::load(&b).mul(squared_sine));
-        // Adding the highlight of a surface without one, 0, changes nothing.
+        // Surfaces without a highlight add 0.
         if specular == [0.0; N] {
             return diffuse;
         }

@@ -25,7 +25,7 @@ pub trait Caster: Sync {
     /// The vertices of the triangle of a mesh that was hit, and the barycentric coordinates of the hit.
     fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])>;
 
-    /// The point of a hit in the object's own coordinates.
+    /// The point of a hit in the object's own coordinates, rounded to float64.
     fn local(&self, hit: &Hit, ray: &TimedRay) -> Point;
 
     /// The next hit of a ray (see [`next_hit`](crate::cast::next_hit)).

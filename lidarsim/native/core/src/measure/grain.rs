@@ -43,12 +43,12 @@ impl Grain {
 /// Hits on objects with texture.
 #[derive(Default)]
 pub(super) struct GrainHits {
-    /// Their numbers among all hits.
+    /// Per hit: its index among all hits.
     indices: Vec<usize>,
-    /// Their cells, and their objects.
+    /// Per hit: the coordinates of its cell, and its object.
     counters: [Vec<u32>; 4],
     sigmas: Vec<f64>,
-    /// Of each, in the end the factor.
+    /// Per hit: the factor of its cell, once computed.
     factors: Vec<f64>,
 }
 
@@ -64,7 +64,7 @@ impl GrainHits {
         self.sigmas.push(grain.sigma);
     }
 
-    /// Multiplies the reflectivities of the hits by the factors of their cells, and forgets the hits.
+    /// Multiplies the reflectivities of the hits by the factors of their cells, and clears the hits.
     #[inline(always)]
     pub(super) fn apply<I: Isa>(&mut self, reflectivity: &mut [f64]) {
         if self.indices.is_empty() {

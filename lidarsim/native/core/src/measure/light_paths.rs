@@ -86,7 +86,7 @@ impl LightPaths {
         if at < self.fired { None } else { self.paths.get(at - self.fired) }
     }
 
-    /// What `of` tells of the paths of eight surfaces, those from 8·part on; `other` for those without.
+    /// `of` applied to the paths of eight surfaces, from 8·part on; `other` for those without a path.
     #[inline(always)]
     pub(super) fn each(&self, part: usize, other: f64, of: impl Fn(&LightPath) -> f64) -> [f64; 8] {
         let mut values = [other; 8];

@@ -99,12 +99,12 @@ impl Sigma {
     }
 }
 
-/// Replaces each number by that of a table with rising first columns: linear between its rows, constant
-/// outside. Loops are over lanes, so that they vectorize.
+/// Replaces each number by the value of a table there: linear between rows, whose first columns rise,
+/// constant outside. Loops are over lanes, so that they vectorize.
 #[inline(always)]
 pub(super) fn interpolate<const N: usize>(rows: &[[f64; 2]], numbers: &mut [f64; N]) {
     let first = rows.first().unwrap_or(&[0.0; 2]);
-    // The rows around each number: twice the same outside.
+    // The rows on both sides of each number; outside the table, the same row twice.
     let [mut low, mut low_value, mut high, mut high_value] =
         [[first[0]; N], [first[1]; N], [first[0]; N], [first[1]; N]];
     for (k, row) in rows.iter().enumerate() {
