@@ -21,7 +21,7 @@ use node::Node;
 
 pub use build::union;
 pub use crossings::Crossings;
-pub use packet::Packet;
+pub use packet::{EnterHierarchy, Packet};
 pub use ray_packet::{LANES, LARGEST, Mask, RayPacket, SMALLEST, all, is_run, part_of_mask, take};
 pub use stack::Stack;
 pub use traversal::{PacketTraversal, Visitor};

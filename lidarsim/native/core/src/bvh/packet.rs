@@ -30,7 +30,7 @@
 use super::node::{Node, WIDTH};
 use super::ray_packet::{LANES, Mask, RayPacket, SUBPACKETS, WIDE, take};
 use super::{BoxFrame, Crossings};
-use crate::arith::simd::{Floats, Isa};
+use crate::arith::simd::{Floats, Isa, Task};
 
 /// Unit roundoff of float32.
 const U: f32 = f32::EPSILON / 2.0;
@@ -509,6 +509,26 @@ impl Packet {
         }
         let (count, near, child) = I::by_distance(nearest, largest, &[0, 1, 2, 3, 4, 5, 6, 7]);
         FewBoxHits { count, child, near, masks: I::masks(masks) }
+    }
+}
+
+/// [`Packet::enter`], compiled once for its callers.
+pub struct EnterHierarchy<'t> {
+    pub packet: &'t mut Packet,
+    pub rays: &'t RayPacket,
+    pub crossings: Option<&'t Crossings>,
+    pub frame: BoxFrame,
+    pub t_min: f64,
+    pub limits: &'t [f64; LANES],
+}
+
+impl Task for EnterHierarchy<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let EnterHierarchy { packet, rays, crossings, frame, t_min, limits } = self;
+        packet.enter::<I>(rays, crossings, frame, t_min, limits);
     }
 }
 

@@ -55,7 +55,7 @@ impl<L> Bvh<L> {
     /// Begins the traversal of a packet set up for the hierarchy (`Packet::enter`).
     #[inline(always)]
     pub fn start<I: Isa>(&self, traversal: &mut PacketTraversal, active: Mask, stack: &mut Stack) {
-        traversal.base = stack.len;
+        (traversal.base, traversal.nearer) = (stack.len, 0);
         if !self.nodes.is_empty() {
             traversal.frustum = traversal.packet.frustum_of_all::<I>();
             stack.push_if(active != 0, Entry { near: 0.0, child: Child::node(0), mask: active });

@@ -4,7 +4,7 @@
 use std::cell::Cell;
 
 use crate::arith::number::{Interval, Many, Number, RunningErrors, Uncertain};
-use crate::arith::simd::{Floats, Isa};
+use crate::arith::simd::{Floats, Isa, Task};
 use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::local_rays::{LocalRays, OfRunningErrors, RayParts, WorldRays};
@@ -40,7 +40,7 @@ impl SurfaceIntersector {
     /// Intersects the rays of `mask` with an object and updates their closest hits. Returns the mask of rays
     /// whose limits may have decreased.
     #[inline(always)]
-    pub fn intersect<I: Isa>(
+    fn intersect<I: Isa>(
         &mut self,
         PacketQuery { rays, closest, poses }: PacketQuery,
         id: u32,
@@ -86,6 +86,23 @@ impl SurfaceIntersector {
             }
         }
         nearer
+    }
+}
+
+/// [`SurfaceIntersector::intersect`], compiled once for its callers.
+pub struct IntersectSurface<'t, 'a> {
+    pub surfaces: &'t mut SurfaceIntersector,
+    pub query: PacketQuery<'t, 'a>,
+    pub id: u32,
+    pub mask: Mask,
+}
+
+impl Task for IntersectSurface<'_, '_> {
+    type Output = Mask;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Mask {
+        self.surfaces.intersect::<I>(self.query, self.id, self.mask)
     }
 }
 

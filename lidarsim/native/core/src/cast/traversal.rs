@@ -27,7 +27,8 @@ use std::marker::PhantomData;
 
 use crate::arith::simd::{Isa, Task};
 use crate::bvh::{
-    BoxFrame, Bvh, Crossings, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take,
+    BoxFrame, Bvh, Crossings, EnterHierarchy, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack,
+    Visitor, all, take,
 };
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
@@ -37,7 +38,7 @@ use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::placed_rays::PlacedRays;
 use crate::cast::poses::Poses;
 use crate::cast::primitive_intersector::PrimitiveIntersector;
-use crate::cast::surface_intersector::{PacketQuery, SurfaceIntersector};
+use crate::cast::surface_intersector::{IntersectSurface, PacketQuery, SurfaceIntersector};
 use crate::geometry::vector::Point;
 use crate::scene::{Disks, Geometry, Object, Primitives, Scene, Spheres, TRange, TriangleMesh, World};
 use crate::shapes::triangle::Leaf;
@@ -208,7 +209,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         loop {
             while let Some(visit) = self.visit {
                 if !self.inner.next_entry::<I>(self.stack, self.state.closest.limits()) {
-                    self.start_within::<I>(visit);
+                    self.continue_visit::<I>(visit);
                     continue;
                 }
                 let waits = match visit.hierarchy {
@@ -321,27 +322,17 @@ impl<'a, 'b> Traversal<'a, 'b> {
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask) {
         let asked = self.state.remaining(id, mask);
-        self.visit = self.state.enter::<I>(id, asked, self.stack);
-        self.inner.stop(self.stack);
+        I::call(StartWithin { traversal: self, entered: Some((id, asked)) });
     }
 
-    /// Traverses the mesh with the next rays, or ends the visit if none are left.
+    /// Traverses the visited object with the next rays, or ends the visit if none are left.
     #[inline(always)]
-    fn start_within<I: Isa>(&mut self, visit: ObjectVisit<'a>) {
-        let Traversal { state, stack, outer, inner, .. } = self;
-        let mask = state.next::<I>(visit);
-        if mask == 0 {
-            outer.lower_limits(state.leave::<I>(visit.id, visit.entered));
+    fn continue_visit<I: Isa>(&mut self, visit: ObjectVisit<'a>) {
+        if self.state.pending == 0 {
+            self.outer.lower_limits(self.state.leave::<I>(visit.id, visit.entered));
             self.visit = None;
-        } else if mask & (mask - 1) == 0 {
-            I::call(SingleRays { state, visit, mask, packet: &mut inner.packet, stack });
         } else {
-            state.fill_within::<I>(&mut inner.packet, visit);
-            match visit.hierarchy {
-                Hierarchy::Mesh(_, hierarchy) => hierarchy.start::<I>(inner, mask, stack),
-                Hierarchy::Spheres(spheres) => spheres.hierarchy().start::<I>(inner, mask, stack),
-                Hierarchy::Disks(disks) => disks.hierarchy().start::<I>(inner, mask, stack),
-            }
+            I::call(StartWithin { traversal: self, entered: None });
         }
     }
 }
@@ -428,7 +419,7 @@ impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surfaces: &mut SurfaceIntersector) -> Mask {
         let PacketState { rays, closest, poses, .. } = self;
-        surfaces.intersect::<I>(PacketQuery { rays, closest, poses }, id, mask)
+        I::call(IntersectSurface { surfaces, query: PacketQuery { rays, closest, poses }, id, mask })
     }
 
     /// Moves the starts of rays from far away close to a hierarchy of objects.
@@ -454,7 +445,14 @@ impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
         let (t_min, limits) = (self.closest.t_min(), self.closest.limits());
-        packet.enter::<I>(self.near_rays(), None, hierarchy.frame(), t_min, limits);
+        I::call(EnterHierarchy {
+            packet,
+            rays: self.near_rays(),
+            crossings: None,
+            frame: hierarchy.frame(),
+            t_min,
+            limits,
+        });
     }
 
     /// Sets up a packet for a mesh, with the rays that `next` chose last.
@@ -496,12 +494,11 @@ impl<'a> PacketState<'a, '_> {
         Some(ObjectVisit { id, object, hierarchy, entered: mask })
     }
 
-    /// The next rays to traverse the mesh, of one octant.
+    /// Takes the next of the pending rays, all of one octant.
     #[inline(always)]
     fn next<I: Isa>(&mut self, visit: ObjectVisit) -> Mask {
         let mut next = self.pending;
-        if next != 0
-            && !visit.object.is_untransformed()
+        if !visit.object.is_untransformed()
             && let Some(placed_rays) = self.placed_rays.as_mut()
         {
             next = placed_rays.next::<I>(next);
@@ -566,6 +563,38 @@ impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn resolve<I: Isa>(&mut self) {
         self.deferred.resolve::<I>(self.scene, self.rays, &mut self.closest);
+    }
+}
+
+/// Begins the traversal of the visited object by those of the pending rays that are of one octant.
+struct StartWithin<'t, 'a, 'b> {
+    traversal: &'t mut Traversal<'a, 'b>,
+    /// The object whose visit begins, and the rays that may intersect it.
+    entered: Option<(u32, Mask)>,
+}
+
+impl Task for StartWithin<'_, '_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Traversal { state, visit, stack, inner, .. } = self.traversal;
+        if let Some((id, mask)) = self.entered {
+            *visit = state.enter::<I>(id, mask, stack);
+            inner.stop(stack);
+        }
+        let (Some(visit), true) = (*visit, state.pending != 0) else { return };
+        let mask = state.next::<I>(visit);
+        if mask & (mask - 1) == 0 {
+            I::call(SingleRays { state, visit, mask, packet: &mut inner.packet, stack });
+            return;
+        }
+        state.fill_within::<I>(&mut inner.packet, visit);
+        match visit.hierarchy {
+            Hierarchy::Mesh(_, hierarchy) => hierarchy.start::<I>(inner, mask, stack),
+            Hierarchy::Spheres(spheres) => spheres.hierarchy().start::<I>(inner, mask, stack),
+            Hierarchy::Disks(disks) => disks.hierarchy().start::<I>(inner, mask, stack),
+        }
     }
 }
 
@@ -698,11 +727,8 @@ impl Objects<'_, '_, '_> {
             self.state.leave::<I>(id, nearer);
             return;
         };
-        loop {
+        while self.state.pending != 0 {
             let mask = self.state.next::<I>(visit);
-            if mask == 0 {
-                break;
-            }
             I::call(SingleRays { state: self.state, visit, mask, packet: self.packet, stack });
         }
         self.state.leave::<I>(id, visit.entered);

@@ -11,7 +11,7 @@ use super::effects::{Draws, Echoes, Pulses};
 use super::light::KeepLight;
 use super::scan::Scan;
 use super::scratch::Scratch;
-use super::single_ray::EightSurfaces;
+use super::single_ray::{EightSurfaces, MeasureEights};
 use super::source::Source;
 use super::status::Status;
 use super::waveform::Waveform;
@@ -50,49 +50,10 @@ impl<C: Caster> Scan<'_, C> {
         let is_plain = measurement.most_returns() == 1 && !measurement.effects.has_weather();
         scratch.wanted.clear();
         match measurement.beam.as_ref().filter(|_| is_plain && scratch.paths.is_empty()) {
-            Some(beam) => self.measure_only_echoes::<I>(beam, pulses.clone(), scratch, rows),
+            Some(_) => I::call(MeasureEights { scan: self, pulses: pulses.clone(), scratch, rows }),
             None => resize(&mut scratch.wanted, pulses.len().div_ceil(8), u8::MAX),
         }
         I::call(MeasurePulses { scan: self, pulses, scratch, rows });
-    }
-
-    /// Measures the pulses of one echo or none, eight at a time. The others become `wanted`, and their
-    /// entries are to be overwritten.
-    #[inline(always)]
-    fn measure_only_echoes<I: Isa>(
-        &self,
-        beam: &Beam,
-        pulses: Range<usize>,
-        scratch: &mut Scratch,
-        rows: &mut Rows,
-    ) {
-        let (indices, rays) = (std::mem::take(&mut scratch.indices), beam.len());
-        let batch = self.frame.pulses(pulses.clone(), &indices);
-        for part in 0..pulses.len().div_ceil(8) {
-            // Past the last pulse it is repeated.
-            let numbers = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| (8 * part + k).min(pulses.len() - 1));
-            let (surfaces, other) = scratch.only_echoes::<I>(beam, &numbers);
-            scratch.wanted.push(other);
-            let objects = self.measure_eight::<I>(&batch, part, &surfaces, &scratch.draws, rows);
-            for (k, object) in objects.into_iter().enumerate() {
-                let (pulse, is_hit) = (8 * part + k, object >= 0);
-                if let Some(entry) = rows.true_direction.get_mut(pulse) {
-                    let directions = self.measurement.effects.directions(&batch, &scratch.draws);
-                    entry.write(match is_hit {
-                        true => beside(directions[pulse], beam.offset(0)),
-                        false => unused::true_direction,
-                    });
-                }
-                if let Some(entry) = rows.mirrored_point.get_mut(pulse) {
-                    entry.write(unused::mirrored_point);
-                }
-                if pulse < scratch.range_rate.len() {
-                    scratch.range_rate[pulse] =
-                        if is_hit { self.range_rate(pulse, pulse * rays, scratch) } else { [f64::NAN; 2] };
-                }
-            }
-        }
-        scratch.indices = indices;
     }
 
     /// Measures those pulses, of one ray each, whose light went on from the first surface.
@@ -247,7 +208,11 @@ impl Scratch {
     /// What the axes of eight pulses meet and the light of the pulses, where all of their sub-rays bring back
     /// one echo or nothing; and a bit for each other pulse, for which these numbers have no meaning.
     #[inline(always)]
-    fn only_echoes<I: Isa>(&self, beam: &Beam, pulses: &[usize; 8]) -> (EightSurfaces<I::F64x8>, u8) {
+    pub(super) fn only_echoes<I: Isa>(
+        &self,
+        beam: &Beam,
+        pulses: &[usize; 8],
+    ) -> (EightSurfaces<I::F64x8>, u8) {
         let axes = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| pulses[k] * beam.len());
         let (mut missed, mut others) = (0, 0);
         let [mut truth, mut range, mut intensity, mut power, mut cosine] = [[0.0; 8]; 5];

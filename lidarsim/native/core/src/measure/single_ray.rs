@@ -1,11 +1,12 @@
-//! Pulses that have one echo at most, and one row, eight at a time. Pulses whose light went on have more
-//! echoes, and are measured once more, one by one.
+//! Pulses that have one echo at most, and one row, eight at a time. Pulses with more echoes, whose light went
+//! on or came back from several surfaces of a footprint, are measured once more, one by one.
 
 use std::ops::Range;
 
 use super::appearance::Labels;
 use super::caster::Caster;
 use super::columns::{Entries, Rows, unused, write};
+use super::direction::beside;
 use super::effects::{Draws, Echoes, Pulses};
 use super::light::EightLights;
 use super::scan::Scan;
@@ -13,7 +14,7 @@ use super::scratch::Scratch;
 use super::source::Source;
 use super::weather::{AIR, Reported};
 use crate::arith::elementary::first_quadrant_angle;
-use crate::arith::simd::{Floats, Isa, lanes};
+use crate::arith::simd::{Floats, Isa, Task, lanes};
 
 /// What eight pulses meet, and the light that comes back.
 pub(super) struct EightSurfaces<F> {
@@ -33,6 +34,23 @@ pub(super) struct EightSurfaces<F> {
     pub(super) power: F,
 }
 
+/// [`Scan::measure_eights`], compiled once for its callers.
+pub(super) struct MeasureEights<'a, 'b, 'c, C> {
+    pub(super) scan: &'a Scan<'b, C>,
+    pub(super) pulses: Range<usize>,
+    pub(super) scratch: &'a mut Scratch,
+    pub(super) rows: &'a mut Rows<'c>,
+}
+
+impl<C: Caster> Task for MeasureEights<'_, '_, '_, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        self.scan.measure_eights::<I>(self.pulses, self.scratch, self.rows);
+    }
+}
+
 impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
     pub(super) fn measure_single_rays<I: Isa>(
@@ -42,38 +60,57 @@ impl<C: Caster> Scan<'_, C> {
         rows: &mut Rows,
     ) {
         if scratch.paths.is_empty() {
-            self.measure_first_surfaces::<I>(pulses, scratch, rows);
+            I::call(MeasureEights { scan: self, pulses, scratch, rows });
             return;
         }
         // False returns take the place of hits, which the rays that went on still need.
         let objects = scratch.hits.object.clone();
-        self.measure_first_surfaces::<I>(pulses.clone(), scratch, rows);
+        I::call(MeasureEights { scan: self, pulses: pulses.clone(), scratch, rows });
         scratch.hits.object = objects;
         self.measure_further_surfaces::<I>(pulses, scratch, rows);
     }
 
+    /// Measures pulses of one echo or none, eight at a time. Pulses with a footprint that have more become
+    /// `wanted`, and their entries are to be overwritten.
     #[inline(always)]
-    fn measure_first_surfaces<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch, rows: &mut Rows) {
+    fn measure_eights<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch, rows: &mut Rows) {
+        let (beam, rays) = (self.measurement.beam.as_ref(), self.measurement.rays());
         let indices = std::mem::take(&mut scratch.indices);
         let batch = self.frame.pulses(pulses.clone(), &indices);
         for part in 0..pulses.len().div_ceil(8) {
-            let surfaces = self.eight_surfaces::<I>(part, scratch);
+            let surfaces = match beam {
+                None => self.eight_surfaces::<I>(part, scratch),
+                Some(beam) => {
+                    // Past the last pulse it is repeated.
+                    let numbers = [0, 1, 2, 3, 4, 5, 6, 7].map(|k| (8 * part + k).min(pulses.len() - 1));
+                    let (surfaces, others) = scratch.only_echoes::<I>(beam, &numbers);
+                    scratch.wanted.push(others);
+                    surfaces
+                }
+            };
             let objects = self.measure_eight::<I>(&batch, part, &surfaces, &scratch.draws, rows);
-            scratch.hits.object.as_chunks_mut().0[part] = objects;
-        }
-        if !rows.true_direction.is_empty() {
-            let directions = self.measurement.effects.directions(&batch, &scratch.draws);
-            let hits = scratch.hits.object.iter().zip(directions);
-            for (entry, (object, direction)) in rows.true_direction.iter_mut().zip(hits) {
-                entry.write(if *object >= 0 || *object == AIR { *direction } else { unused::true_direction });
+            if beam.is_none() {
+                scratch.hits.object.as_chunks_mut().0[part] = objects;
+            }
+            if !rows.true_direction.is_empty() {
+                let directions = self.measurement.effects.directions(&batch, &scratch.draws);
+                let entries = rows.true_direction.iter_mut().zip(directions).skip(8 * part);
+                for ((entry, direction), object) in entries.zip(objects) {
+                    entry.write(match beam {
+                        _ if object < 0 && object != AIR => unused::true_direction,
+                        Some(beam) => beside(*direction, beam.offset(0)),
+                        None => *direction,
+                    });
+                }
+            }
+            for (pulse, object) in (8 * part..scratch.range_rate.len()).zip(objects) {
+                let rate =
+                    if object >= 0 { self.range_rate(pulse, pulse * rays, scratch) } else { [f64::NAN; 2] };
+                scratch.range_rate[pulse] = rate;
             }
         }
         for entry in &mut *rows.mirrored_point {
             entry.write(unused::mirrored_point);
-        }
-        for i in 0..scratch.range_rate.len() {
-            let is_hit = scratch.hits.object[i] >= 0;
-            scratch.range_rate[i] = if is_hit { self.range_rate(i, i, scratch) } else { [f64::NAN; 2] };
         }
         scratch.indices = indices;
     }
