@@ -47,7 +47,10 @@ impl<C: Caster> Task for MeasureEights<'_, '_, '_, C> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        self.scan.measure_eights::<I>(self.pulses, self.scratch, self.rows);
+        if self.scan.measurement.beam.is_some() {
+            return self.scan.measure_eights::<I, true>(self.pulses, self.scratch, self.rows);
+        }
+        self.scan.measure_eights::<I, false>(self.pulses, self.scratch, self.rows);
     }
 }
 
@@ -73,8 +76,14 @@ impl<C: Caster> Scan<'_, C> {
     /// Measures pulses of one echo or none, eight at a time. Pulses with a footprint that have more become
     /// `wanted`, and their entries are to be overwritten.
     #[inline(always)]
-    fn measure_eights<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch, rows: &mut Rows) {
-        let (beam, rays) = (self.measurement.beam.as_ref(), self.measurement.rays());
+    fn measure_eights<I: Isa, const FOOTPRINT: bool>(
+        &self,
+        pulses: Range<usize>,
+        scratch: &mut Scratch,
+        rows: &mut Rows,
+    ) {
+        let beam = if FOOTPRINT { self.measurement.beam.as_ref() } else { None };
+        let rays = self.measurement.rays();
         let indices = std::mem::take(&mut scratch.indices);
         let batch = self.frame.pulses(pulses.clone(), &indices);
         for part in 0..pulses.len().div_ceil(8) {
