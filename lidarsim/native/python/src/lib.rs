@@ -142,9 +142,16 @@ fn use_threads(_: Python<'_>) {
 /// The error that a signal handler raises, such as `KeyboardInterrupt`, which stops the work. MemoryError if
 /// an array cannot be allocated. RuntimeError if the work panics, which is a bug in the core.
 pub fn detach<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
+    let (mut work, mut outcome) = (Some(work), None);
+    run_detached(py, &mut || outcome = work.take().map(|work| work()))?;
+    outcome.ok_or_else(|| take_error(py))
+}
+
+/// [`detach`], compiled once for all kinds of work.
+fn run_detached(py: Python<'_>, work: &mut (dyn FnMut() + Send)) -> PyResult<()> {
     use_threads(py);
     match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, || with_room(work))))) {
-        Ok(Some(outcome)) => Ok(outcome),
+        Ok(Some(())) => Ok(()),
         Ok(None) => Err(take_error(py)),
         Err(why) => Err(panic_error(py, &*why)),
     }

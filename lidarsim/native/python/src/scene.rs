@@ -114,8 +114,8 @@ impl PyScene {
         let goes_on = |id: u32| self.appearances[id as usize].goes_on();
         let is_solid = |id: u32| !goes_on(id);
         let [passing, solid] =
-            self.parts.get_or_make(|| [self.scene.index_of(goes_on), self.scene.index_of(is_solid)]);
-        [self.scene.part_during(passing, span, goes_on), self.scene.part_during(solid, span, is_solid)]
+            self.parts.get_or_make(|| [self.scene.index_of(&goes_on), self.scene.index_of(&is_solid)]);
+        [self.scene.part_during(passing, span, &goes_on), self.scene.part_during(solid, span, &is_solid)]
     }
 
     /// Runs `work` on rays, which must be legal; `work` tells whether they are. `times` has one per ray, or

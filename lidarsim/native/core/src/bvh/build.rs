@@ -123,13 +123,42 @@ pub fn build<L: Send>(
     leaf: impl Fn(&[u32]) -> L + Sync,
 ) -> Bvh<L> {
     let job = &*Job::current();
+    let Grown { center, planes, nodes, leaves, items } = grow(count, &bounds, most, job);
+    let leaf = |at: u32| {
+        job.poll();
+        let range = leaves[at as usize].clone();
+        let mut ids = [0; MAX_LEAF_SIZE];
+        for (id, item) in ids.iter_mut().zip(&items[range.clone()]) {
+            *id = item.id;
+        }
+        leaf(&ids[..range.len()])
+    };
+    Bvh::with(center, planes, nodes, collect(leaves.len(), count > PARALLEL, leaf))
+}
+
+/// A hierarchy whose leaves are ranges of its items.
+struct Grown {
+    center: Point,
+    planes: ContainingPlanes,
+    nodes: Vec<Node>,
+    leaves: Vec<Range<usize>>,
+    items: Vec<Item>,
+}
+
+/// The part of `build` that is compiled once for all kinds of leaves.
+fn grow(
+    count: usize,
+    bounds: &(dyn Fn(u32) -> Option<[Interval; 3]> + Sync),
+    most: usize,
+    job: &Job,
+) -> Grown {
     let ids = 0..count as u32;
     let nothing = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
     let shared = count > PARALLEL;
     let all = if shared {
-        ids.into_par_iter().with_min_len(PARALLEL).filter_map(&bounds).reduce(|| nothing, union)
+        ids.into_par_iter().with_min_len(PARALLEL).filter_map(bounds).reduce(|| nothing, union)
     } else {
-        ids.filter_map(&bounds).fold(nothing, union)
+        ids.filter_map(bounds).fold(nothing, union)
     };
     let center = center_of(all);
     let item = |id| {
@@ -145,23 +174,14 @@ pub fn build<L: Send>(
         let extent = Extent::of(&items);
         parts.add(&Tree::grow(&mut items, extent, most, 0, job), 0, job);
     }
-    let leaf = |at: u32| {
-        job.poll();
-        let range = parts.leaves[at as usize].clone();
-        let mut ids = [0; MAX_LEAF_SIZE];
-        for (id, item) in ids.iter_mut().zip(&items[range.clone()]) {
-            *id = item.id;
-        }
-        leaf(&ids[..range.len()])
-    };
-    let leaves = collect(parts.leaves.len(), shared, leaf);
-    let planes = collect(parts.leaves.len(), shared, |at| {
-        let items = &items[parts.leaves[at as usize].clone()];
+    let Parts { nodes, leaves } = parts;
+    let planes = collect(leaves.len(), shared, |at| {
+        let items = &items[leaves[at as usize].clone()];
         items.iter().filter_map(|item| bounds(item.id)).reduce(union).map_or(NOT_FLAT, planes_of)
     });
-    let mut nodes = memory::copy(&parts.nodes);
+    let mut nodes = memory::copy(&nodes);
     let planes = find_flat(&mut nodes, |leaf| planes[leaf]);
-    Bvh::with(center, planes, nodes, leaves)
+    Grown { center, planes, nodes, leaves, items }
 }
 
 /// By axis, the coordinate of the plane that contains a part of a hierarchy, or NaN.

@@ -115,7 +115,7 @@ impl Scene {
     }
 
     /// An index of some of the objects: those that `is_in` tells.
-    pub fn index_of(&self, is_in: impl Fn(u32) -> bool) -> Index {
+    pub fn index_of(&self, is_in: &dyn Fn(u32) -> bool) -> Index {
         let (mut unbounded, mut still) = self.partition();
         unbounded.retain(|&id| is_in(id));
         for (id, bounds) in (0..).zip(&mut still) {

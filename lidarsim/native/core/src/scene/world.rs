@@ -126,7 +126,7 @@ impl Scene {
         &'a self,
         index: &'a Index,
         span: [f64; 2],
-        is_in: impl Fn(u32) -> bool,
+        is_in: &dyn Fn(u32) -> bool,
     ) -> World<'a> {
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let mut movers = memory::copy(&self.movers);
