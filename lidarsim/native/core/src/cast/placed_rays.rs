@@ -204,7 +204,8 @@ fn middle<F: Floats<f64, N>, const N: usize>(v: Bounds<F>) -> ([F; 3], F) {
     (m, error.fused(F::splat(PAD), F::splat(UNDERFLOW)))
 }
 
-fn middle_of_one(v: Bounds<f64>) -> (Point, f64) {
+/// As [`middle`], of one box.
+pub fn middle_of_one(v: Bounds<f64>) -> (Point, f64) {
     let ([x, y, z], error) = middle::<f64, 1>(v);
     ([x, y, z], error)
 }

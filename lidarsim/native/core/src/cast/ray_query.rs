@@ -1,9 +1,12 @@
 //! Queries of one ray, which visit every primitive that the ray may intersect.
 
 use crate::arith::number::Interval;
-use crate::bvh::{Bvh, Stack, TraversalRay};
-use crate::scene::{Geometry, PrimitiveLeaf, Scene, TimedRay, World};
-use crate::shapes::triangle::Leaf;
+use crate::arith::simd::Portable;
+use crate::bvh::{Bvh, Stack, TraversalRay, take};
+use crate::cast::placed_rays::middle_of_one;
+use crate::geometry::ray::Bounds;
+use crate::scene::{Geometry, Primitives, Scene, TimedRay, World};
+use crate::shapes::{Each, EachRay};
 
 pub trait RayQuery<'a> {
     fn scene(&self) -> &'a Scene;
@@ -50,34 +53,57 @@ pub trait RayQuery<'a> {
     fn enter(&mut self, object: u32, stack: &mut Stack) {
         match &self.scene().objects()[object as usize].geometry {
             Geometry::Surface(_) => self.visit(object, 0),
-            Geometry::Mesh(mesh) => self.traverse_within(object, mesh.hierarchy(), Leaf::ids, stack),
-            Geometry::Spheres(spheres) => {
-                self.traverse_within(object, spheres.hierarchy(), PrimitiveLeaf::ids, stack);
+            Geometry::Mesh(mesh) => {
+                if let Some(leaf) = mesh.hierarchy().only_leaf() {
+                    leaf.ids().iter().for_each(|primitive| self.visit(object, *primitive));
+                    return;
+                }
+                let ray = self.local_ray(object);
+                self.traverse_within(mesh.hierarchy(), ray, stack, |query, leaf| {
+                    leaf.ids().iter().for_each(|primitive| query.visit(object, *primitive));
+                });
             }
-            Geometry::Disks(disks) => {
-                self.traverse_within(object, disks.hierarchy(), PrimitiveLeaf::ids, stack);
-            }
+            Geometry::Spheres(spheres) => self.traverse_primitives(object, spheres, stack),
+            Geometry::Disks(disks) => self.traverse_primitives(object, disks, stack),
         }
+    }
+
+    /// The ray in the local coordinates of an object: bounds of its origin and of its direction.
+    fn local_ray(&self, object: u32) -> [Bounds<f64>; 2] {
+        let TimedRay { origin, direction, time } = *self.ray();
+        self.scene().at(object, time).enclose(origin, direction)
+    }
+
+    /// Visits the primitives of an object except those that the ray certainly misses.
+    fn traverse_primitives<S: Each<K>, const K: usize>(
+        &mut self,
+        object: u32,
+        primitives: &Primitives<S, K>,
+        stack: &mut Stack,
+    ) {
+        let local = self.local_ray(object);
+        let [(origin, off), (direction, bent)] = local.map(middle_of_one);
+        let length = direction.iter().map(|x| x.abs()).sum();
+        let ray = EachRay::new(direction, length, off, bent);
+        self.traverse_within(primitives.hierarchy(), local, stack, |query, leaf| {
+            let seen = S::seen_from::<Portable>(origin, &leaf.numbers);
+            let mut left = (S::candidates(&seen, &ray) & leaf.all()).into();
+            while let Some(lane) = take(&mut left) {
+                query.visit(object, leaf.id(lane));
+            }
+        });
     }
 
     fn traverse_within<L>(
         &mut self,
-        object: u32,
         hierarchy: &Bvh<L>,
-        ids: impl Fn(&L) -> &[u32],
+        [origin, direction]: [Bounds<f64>; 2],
         stack: &mut Stack,
+        visit: impl Fn(&mut Self, &L),
     ) {
-        if let Some(leaf) = hierarchy.only_leaf() {
-            ids(leaf).iter().for_each(|primitive| self.visit(object, *primitive));
-            return;
-        }
-        let TimedRay { origin, direction, time } = *self.ray();
-        let [o, d] = self.scene().at(object, time).enclose(origin, direction);
-        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min(), self.limit());
+        let mut ray = TraversalRay::new(origin, direction, hierarchy.center(), self.t_min(), self.limit());
         hierarchy.traverse(&mut ray, stack, |_, leaf| {
-            for &primitive in ids(leaf) {
-                self.visit(object, primitive);
-            }
+            visit(self, leaf);
             self.limit()
         });
     }
