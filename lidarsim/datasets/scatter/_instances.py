@@ -270,9 +270,10 @@ def instance_of(item: AnyItem, place: Place, seed: int = 0) -> Instance:
         raise (place / "instance").error("expected none, since each copy is an instance of its own")
     if isinstance(item, GeneratedObject) and "seed" not in item.model_fields_set:
         item = item.model_copy(update={"seed": seed})
-    if (walking := _walkers(item, place)) is not None:
+    asset = item.asset(place) if isinstance(item, GeneratedObject) else None
+    if (walking := _walkers(item, asset, place)) is not None:
         return walking
-    parts = list(_parts(item, place))
+    parts = list(_parts(item, place, asset))
     pattern = item.wheels if isinstance(item, ModelFile | Compound) else None
     if not parts:
         raise (place / "file").error("expected a file with objects, got none")
@@ -286,12 +287,12 @@ def instance_of(item: AnyItem, place: Place, seed: int = 0) -> Instance:
     return Instance(parts)
 
 
-def _walkers(item: AnyItem, place: Place) -> Instance | None:
+def _walkers(item: AnyItem, asset: worlds.Asset | None, place: Place) -> Instance | None:
     """Return a walker, or people who can walk; None for other instances."""
     if isinstance(item, Walker):
         parts = [Part(item, shape, np.eye(4)) for _, shape in _walker.limbs(item.height_m)]
         instance = Instance(parts, (worlds.Walker(0, item.height_m),))
-    elif isinstance(item, GeneratedObject) and (asset := item.asset(place)).walkers:
+    elif isinstance(item, GeneratedObject) and asset is not None and asset.walkers:
         limbs = {walker.first + limb for walker in asset.walkers for limb in range(_walker.LIMBS)}
         instance = Instance(list(_parts_of_asset(item, asset, np.eye(4), limbs)), asset.walkers)
     else:
@@ -307,7 +308,8 @@ def _name(part: Part) -> str:
     return name
 
 
-def _parts(item: AnyItem, place: Place) -> Iterator[Part]:
+def _parts(item: AnyItem, place: Place, asset: worlds.Asset | None = None) -> Iterator[Part]:
+    """Yield the parts of an instance; `asset` is that of a generator, if it is known."""
     if "motion" in item.model_fields_set:
         raise (place / "motion").error("expected no motion, since the group moves its objects")
     base = item.to_matrix(place, item.scale)
@@ -323,7 +325,7 @@ def _parts(item: AnyItem, place: Place) -> Iterator[Part]:
         disks, labels = item._disks(place)
         yield Part(item, disks, base, {} if labels is None else {"label": labels})
     elif isinstance(item, GeneratedObject):
-        yield from _parts_of_asset(item, item.asset(place), base)
+        yield from _parts_of_asset(item, asset or item.asset(place), base)
     else:
         yield Part(item, item.build(place), base)
 
