@@ -125,10 +125,9 @@ class Scatter(Model):
         if ways is None:
             raise (place / "along").error("expected along_m or area_m, since the scene is not a street")
         names = [self.along] if isinstance(self.along, str) else self.along
-        lines = [line[:, :2].tolist() for name in names for line in getattr(ways, name)]
-        if not lines:
-            return None
-        return self.model_copy(update={"along": None, "along_m": lines})
+        paths = [Path(line[:, :2]) for name in names for line in getattr(ways, name)]
+        # The paths take the place of the property's, which would be those of `along_m`.
+        return self.model_copy(update={"along": None, "paths": paths}) if paths else None
 
     def check(self, place: Place) -> None:
         """Raise an error if keys contradict each other, or if an object cannot be built and placed."""
