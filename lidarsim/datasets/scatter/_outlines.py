@@ -136,9 +136,12 @@ class Obstacles:
             apart |= (its_low >= high + room) | (low >= its_high + room)
         return ~apart
 
-    def first_refusal(self, outline: Outline, gap: float) -> npt.NDArray[np.intp]:
-        """Return which obstacle an object at m places is too near to, the first of several; -1 for none, shape (m,)."""
-        near = self.near(outline, gap)
+    def first_refusal(self, outline: Outline, gap: float, asked: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+        """Return which obstacle an object at m places is too near to, the first of several; -1 for none, shape (m,).
+
+        Of places that `asked`, (m,), leaves out, it is -1.
+        """
+        near = self.near(outline, gap) & asked[:, None]
         refusing = np.full(len(near), -1)
         for index in np.flatnonzero(near.any(axis=0)):
             places = np.flatnonzero(near[:, index] & (refusing < 0))
