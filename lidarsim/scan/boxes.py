@@ -456,8 +456,7 @@ def _coverage(  # noqa: PLR0917 - what is known of a scan
     if labels is not None:
         objects, asked = instances.scene_of(labels), np.isin(instances.label, sorted(labels))
     if min_points:
-        returned = places[np.arange(places.shape[1]) < scan.return_count[:, None]]
-        on = np.bincount(returned + 1, minlength=len(world.items) + 1)[1:]
+        on = np.bincount(places.ravel() + 1, minlength=len(world.items) + 1)[1:]
         asked &= np.bincount(np.minimum(instances.of_object, len(instances)), on, len(instances) + 1)[:-1] >= min_points
     instance = np.append(np.where(asked, np.arange(len(instances)), NO_INSTANCE), NO_INSTANCE).astype(np.uint32)
     known, alone = (instance[np.minimum(own, len(instances))] for own in (instances.of_object, objects[1]))
