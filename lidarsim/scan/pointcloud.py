@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
-import re
 import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -34,8 +32,9 @@ from lidarsim._base.views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan.cells import Cells, Statistic, cells_of
 from lidarsim.scan.columns import PointColumns, with_columns
-from lidarsim.scan.fields import CANONICAL, EXTRA_DTYPES, Fields, first_misfit, fit, with_unit
+from lidarsim.scan.fields import CANONICAL, EXTRA_DTYPES, Fields, first_misfit, with_unit
 from lidarsim.scan.formats import FORMATS, HEAD, check_output, format_of, options_of, recognise
+from lidarsim.scan.names import Names
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -158,7 +157,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
         if name == "class_names":
             object.__setattr__(self, name, values)
             return
-        if not _is_name(name):
+        if name not in NAMES:
             raise ArgumentValueError("PointCloud", "names that a field can have", repr(name))
         array = _field(name, values)
         if "xyz" in self.__dict__ and len(array) != len(self):
@@ -701,6 +700,10 @@ class PointCloud(PointColumns, Pickled, Plotted):
         return cls(adopt(view(PointCloud, "from_pyvista")(mesh)))
 
 
+NAMES = Names(PointCloud)
+adopt, field_names = NAMES.adopt, NAMES.of_columns
+
+
 def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
     """Return an array given in place of `fields`, after checking that it can be `xyz`."""
     expected = "an array of shape (n, 3), or fields by name"
@@ -753,74 +756,12 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
     return np.ascontiguousarray(given, dtype)
 
 
-@lru_cache(maxsize=256)  # a missing attribute takes long: its error looks for similar names
-def _is_name(name: str) -> bool:
-    """Return whether a field can have this name."""
-    return name.isascii() and name.isidentifier() and name not in {"_", "x", "y", "z"} and not hasattr(PointCloud, name)
-
-
-def field_names(names: Sequence[str]) -> list[str]:
-    """Return a unique field name for each column name of a file.
-
-    A valid field name is kept. In any other name, all characters except letters, digits and underscores become
-    underscores. If the result is taken, it gets a number: ``a_b_2``.
-    """
-    taken = set(filter(_is_name, names))
-    own, numbers = set(taken), dict[str, int]()
-    fields = []
-    for name in names:
-        if name in own:
-            own.discard(name)  # the first of equal names
-            fields.append(name)
-            continue
-        base = re.sub(r"\W|^(?=\d)", "_", name, flags=re.ASCII) or "unnamed"
-        field = base = base if _is_name(base) else f"{base}_"
-        while field in taken:
-            numbers[base] = numbers.get(base, 1) + 1
-            field = f"{base}_{numbers[base]}"
-        taken.add(field)
-        fields.append(field)
-    return fields
-
-
 def with_common_fields(clouds: Sequence[PointCloud]) -> list[PointCloud]:
     """Return clouds with the fields that all have, and their class names."""
     names = [name for name in clouds[0].fields if all(name in cloud.fields for cloud in clouds)]
     return [
         PointCloud({name: getattr(cloud, name) for name in names}, class_names=cloud.class_names) for cloud in clouds
     ]
-
-
-def adopt(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert the fields of a file or another library to valid fields of a cloud, without loss.
-
-    Parameters
-    ----------
-    fields : mapping of str to ndarray
-        Arrays of any values, by any names; class names are a mapping under ``"class_names"``.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The fields by the names from `field_names`. Where the dtype of one of lidarsim's fields cannot hold a value, the
-        field is 0, and ``<name>_raw`` is the given array. If the shape does not fit, there is only ``<name>_raw``.
-    """
-    classes = {name: value for name, value in fields.items() if name == "class_names" and isinstance(value, Mapping)}
-    given = {name: np.asarray(value) for name, value in fields.items() if name not in classes}
-    kept: Fields = {}
-    raw: Fields = {}
-    for name, array in zip(field_names(list(given)), given.values(), strict=True):
-        shape, dtype = CANONICAL.get(name, ((), None))
-        if dtype is None or name == "xyz" or array.dtype.kind not in "biuf" or array.ndim not in {1, 2}:
-            kept[name] = array
-        elif array.shape[1:] != shape:
-            raw[name] = array
-        else:
-            kept[name], exact = fit(array, dtype)
-            if not exact:
-                raw[name] = array
-    names = field_names([*kept, *(f"{name}_raw" for name in raw)])
-    return dict(zip(names, [*kept.values(), *raw.values()], strict=True)) | classes
 
 
 def _columns(names: Sequence[str]) -> list[str]:
