@@ -42,9 +42,11 @@ pub fn boxes_of_instances(world: &World, instances: &[u32], count: usize) -> Vec
 
 /// The directions in the sensor frame in which some instances may be met.
 pub struct Windows {
-    /// Per bin: instances and their ranges of slopes. The first `BINS` go from the x axis to its negative
+    /// By bin, instances and their ranges of slopes. The first `BINS` go from the x axis to its negative
     /// where y ≥ 0, the others where y < 0.
-    bins: Vec<Vec<(u32, Interval)>>,
+    windows: Vec<(u32, Interval)>,
+    /// Where the windows of each bin begin, and the end of the last.
+    starts: [u32; 2 * BINS + 1],
 }
 
 impl Windows {
@@ -64,8 +66,7 @@ impl Windows {
         };
         let middle = starts.map(Interval::middle);
         let aside = 0.5 * length_above(starts.map(|side| side.high - side.low));
-        let mut windows = Windows { bins: Vec::new() };
-        memory::resize(&mut windows.bins, 2 * BINS, Vec::new());
+        let mut of_bins = Vec::new();
         for (instance, bounds) in boxes {
             let seen = Dop::of_box(*bounds).image(&view);
             // Let M be the middle pose, and T the pose of a pulse with origin o and direction d. If its ray
@@ -79,9 +80,29 @@ impl Windows {
                 low: seen[axis].low - middle[axis] - wide,
                 high: seen[axis].high - middle[axis] + wide,
             };
-            windows.add(*instance, [0, 1, 2].map(side));
+            add(&mut of_bins, *instance, [0, 1, 2].map(side));
         }
-        windows
+        Windows::by_bin(&of_bins)
+    }
+
+    /// Sorts windows by their bins, by counting.
+    fn by_bin(of_bins: &[(usize, u32, Interval)]) -> Self {
+        let mut starts = [0; 2 * BINS + 1];
+        for (bin, ..) in of_bins {
+            starts[*bin] += 1;
+        }
+        let mut end = 0;
+        for start in &mut starts {
+            end += *start;
+            *start = end;
+        }
+        let mut windows = Vec::new();
+        memory::resize(&mut windows, of_bins.len(), (0, NONE));
+        for &(bin, instance, slopes) in of_bins {
+            starts[bin] -= 1;
+            windows[starts[bin] as usize] = (instance, slopes);
+        }
+        Windows { windows, starts }
     }
 
     /// Whether a pulse may meet an instance other than `known`.
@@ -93,34 +114,35 @@ impl Windows {
             (*instance != known) & (slopes.low <= slope) & (slope <= slopes.high)
         };
         // A vertical direction has no azimuth.
-        self.bins[bin].iter().any(may_meet) || level == 0.0
+        let of_bin = self.starts[bin] as usize..self.starts[bin + 1] as usize;
+        self.windows[of_bin].iter().any(may_meet) || level == 0.0
     }
+}
 
-    /// Adds the window of a box, which has all directions if the z axis crosses the box or it is not finite.
-    fn add(&mut self, instance: u32, [x, y, z]: [Interval; 3]) {
-        let (near, far) = (nearest(x) + nearest(y), farthest(x) + farthest(y));
-        if !(near > 0.0 && (far + farthest(z)).is_finite()) {
-            self.bins.iter_mut().for_each(|bin| memory::push(bin, (instance, ANY)));
-            return;
+/// Adds the window of a box, which has all directions if the z axis crosses the box or it is not finite.
+fn add(of_bins: &mut Vec<(usize, u32, Interval)>, instance: u32, [x, y, z]: [Interval; 3]) {
+    let (near, far) = (nearest(x) + nearest(y), farthest(x) + farthest(y));
+    if !(near > 0.0 && (far + farthest(z)).is_finite()) {
+        (0..2 * BINS).for_each(|bin| memory::push(of_bins, (bin, instance, ANY)));
+        return;
+    }
+    let halves = [
+        (y.high >= 0.0, Interval { low: y.low.max(0.0), ..y }),
+        (y.low <= 0.0, Interval { high: y.high.min(0.0), ..y }),
+    ];
+    for (half, (is_met, y)) in halves.into_iter().enumerate() {
+        if !is_met {
+            continue;
         }
-        let halves = [
-            (y.high >= 0.0, Interval { low: y.low.max(0.0), ..y }),
-            (y.low <= 0.0, Interval { high: y.high.min(0.0), ..y }),
-        ];
-        for (half, (is_met, y)) in halves.into_iter().enumerate() {
-            if !is_met {
-                continue;
-            }
-            // Of a rectangle on one side of the x axis, corners have the extreme azimuths; one bin more at
-            // either end, as quotients are rounded.
-            let corners = [[x.low, y.low], [x.low, y.high], [x.high, y.low], [x.high, y.high]];
-            let bins = corners.map(|[x, y]| bin(x / (x.abs() + y.abs()), false));
-            let [from, to] =
-                bins.into_iter().fold([usize::MAX, 0], |[from, to], bin| [from.min(bin), to.max(bin)]);
-            for bin in from.saturating_sub(1)..=(to + 1).min(BINS - 1) {
-                let slopes = slopes_within(bin, [x, y, z]);
-                memory::push(&mut self.bins[half * BINS + bin], (instance, slopes));
-            }
+        // Of a rectangle on one side of the x axis, corners have the extreme azimuths; one bin more at
+        // either end, as quotients are rounded.
+        let corners = [[x.low, y.low], [x.low, y.high], [x.high, y.low], [x.high, y.high]];
+        let bins = corners.map(|[x, y]| bin(x / (x.abs() + y.abs()), false));
+        let [from, to] =
+            bins.into_iter().fold([usize::MAX, 0], |[from, to], bin| [from.min(bin), to.max(bin)]);
+        for bin in from.saturating_sub(1)..=(to + 1).min(BINS - 1) {
+            let slopes = slopes_within(bin, [x, y, z]);
+            memory::push(of_bins, (half * BINS + bin, instance, slopes));
         }
     }
 }
@@ -238,7 +260,7 @@ mod tests {
             let boxes = boxes_of_instances(&scene.during(span), &instances, 3);
             assert_eq!(boxes.len(), 3);
             let windows = Windows::new(Origins::Each(&origins), &path, span, &boxes);
-            if windows.bins[0].iter().any(|(_, slopes)| slopes.low == ANY.low) {
+            if windows.windows[..windows.starts[1] as usize].iter().any(|(_, slopes)| slopes.low == ANY.low) {
                 anywhere += 1;
                 continue;
             }

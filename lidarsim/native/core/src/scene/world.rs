@@ -44,8 +44,8 @@ pub struct Movers {
 pub fn span(times: &[f64]) -> [f64; 2] {
     let (mut low, mut high) = ([f64::INFINITY; 8], [f64::NEG_INFINITY; 8]);
     let mut add = |k: usize, time: f64| {
-        low[k] = if time < low[k] && time > f64::NEG_INFINITY { time } else { low[k] };
-        high[k] = if time > high[k] && time < f64::INFINITY { time } else { high[k] };
+        low[k] = if (time < low[k]) & (time > f64::NEG_INFINITY) { time } else { low[k] };
+        high[k] = if (time > high[k]) & (time < f64::INFINITY) { time } else { high[k] };
     };
     let (eights, others) = times.as_chunks::<8>();
     for eight in eights {
