@@ -54,8 +54,10 @@ def view_of_box(corners: Floats, projection: Floats, width: int, height: int) ->
             return None
         visible, outside = np.concatenate(parts), min(max(1.0 - share, 0.0), 1.0)
     u, v, w = projection[:, :3] @ visible[visible @ row_w > 0].T
-    column, row = np.clip(u / w, 0.0, width - 1.0), np.clip(v / w, 0.0, height - 1.0)
-    return (float(column.min()), float(row.min()), float(column.max()), float(row.max())), outside
+    columns, rows = u / w, v / w
+    left, right = (min(max(float(end), 0.0), width - 1.0) for end in (columns.min(), columns.max()))
+    top, bottom = (min(max(float(end), 0.0), height - 1.0) for end in (rows.min(), rows.max()))
+    return (left, top, right, bottom), outside
 
 
 def _clip(polygon: Floats, sides: Floats) -> Floats:

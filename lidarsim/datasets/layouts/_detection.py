@@ -54,7 +54,7 @@ class Upright:
 
 def upright(box: Annotation) -> Upright:
     """Return the upright box of the same centre and heading around a box."""
-    turn, yaw = box.matrix[:3, :3], math.atan2(box.rotation[3], box.rotation[0])
+    turn, yaw = np.reshape(box.rotation, (3, 3)), math.atan2(box.rotation[3], box.rotation[0])
     axes = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     return Upright(np.array(box.center), np.abs(axes.T @ turn) @ box.size, axes, yaw)
 

@@ -123,7 +123,7 @@ pub fn build<L: Send>(
     leaf: impl Fn(&[u32]) -> L + Sync,
 ) -> Bvh<L> {
     let job = &*Job::current();
-    let Grown { center, planes, nodes, leaves, items } = grow(count, &bounds, most, job);
+    let (Bvh { frame, nodes, leaves }, items) = build_ranges(count, &bounds, most, job);
     let leaf = |at: u32| {
         job.poll();
         let range = leaves[at as usize].clone();
@@ -133,25 +133,17 @@ pub fn build<L: Send>(
         }
         leaf(&ids[..range.len()])
     };
-    Bvh::with(center, planes, nodes, collect(leaves.len(), count > PARALLEL, leaf))
+    Bvh { frame, nodes, leaves: collect(leaves.len(), count > PARALLEL, leaf) }
 }
 
-/// A hierarchy whose leaves are ranges of its items.
-struct Grown {
-    center: Point,
-    planes: ContainingPlanes,
-    nodes: Vec<Node>,
-    leaves: Vec<Range<usize>>,
-    items: Vec<Item>,
-}
-
-/// The part of `build` that is compiled once for all kinds of leaves.
-fn grow(
+/// A hierarchy whose leaves are ranges of items, and the items: the part of `build` that is compiled once for
+/// all kinds of leaves.
+fn build_ranges(
     count: usize,
     bounds: &(dyn Fn(u32) -> Option<[Interval; 3]> + Sync),
     most: usize,
     job: &Job,
-) -> Grown {
+) -> (Bvh<Range<usize>>, Vec<Item>) {
     let ids = 0..count as u32;
     let nothing = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
     let shared = count > PARALLEL;
@@ -181,7 +173,7 @@ fn grow(
     });
     let mut nodes = memory::copy(&nodes);
     let planes = find_flat(&mut nodes, |leaf| planes[leaf]);
-    Grown { center, planes, nodes, leaves, items }
+    (Bvh::with(center, planes, nodes, leaves), items)
 }
 
 /// By axis, the coordinate of the plane that contains a part of a hierarchy, or NaN.

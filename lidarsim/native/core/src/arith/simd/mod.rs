@@ -170,7 +170,11 @@ pub fn prefetch_across<I: Isa, T>(value: &T) {
     I::prefetch(start.wrapping_add(size_of::<T>() - 1));
 }
 
-/// A function that is generic over the instruction set: an always inlined `run`.
+/// A function that is generic over the instruction set: an always inlined `run`. `Isa::call` compiles it once
+/// for all of its callers.
+///
+/// What is done once per packet, object or batch should be a task. Inlined into a loop, it would hardly be
+/// faster, and compile times grow faster than the length of a function.
 pub trait Task {
     type Output;
     fn run<I: Isa>(self) -> Self::Output;
