@@ -304,7 +304,7 @@ def _stand(poses: Floats, swing: Swing, ground: Scene, group: Scatter) -> tuple[
     """
     low = swing.bounds[0, 2]
     corners = _corners(swing.bounds)
-    plan = _moved(poses, corners)
+    plan = _move(poses, corners)
     under = np.concatenate([plan, plan.mean(axis=2, keepdims=True)], axis=2)
     origins = np.concatenate([under, np.full((*under.shape[:3], 1), TOP)], axis=3).reshape(-1, 3)
     height = TOP - ground.cast(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)).t.reshape(under.shape[:3])
@@ -321,7 +321,7 @@ def _stand(poses: Floats, swing: Swing, ground: Scene, group: Scatter) -> tuple[
     return poses, outline, _outline(poses, swing, longer, tilt=group.tilt)
 
 
-def _moved(poses: Floats, points: Floats) -> Floats:
+def _move(poses: Floats, points: Floats) -> Floats:
     """Return where points, (c, 3), are at poses, (…, 4, 4): (…, c, 3). Of points in the plan, (c, 2), x and y."""
     place, axes = poses[..., None], range(points.shape[1])
     # BLAS rounds these sums differently on other processors, and einsum takes up to seven times as long.
@@ -342,7 +342,7 @@ def _outline(poses: Floats, swing: Swing, bounds: Floats, *, tilt: bool) -> Outl
         outline = _solid(poses, bounds)
         turns = turns_of(poses)
     else:
-        plan = _moved(poses, corners)
+        plan = _move(poses, corners)
         turns = np.diff(np.unwrap(np.arctan2(poses[..., 1, 0], poses[..., 0, 0])))
         bulge = bulge_of(np.linalg.norm(corners, axis=1).max(), turns)
         heights = poses[..., 2, 3].min(axis=1) + low, poses[..., 2, 3].max(axis=1) + high
@@ -430,7 +430,7 @@ def _upright(item: SceneObject) -> Outline | None:
 def _solid(poses: Floats, bounds: Floats) -> Outline:
     """Return the outline of a box with these bounds at poses, (…, k, 4, 4)."""
     solid = np.array([[x, y, z] for z in bounds[:, 2] for x, y in _corners(bounds)])  # the lower four first
-    body = _moved(poses, solid)
+    body = _move(poses, solid)
     bulge = bulge_of(np.linalg.norm(solid, axis=1).max(), turns_of(poses))
     heights = body[..., 2].min(axis=(-2, -1)) - bulge, body[..., 2].max(axis=(-2, -1)) + bulge
     return Outline(steps(body[..., :2]), *heights, bulge)
