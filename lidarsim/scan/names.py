@@ -15,7 +15,7 @@ __all__ = ["Names"]
 
 
 class Names:
-    """The names that fields of a class can have: identifiers that its attributes and methods do not have."""
+    """Valid names for the fields of a class: ASCII identifiers that are not names of its attributes or methods."""
 
     def __init__(self, of: type) -> None:
         # A missing attribute takes long: its error looks for similar names.

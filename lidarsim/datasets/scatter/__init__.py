@@ -322,7 +322,7 @@ def _stand(poses: Floats, swing: Swing, ground: Scene, group: Scatter) -> tuple[
 
 
 def _move(poses: Floats, points: Floats) -> Floats:
-    """Return where points, (c, 3), are at poses, (…, 4, 4): (…, c, 3). Of points in the plan, (c, 2), x and y."""
+    """Return where points, (c, 3), are at poses, (…, 4, 4): (…, c, 3); x and y alone, (…, c, 2), of points (c, 2)."""
     place, axes = poses[..., None], range(points.shape[1])
     # BLAS rounds these sums differently on other processors, and einsum takes up to seven times as long.
     return np.stack(

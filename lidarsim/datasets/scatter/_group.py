@@ -126,7 +126,7 @@ class Scatter(Model):
             raise (place / "along").error("expected along_m or area_m, since the scene is not a street")
         names = [self.along] if isinstance(self.along, str) else self.along
         paths = [Path(line[:, :2]) for name in names for line in getattr(ways, name)]
-        # The paths take the place of the property's, which would be those of `along_m`.
+        # They replace the cached property, which computes the paths of `along_m`.
         return self.model_copy(update={"along": None, "paths": paths}) if paths else None
 
     def check(self, place: Place) -> None:

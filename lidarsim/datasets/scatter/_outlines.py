@@ -137,9 +137,9 @@ class Obstacles:
         return ~apart
 
     def first_refusal(self, outline: Outline, gap: float, asked: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-        """Return which obstacle an object at m places is too near to, the first of several; -1 for none, shape (m,).
+        """Return the first obstacle that an object at each of m places is too near to, shape (m,); -1 for none.
 
-        Of places that `asked`, (m,), leaves out, it is -1.
+        Places that are not `asked`, shape (m,), have -1, too.
         """
         near = self.near(outline, gap) & asked[:, None]
         refusing = np.full(len(near), -1)

@@ -136,8 +136,8 @@ pub fn build<L: Send>(
     Bvh { frame, nodes, leaves: collect(leaves.len(), count > PARALLEL, leaf) }
 }
 
-/// A hierarchy whose leaves are ranges of items, and the items: the part of `build` that is compiled once for
-/// all kinds of leaves.
+/// Builds a hierarchy whose leaves are ranges of items, and returns both. It is compiled once for all kinds
+/// of leaves.
 fn build_ranges(
     count: usize,
     bounds: &(dyn Fn(u32) -> Option<[Interval; 3]> + Sync),

@@ -14,15 +14,7 @@ use crate::geometry::ray::Ray;
 use crate::scene::{Geometry, RootId};
 use crate::shapes::{MOST_ROOTS, Surface, SurfaceTask};
 
-/// The rays of a packet, and their closest hits so far.
-pub struct PacketQuery<'t, 'a> {
-    pub rays: &'t RayPacket,
-    pub closest: &'t mut ClosestHits<'a>,
-    /// The poses of moving objects at the times of the rays.
-    pub poses: &'t mut Poses<LANES>,
-}
-
-/// Intersects packets with surfaces. Reused, as it is large.
+/// The memory of intersections of packets with surfaces. Reused, as it is large.
 pub struct SurfaceIntersector {
     local: LocalRays<LANES>,
     hits: SurfaceHits,
@@ -36,17 +28,27 @@ impl SurfaceIntersector {
             hits: SurfaceHits { agreeing: [nothing; LANES], count: 0, unsure: 0 },
         }
     }
+}
 
-    /// Intersects the rays of `mask` with an object and updates their closest hits. Returns the mask of rays
-    /// whose limits may have decreased.
+/// Intersects the rays of `mask` with an object and updates their closest hits. Returns the mask of rays
+/// whose limits may have decreased.
+pub struct IntersectSurface<'t, 'a> {
+    pub surfaces: &'t mut SurfaceIntersector,
+    pub rays: &'t RayPacket,
+    pub closest: &'t mut ClosestHits<'a>,
+    /// The poses of moving objects at the times of the rays.
+    pub poses: &'t mut Poses<LANES>,
+    pub id: u32,
+    pub mask: Mask,
+}
+
+impl Task for IntersectSurface<'_, '_> {
+    type Output = Mask;
+
     #[inline(always)]
-    fn intersect<I: Isa>(
-        &mut self,
-        PacketQuery { rays, closest, poses }: PacketQuery,
-        id: u32,
-        mask: Mask,
-    ) -> Mask {
-        let SurfaceIntersector { local, hits } = self;
+    fn run<I: Isa>(self) -> Mask {
+        let IntersectSurface { surfaces, rays, closest, poses, id, mask } = self;
+        let SurfaceIntersector { local, hits } = surfaces;
         let scene = closest.scene();
         (hits.count, hits.unsure) = (0, mask);
         let object = &scene.objects()[id as usize];
@@ -86,23 +88,6 @@ impl SurfaceIntersector {
             }
         }
         nearer
-    }
-}
-
-/// [`SurfaceIntersector::intersect`], compiled once for its callers.
-pub struct IntersectSurface<'t, 'a> {
-    pub surfaces: &'t mut SurfaceIntersector,
-    pub query: PacketQuery<'t, 'a>,
-    pub id: u32,
-    pub mask: Mask,
-}
-
-impl Task for IntersectSurface<'_, '_> {
-    type Output = Mask;
-
-    #[inline(always)]
-    fn run<I: Isa>(self) -> Mask {
-        self.surfaces.intersect::<I>(self.query, self.id, self.mask)
     }
 }
 

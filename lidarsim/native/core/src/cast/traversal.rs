@@ -38,7 +38,7 @@ use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::placed_rays::PlacedRays;
 use crate::cast::poses::Poses;
 use crate::cast::primitive_intersector::PrimitiveIntersector;
-use crate::cast::surface_intersector::{IntersectSurface, PacketQuery, SurfaceIntersector};
+use crate::cast::surface_intersector::{IntersectSurface, SurfaceIntersector};
 use crate::geometry::vector::Point;
 use crate::scene::{Disks, Geometry, Object, Primitives, Scene, Spheres, TRange, TriangleMesh, World};
 use crate::shapes::triangle::Leaf;
@@ -322,7 +322,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask) {
         let asked = self.state.remaining(id, mask);
-        I::call(StartWithin { traversal: self, entered: Some((id, asked)) });
+        I::call(StartWithin { traversal: self, new: Some((id, asked)) });
     }
 
     /// Traverses the visited object with the next rays, or ends the visit if none are left.
@@ -332,7 +332,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
             self.outer.lower_limits(self.state.leave::<I>(visit.id, visit.entered));
             self.visit = None;
         } else {
-            I::call(StartWithin { traversal: self, entered: None });
+            I::call(StartWithin { traversal: self, new: None });
         }
     }
 }
@@ -419,7 +419,7 @@ impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surfaces: &mut SurfaceIntersector) -> Mask {
         let PacketState { rays, closest, poses, .. } = self;
-        I::call(IntersectSurface { surfaces, query: PacketQuery { rays, closest, poses }, id, mask })
+        I::call(IntersectSurface { surfaces, rays, closest, poses, id, mask })
     }
 
     /// Moves the starts of rays from far away close to a hierarchy of objects.
@@ -566,11 +566,11 @@ impl<'a> PacketState<'a, '_> {
     }
 }
 
-/// Begins the traversal of the visited object by those of the pending rays that are of one octant.
+/// Begins the traversal of the visited object by the next of the pending rays, all of one octant.
 struct StartWithin<'t, 'a, 'b> {
     traversal: &'t mut Traversal<'a, 'b>,
-    /// The object whose visit begins, and the rays that may intersect it.
-    entered: Option<(u32, Mask)>,
+    /// An object to visit, and the rays that may intersect it; `None` to go on with the current visit.
+    new: Option<(u32, Mask)>,
 }
 
 impl Task for StartWithin<'_, '_, '_> {
@@ -579,7 +579,7 @@ impl Task for StartWithin<'_, '_, '_> {
     #[inline(always)]
     fn run<I: Isa>(self) {
         let Traversal { state, visit, stack, inner, .. } = self.traversal;
-        if let Some((id, mask)) = self.entered {
+        if let Some((id, mask)) = self.new {
             *visit = state.enter::<I>(id, mask, stack);
             inner.stop(stack);
         }

@@ -42,10 +42,10 @@ pub fn boxes_of_instances(world: &World, instances: &[u32], count: usize) -> Vec
 
 /// The directions in the sensor frame in which some instances may be met.
 pub struct Windows {
-    /// By bin, instances and their ranges of slopes. The first `BINS` go from the x axis to its negative
-    /// where y ≥ 0, the others where y < 0.
+    /// Instances and their ranges of slopes, sorted by bin. The first `BINS` go from the x axis to its
+    /// negative where y ≥ 0, the others where y < 0.
     windows: Vec<(u32, Interval)>,
-    /// Where the windows of each bin begin, and the end of the last.
+    /// The index of the first window of each bin, and the number of all windows.
     starts: [u32; 2 * BINS + 1],
 }
 
@@ -85,7 +85,7 @@ impl Windows {
         Windows::by_bin(&of_bins)
     }
 
-    /// Sorts windows by their bins, by counting.
+    /// A counting sort of windows by bin.
     fn by_bin(of_bins: &[(usize, u32, Interval)]) -> Self {
         let mut starts = [0; 2 * BINS + 1];
         for (bin, ..) in of_bins {
@@ -114,8 +114,12 @@ impl Windows {
             (*instance != known) & (slopes.low <= slope) & (slope <= slopes.high)
         };
         // A vertical direction has no azimuth.
-        let of_bin = self.starts[bin] as usize..self.starts[bin + 1] as usize;
-        self.windows[of_bin].iter().any(may_meet) || level == 0.0
+        self.of_bin(bin).iter().any(may_meet) || level == 0.0
+    }
+
+    #[inline(always)]
+    fn of_bin(&self, bin: usize) -> &[(u32, Interval)] {
+        &self.windows[self.starts[bin] as usize..self.starts[bin + 1] as usize]
     }
 }
 
@@ -260,7 +264,7 @@ mod tests {
             let boxes = boxes_of_instances(&scene.during(span), &instances, 3);
             assert_eq!(boxes.len(), 3);
             let windows = Windows::new(Origins::Each(&origins), &path, span, &boxes);
-            if windows.windows[..windows.starts[1] as usize].iter().any(|(_, slopes)| slopes.low == ANY.low) {
+            if windows.of_bin(0).iter().any(|(_, slopes)| slopes.low == ANY.low) {
                 anywhere += 1;
                 continue;
             }

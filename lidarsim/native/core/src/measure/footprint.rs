@@ -49,9 +49,10 @@ impl<C: Caster> Scan<'_, C> {
         let measurement = self.measurement;
         let is_plain = measurement.most_returns() == 1 && !measurement.effects.has_weather();
         scratch.wanted.clear();
-        match measurement.beam.as_ref().filter(|_| is_plain && scratch.paths.is_empty()) {
-            Some(_) => I::call(MeasureEights { scan: self, pulses: pulses.clone(), scratch, rows }),
-            None => resize(&mut scratch.wanted, pulses.len().div_ceil(8), u8::MAX),
+        if measurement.beam.is_some() && is_plain && scratch.paths.is_empty() {
+            I::call(MeasureEights { scan: self, pulses: pulses.clone(), scratch, rows });
+        } else {
+            resize(&mut scratch.wanted, pulses.len().div_ceil(8), u8::MAX);
         }
         I::call(MeasurePulses { scan: self, pulses, scratch, rows });
     }

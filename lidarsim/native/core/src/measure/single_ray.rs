@@ -62,19 +62,17 @@ impl<C: Caster> Scan<'_, C> {
         scratch: &mut Scratch,
         rows: &mut Rows,
     ) {
-        if scratch.paths.is_empty() {
-            I::call(MeasureEights { scan: self, pulses, scratch, rows });
-            return;
-        }
         // False returns take the place of hits, which the rays that went on still need.
-        let objects = scratch.hits.object.clone();
+        let objects = (!scratch.paths.is_empty()).then(|| scratch.hits.object.clone());
         I::call(MeasureEights { scan: self, pulses: pulses.clone(), scratch, rows });
-        scratch.hits.object = objects;
-        self.measure_further_surfaces::<I>(pulses, scratch, rows);
+        if let Some(objects) = objects {
+            scratch.hits.object = objects;
+            self.measure_further_surfaces::<I>(pulses, scratch, rows);
+        }
     }
 
-    /// Measures pulses of one echo or none, eight at a time. Pulses with a footprint that have more become
-    /// `wanted`, and their entries are to be overwritten.
+    /// Measures pulses of one echo or none, eight at a time. With a footprint, pulses of more echoes become
+    /// `wanted`; their entries are overwritten later.
     #[inline(always)]
     fn measure_eights<I: Isa, const FOOTPRINT: bool>(
         &self,
@@ -90,7 +88,7 @@ impl<C: Caster> Scan<'_, C> {
             let surfaces = match beam {
                 None => self.eight_surfaces::<I>(part, scratch),
                 Some(beam) => {
-                    // Past the last pulse it is repeated.
+                    // Lanes past the last pulse repeat it.
                     let numbers = [0, 1, 2, 3, 4, 5, 6, 7].map(|k| (8 * part + k).min(pulses.len() - 1));
                     let (surfaces, others) = scratch.only_echoes::<I>(beam, &numbers);
                     scratch.wanted.push(others);

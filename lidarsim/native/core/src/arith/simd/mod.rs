@@ -173,8 +173,8 @@ pub fn prefetch_across<I: Isa, T>(value: &T) {
 /// A function that is generic over the instruction set: an always inlined `run`. `Isa::call` compiles it once
 /// for all of its callers.
 ///
-/// What is done once per packet, object or batch should be a task. Inlined into a loop, it would hardly be
-/// faster, and compile times grow faster than the length of a function.
+/// Work that is done once per packet, object or batch should be a task. Inlined into a loop, it would hardly
+/// be faster, and the time to compile a function grows faster than its length.
 pub trait Task {
     type Output;
     fn run<I: Isa>(self) -> Self::Output;
