@@ -116,7 +116,7 @@ class Folder:
     def write(self, name: str, data: bytes) -> None:
         """Write a file; folders are created."""
         with self.writing(name) as path:
-            path.write_bytes(data)
+            files.write(path, data)
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
@@ -133,7 +133,7 @@ class Folder:
         of the file.
         """
         with self._write_aside(name) as (path, target):
-            path.write_bytes(data)
+            files.write(path, data)
             files.sync(path)
             try:
                 os.link(path, target)

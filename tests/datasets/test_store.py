@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import lidarsim as ls
@@ -145,6 +146,17 @@ def test_a_batch_stays_in_its_folder(tmp_path: Path) -> None:
     with open_store(tmp_path / "out").batch() as store, pytest.raises(LidarsimError, match="inside of the data set"):
         store.write("a/b", b"")
     assert not (tmp_path / "b").exists()
+
+
+def test_files_of_several_pieces(tmp_path: Path) -> None:
+    store, data = Folder(tmp_path / "out"), np.random.default_rng(0).bytes(2 * files.PIECE + 5)
+    store.write("a", data)
+    assert store.create("b", data)
+    with store.batch() as batch:
+        batch.write("c", data)
+        batch.write("d", data[: files.PIECE])
+        batch.write("e", b"")
+    assert [(tmp_path / "out" / name).read_bytes() for name in "abcde"] == [data] * 3 + [data[: files.PIECE], b""]
 
 
 def test_one_of_many_creates_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -117,15 +117,15 @@ def test_the_table_has_each_preset() -> None:
     assert {name for name, noise in farthest() if noise == "measured"} == {*measured_presets()} - {*GATE}
 
 
-@pytest.mark.slow("white walls are seen in dense fog as far as the page says")
+@pytest.mark.slow("white walls and signs are seen in dense fog as far as the page says")
 @pytest.mark.parametrize(("name", "noise"), farthest())
-def test_white_walls_are_seen_in_fog_as_far_as_the_page_says(name: str, noise: str) -> None:
+def test_surfaces_are_seen_in_fog_as_far_as_the_page_says(name: str, noise: str) -> None:
     lidar = ls.Lidar.preset(name, noise=noise)
     lidar = replace(lidar, pattern=Thinned(lidar.pattern))
 
-    def share(distance: float) -> float:
+    def share(distance: float, material: ls.Material | None = None) -> float:
         scene = ls.Scene()
-        scene.add(ls.Sphere((0, 0, 0), distance))  # seen from inside, it faces every pulse
+        scene.add(ls.Sphere((0, 0, 0), distance), material=material)  # seen from inside, it faces every pulse
         scene.atmosphere = ls.Atmosphere.fog(60.0)
         scan = lidar.scan(scene, seed=1)
         return float((~np.isnan(scan.range) & (scan.source == ls.Source.surface)).any(axis=1).mean())
@@ -135,3 +135,4 @@ def test_white_walls_are_seen_in_fog_as_far_as_the_page_says(name: str, noise: s
         assert share(lidar.max_range - 1.0) > 0.5
     else:
         assert share(at - 1.0) > 0.5 > share(at + 1.0)  # rounded to 1 m
+    assert share(min(40.0, lidar.max_range - 1.0), ls.materials.SIGN_SHEETING) > 0.95
