@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
-from lidarsim._base.files import check_regular
+from lidarsim._base.files import check_path, check_regular
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Instances, Transform, frames, integer, items, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
@@ -303,7 +303,14 @@ class Lidar(Sensor):
         """
         _, read = _readers["lidarsim YAML"]
         lidar = read(preset_path(name), mode=mode, noise=noise)
-        return lidar if rate is None else replace(lidar, pattern=replace(lidar.pattern, rate=rate))  # type: ignore[type-var]
+        if rate is None:
+            return lidar
+        try:
+            return replace(lidar, pattern=replace(lidar.pattern, rate=rate))  # type: ignore[type-var]
+        except ArgumentValueError as error:
+            if error.argument == "rate":
+                raise
+            raise ArgumentValueError("rate", f"a rate that {name} can have", f"{rate}, with {error}") from None
 
     @classmethod
     def from_file(cls, path: str | Path, **options: Any) -> Lidar:
@@ -332,7 +339,7 @@ class Lidar(Sensor):
         TypeError
             If a file of this kind has no such option.
         """
-        path = Path(path)
+        path = check_path(path)
         try:
             check_regular(path)
             with path.open("rb") as file:

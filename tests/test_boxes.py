@@ -218,6 +218,7 @@ SENSORS = {
     "beam": plainly(beam=ls.Beam(3e-3, rays=7), returns=2),
     "false returns": plainly(false_returns=0.3, dropout=0.5, returns="first"),
     "dropout": plainly(dropout=0.5),
+    "receiver aside": plainly(receiver_offset=0.5),
     "scattered": ls.Lidar(Scattered(), max_range=22.0),
 }
 
@@ -277,7 +278,7 @@ def test_instances_are_as_visible_from_afar() -> None:
     assert 0.0 < shares[0][1] < shares[0][0] == 1.0
 
 
-@pytest.mark.parametrize("other", ["jitter", "false returns", "dropout", "beam"])
+@pytest.mark.parametrize("other", ["jitter", "false returns", "dropout", "beam", "receiver aside"])
 def test_visibility_is_that_of_nominal_rays_whatever_the_noise(other: str) -> None:
     scene = crowd(5)
     plain, noisy = (SENSORS[name].scan(scene, EGO).boxes() for name in ("one ray", other))

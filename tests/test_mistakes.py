@@ -27,6 +27,12 @@ SCENE = ls.Scene()
 SCENE.add(BALL)
 ALWAYS = [name for name, column in ScanColumns._columns.items() if not column.condition]
 
+
+def read_only(batch: ls.ScanBatch) -> ls.ScanBatch:
+    batch.range.setflags(write=False)
+    return batch
+
+
 MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "elevations in degrees": (
         lambda: ls.patterns.Spinning(np.linspace(-15, 15, 16)),
@@ -656,6 +662,50 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         lambda: ls.PointCloud.concatenate(3),
         TypeError,
         "clouds: expected a sequence of clouds, got 3",
+    ),
+    "text for deskew_movers": (
+        lambda: LIDAR.scan(SCENE).point_cloud(deskew=True, deskew_movers="no"),
+        TypeError,
+        "deskew_movers: expected True or False, got 'no'",
+    ),
+    "a rate that firing times do not allow": (
+        lambda: ls.Lidar.preset("riegl-vz400", rate=0.25),
+        ValueError,
+        (
+            "rate: expected a rate that riegl-vz400 can have, got 0.25, with firing_times: expected times >= 0 and "
+            "< 0.00555556 s, that of a cycle, got firing_times[120] = 0.005556"
+        ),
+    ),
+    "a batch that is read-only": (
+        lambda: LIDAR.scan_many(SCENE, [T], out=read_only(LIDAR.scan_many(SCENE, [T]))),
+        ValueError,
+        "out: expected a batch whose range can be written, got a read-only one",
+    ),
+    "one label as an array": (
+        lambda: LIDAR.scan(SCENE).boxes(labels=np.array(1)),
+        TypeError,
+        "labels: expected labels, or names among class_names (none), got array(1)",
+    ),
+    **{
+        f"no path for {name}": (lambda read=read: read(None), TypeError, "path: expected a path, got None")
+        for name, read in {
+            "Scene.from_file": ls.Scene.from_file,
+            "Lidar.from_file": ls.Lidar.from_file,
+            "TriangleMesh.from_file": ls.TriangleMesh.from_file,
+            "TriangleMesh.from_raster": ls.TriangleMesh.from_raster,
+            "Table.from_file": lambda path: ls.patterns.Table.from_file(path, rate=10.0),
+            "Trajectory.load": ls.Trajectory.load,
+            "Waveforms.load": ls.Waveforms.load,
+            "ImuSamples.load": ls.ImuSamples.load,
+            "GnssFixes.load": ls.GnssFixes.load,
+            "config.load": ls.config.load,
+            "rosbag.read": ls.io.rosbag.read,
+        }.items()
+    },
+    "no folder of a data set": (
+        lambda: ls.datasets.load(None),
+        TypeError,
+        "folder: expected a folder or a URL as text, or a path, got None",
     ),
     "rig as a list": (
         lambda: ls.Rig([LIDAR]),

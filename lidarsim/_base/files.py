@@ -44,7 +44,7 @@ _noting: ContextVar[tuple[set[Path], ...]] = ContextVar("_noting", default=())
 
 def check_suffix(path: PathLike, known: Collection[str]) -> str:
     """Return the longest of the `known` suffixes that the name of `path` ends with, ignoring case."""
-    name = Path(path).name.lower()
+    name = check_path(path).name.lower()
     fitting = [suffix for suffix in known if name.endswith(suffix) and name != suffix]
     if not fitting:
         suffix = Path(path).suffix.lower()
@@ -282,7 +282,7 @@ class Place:
     """
 
     def __init__(self, path: PathLike) -> None:
-        self._given = os.fspath(path)
+        self._given = os.fspath(check_path(path))
         self._before = "" if Path(path).is_absolute() else f"{Path.cwd()}{os.sep}"
         self.path = Path(path).absolute()
 

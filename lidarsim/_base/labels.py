@@ -105,7 +105,7 @@ def labels_of(argument: str, classes: object, class_names: Mapping[int, str]) ->
     """
     known = ", ".join(map(repr, class_names.values())) or "none"
     expected = f"labels, or names among class_names ({known})"
-    if isinstance(classes, str | bytes) or not isinstance(classes, Iterable):
+    if isinstance(classes, str | bytes) or not isinstance(classes, Iterable) or getattr(classes, "ndim", 1) == 0:
         raise ArgumentTypeError(argument, expected, short_repr(classes))
     found: set[int] = set()
     for given in classes:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
-from lidarsim._base.files import PathLike, check_regular
+from lidarsim._base.files import PathLike, check_path, check_regular
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 
@@ -80,7 +79,7 @@ class LineReader:
     """
 
     def __init__(self, path: PathLike) -> None:
-        self.path = Path(path)
+        self.path = check_path(path)
         self.numbers: list[int] = []
         """Line numbers of the lines yielded so far."""
         self._number = 0

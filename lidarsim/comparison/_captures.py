@@ -131,7 +131,9 @@ class Captures:
             return "this takes two frames of a sensor that stands still" + self._dark()
         if name in {"ground", "ground by range"}:
             return "no ground is seen: no level plane of 500 points or more below the sensor"
-        return (self.missing.get("intensity") and "the clouds have no intensity") or self._dark("all intensities are 0")
+        if "intensity" in self.missing:
+            return "the clouds have no intensity"
+        return self._dark("all intensities are 0") or "no planes are seen that tell it"
 
     def _dark(self, text: str = ", and intensities that are not 0") -> str:
         return text if self.level_counts.size and self.levels.max() == 0.0 else ""

@@ -424,7 +424,9 @@ def isolated_points(frame: Frame) -> Samples:
     return Samples(bin_of(reach[seen], RANGES), _image(frame).block[seen], alone[seen].astype(np.float64))
 
 
-BRIGHTNESS = Histogram(_logarithmic(1e-4, 10.0), trimmed_mean(0.1, 0.9))
+BRIGHTEST = 1e5
+"""More than any intensity: whole numbers of 16 bits are."""
+BRIGHTNESS = Histogram(_logarithmic(1e-4, BRIGHTEST), trimmed_mean(0.1, 0.9))
 
 
 @measure("intensity by range", "1", BRIGHTNESS, BY_RANGE, "intensity", least=5e-3, relative=0.1)
@@ -468,7 +470,13 @@ def scatter_of_intensity(frame: Frame) -> Samples:
 
 
 @measure(
-    "distribution of intensity", "bit", Divergence(_logarithmic(1e-3, 10.0)), ONE, "intensity", least=0.02, upwards=True
+    "distribution of intensity",
+    "bit",
+    Divergence(_logarithmic(1e-3, BRIGHTEST)),
+    ONE,
+    "intensity",
+    least=0.02,
+    upwards=True,
 )
 def distribution_of_intensity(frame: Frame) -> Samples:
     """Jensen-Shannon divergence of the intensities from the real ones, beside that by chance."""

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidarsim._base.files import check_path
 from lidarsim.config.recognition import recognise
 from lidarsim.lidar import Lidar, register_lidar_reader
 from lidarsim.world.scene import Scene, register_scene_reader
@@ -42,7 +43,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Run:
     """
     from lidarsim.config import loader
 
-    return loader.load(Path(path), overrides)
+    return loader.load(check_path(path), overrides)
 
 
 def read_lidar(path: str | Path, *, mode: str | None = None, noise: str | None = None) -> Lidar:

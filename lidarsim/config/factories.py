@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -32,9 +32,14 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     @classmethod
+    def keys(cls) -> Collection[str]:
+        """Return the keys that such a mapping may have in a file."""
+        return cls.model_fields
+
+    @classmethod
     def nearest(cls, key: str) -> list[str]:
         """Return the keys that `key` may be a misspelling of."""
-        return difflib.get_close_matches(key, cls.model_fields)
+        return difflib.get_close_matches(key, cls.keys())
 
     @model_validator(mode="before")
     @classmethod
@@ -42,9 +47,7 @@ class Model(BaseModel):
         for key in value if isinstance(value, dict) else ():
             if key not in cls.model_fields:
                 near = cls.nearest(key)
-                hint = (
-                    f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(cls.model_fields)}"
-                )
+                hint = f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(cls.keys())}"
                 raise PydanticCustomError("unknown_key", "unknown key; {hint}", {"key": key, "hint": hint})
         return value
 

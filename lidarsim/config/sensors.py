@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 from functools import partial, reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -124,6 +125,11 @@ class Sensor(_Limits):
     """Figures of the data sheet, for people."""
     sources: dict[str, str] = {}
     """Sources of the values, for people."""
+
+    @classmethod
+    def keys(cls) -> Collection[str]:
+        """Return those of a sensor, and those with which the loader has made it one."""
+        return "preset", "file", "mode", "noise", *cls.model_fields
 
     def build(self, place: Place) -> Lidar:
         """Return the lidar."""

@@ -222,7 +222,7 @@ class DataSet(Sequence[LabelledFrame]):
 
 def load(folder: PathLike, split: str | None) -> DataSet:
     """Return the frames of a data set; see `lidarsim.datasets.load`."""
-    store = open_store(folder)
+    store = open_store(folder, "folder")
     recipe = _recipe(store)
     splits = recipe.get("splits") or {}
     if split is not None and not (isinstance(split, str) and split in splits):

@@ -484,8 +484,8 @@ def _is_unknown(error: BaseException | None) -> bool:
     return False
 
 
-def open_store(output: PathLike) -> Store:
-    """Return the store at a path or URL.
+def open_store(output: PathLike, argument: str = "output") -> Store:
+    """Return the store at a path or URL, the argument of this name.
 
     Raises
     ------
@@ -494,13 +494,13 @@ def open_store(output: PathLike) -> Store:
     """
     text = os.fspath(output) if isinstance(output, str | os.PathLike) else None
     if not isinstance(text, str):
-        raise ArgumentTypeError("output", "a folder or a URL as text, or a path", short(ascii(output)))
+        raise ArgumentTypeError(argument, "a folder or a URL as text, or a path", short(ascii(output)))
     if not text or "\0" in text:
-        raise ArgumentValueError("output", "a folder or a URL", short(ascii(text)))
+        raise ArgumentValueError(argument, "a folder or a URL", short(ascii(text)))
     scheme = _SCHEME.match(text)
     if scheme and (not text.startswith("://", scheme.end(1)) or not isinstance(output, str)):
         raise ArgumentValueError(
-            "output", "a folder, or a URL as text with two slashes, such as 's3://bucket/folder'", short(ascii(output))
+            argument, "a folder, or a URL as text with two slashes, such as 's3://bucket/folder'", short(ascii(output))
         )
     if scheme and scheme[1].lower() != "file":
         return Remote(text)
@@ -508,5 +508,5 @@ def open_store(output: PathLike) -> Store:
         return Folder(Path(text).absolute())
     path = Path(text[len("file://") :])
     if not path.is_absolute():
-        raise ArgumentValueError("output", "an absolute path after file://", short(ascii(text)))
+        raise ArgumentValueError(argument, "an absolute path after file://", short(ascii(text)))
     return Folder(path)

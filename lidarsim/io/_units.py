@@ -12,11 +12,29 @@ from lidarsim.errors import FileFormatError
 from lidarsim.scan.fields import Fields
 from lidarsim.sensor.sensor import Sensor
 
+KEPT = 1e-4
+"""By how much float32 may move coordinates without a warning, m."""
+
 
 def warn_above(most: float, intensity: npt.NDArray[np.float32] | None, where: str) -> None:
     """Warn if an intensity exceeds the format's greatest, which is written instead."""
     if intensity is not None and (intensity > np.float32(most)).any():
         message = f"intensity: {where} ends at {most:g}; what is brighter is written as {most:g}"
+        warnings.warn(message, stacklevel=4)  # at the call of PointCloud.save
+
+
+def rounding_error(xyz: npt.NDArray[np.float64 | np.float32]) -> float:
+    """Return by how much float32 moves the coordinates at most, m."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        single = xyz.astype(np.float32)
+        return float(np.nanmax(np.where(single == xyz, 0.0, np.abs(single - xyz)), initial=0.0))
+
+
+def warn_moved(xyz: npt.NDArray[np.float64 | np.float32]) -> None:
+    """Warn if float32, in which the format holds coordinates, moves a point by more than `KEPT`."""
+    error = rounding_error(xyz)
+    if error > KEPT:
+        message = f"xyz: float32 moves points by up to {error:.2g} m; save the cloud in the sensor's frame"
         warnings.warn(message, stacklevel=4)  # at the call of PointCloud.save
 
 

@@ -19,7 +19,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lidarsim.io._records import headerless, write_headerless
-from lidarsim.io._units import warn_above
+from lidarsim.io._units import warn_above, warn_moved
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
 
@@ -40,6 +40,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
 def _save(fields: Fields, file: BinaryIO) -> None:
     warn_above(1.0, fields.get("intensity"), "KITTI's remission")
     save(fields, file)
+    warn_moved(fields["xyz"])
 
 
 def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:

@@ -17,7 +17,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lidarsim.io._records import check_plausible, headerless, write_headerless
-from lidarsim.io._units import reflectivity, warn_above
+from lidarsim.io._units import reflectivity, warn_above, warn_moved
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
 
@@ -39,6 +39,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
 def _save(fields: Fields, file: BinaryIO) -> None:
     warn_above(2.55, fields.get("intensity"), "nuScenes' byte")
     save(fields, file)
+    warn_moved(fields["xyz"])
 
 
 def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:

@@ -29,6 +29,7 @@ from lidarsim._base.extras import import_extra
 from lidarsim._base.validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _records
+from lidarsim.io._units import KEPT, rounding_error
 from lidarsim.scan.fields import Fields
 from lidarsim.scan.formats import register_format
 
@@ -38,9 +39,6 @@ DEFAULTS = {"SIZE": "4", "TYPE": "F", "COUNT": "1"}
 """Keys that describe a field, with their defaults for old files."""
 
 KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
-
-KEPT = 1e-4
-"""Error of a coordinate that float32 may bring by default, m."""
 
 
 def save(
@@ -84,11 +82,9 @@ def save(
 
 def _as_readers_take(xyz: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the positions as float32 if that keeps them to 0.1 mm, else unchanged, with a warning."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        single = xyz.astype(np.float32)
-        error = float(np.nanmax(np.where(single == xyz, 0.0, np.abs(single - xyz)), initial=0.0))
+    error = rounding_error(xyz)
     if error <= KEPT:
-        return single
+        return xyz.astype(np.float32)
     message = (
         f"xyz: written as float64, since float32 would move points by up to {error:.2g} m; the Point Cloud Library "
         "reads only float32 (float32=True writes that, float32=False is silent)"

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import copy_context
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import atomic_writer, check_regular, check_suffix, redact
+from lidarsim._base.files import atomic_writer, check_path, check_regular, check_suffix, redact
 from lidarsim._base.validation import Floats, array, integer, short
 from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentError, ArgumentValueError, FileFormatError, MissingExtraError
@@ -87,7 +87,7 @@ class Nodes(NamedTuple):
 
 def read(path: str | PathLike[str], *, band: int, window: npt.ArrayLike | None, stride: int) -> Raster:
     """Read a file as documented in `lidarsim.TriangleMesh.from_raster`."""
-    path = Path(fspath(path))
+    path = check_path(path)
     number, step = integer("band", band, at_least=1), integer("stride", stride, at_least=1)
     part = None if window is None else _window(window)
     check_regular(path)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base import validation
-from lidarsim._base.files import PathLike, check_suffix
+from lidarsim._base.files import PathLike, check_path, check_suffix
 from lidarsim._base.lines import LineReader, numbers
 from lidarsim._base.validation import Floats, array
 from lidarsim.errors import ArgumentValueError, FileFormatError
@@ -101,11 +101,12 @@ def writer_of(path: PathLike) -> Callable[[Floats, Floats, BinaryIO], None]:
 
 def read_poses(path: PathLike, times: PathLike | npt.ArrayLike | None, scene: str | None) -> tuple[Floats, Floats]:
     """Return the times and poses of a file, as documented in `Trajectory.load`."""
-    tables = next((tables for tables in _TABLES if tables.recognise(Path(path))), None)
+    path = check_path(path)
+    tables = next((tables for tables in _TABLES if tables.recognise(path)), None)
     if tables is not None:
         if times is not None:
             raise ArgumentValueError("times", f"none for {path}, which is {tables.name} and has its own", "some")
-        return tables.read(Path(path), scene)
+        return tables.read(path, scene)
     lines = LineReader(path)
     with lines.refusals():
         first = next(iter(lines), "")

@@ -52,8 +52,8 @@ class PolygonMirror(Value):
         Angle that a facet sweeps, rad: ``4 pi / N``.
     field_of_view : float
         Used part of the sweep, rad.
-    line_rate : float
-        Facets per second, Hz.
+    line_rate : float, optional
+        Facets per second, Hz. Default: `rate`, a facet per frame.
     pulse_rate : float
         Firing cycles per second, Hz: pulses of each channel.
     rate : float
@@ -96,7 +96,7 @@ class PolygonMirror(Value):
     elevations: Floats
     sweep: float
     field_of_view: float
-    line_rate: float
+    line_rate: float | None
     pulse_rate: float
     rate: float
     azimuth_offsets: Floats
@@ -109,7 +109,7 @@ class PolygonMirror(Value):
         *,
         sweep: float,
         field_of_view: float,
-        line_rate: float,
+        line_rate: float | None = None,
         pulse_rate: float,
         rate: float,
         azimuth_offsets: npt.ArrayLike = 0.0,
@@ -122,7 +122,9 @@ class PolygonMirror(Value):
         set_(self, "sweep", angle("sweep", sweep, above=0.0, at_most=2.0 * TURN))
         set_(self, "field_of_view", angle("field_of_view", field_of_view, above=0.0, at_most=min(self.sweep, TURN)))
         set_(self, "pulse_rate", frequency("pulse_rate", pulse_rate))
-        set_(self, "line_rate", frequency("line_rate", line_rate, at_most=self.pulse_rate))
+        if line_rate is not None:
+            line_rate = frequency("line_rate", line_rate, at_most=self.pulse_rate)
+        set_(self, "line_rate", line_rate)
         set_(self, "rate", frequency("rate", rate, at_most=self.pulse_rate))
         cycles("pulse_rate", self.pulse_rate, self.rate)
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
@@ -131,9 +133,13 @@ class PolygonMirror(Value):
         ask_order("elevations", self.elevations, self.azimuth_offsets, self.firing_times)
 
     @property
+    def _line_rate(self) -> float:
+        return self.rate if self.line_rate is None else self.line_rate
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Rings, and most columns of a frame."""
-        lines = Fraction(self.line_rate) / Fraction(self.rate)
+        lines = Fraction(self._line_rate) / Fraction(self.rate)
         if lines.denominator > 1:
             return len(self.elevations), cycles("pulse_rate", self.pulse_rate, self.rate)
         return len(self.elevations), int(lines) * self._count_used(0.0)
@@ -158,7 +164,7 @@ class PolygonMirror(Value):
         """
         now = Ticks.of(frame, self.pulse_rate, self.rate)
         # Line `l` starts `cycles / lines` pulses after the one before, at the first tick from there on.
-        cycles, lines = ratio(self.pulse_rate, self.line_rate)
+        cycles, lines = ratio(self.pulse_rate, self._line_rate)
         runs = []
         for line in range(now.first * lines // cycles, (now.first + now.count - 1) * lines // cycles + 1):
             first = -(-line * cycles // lines)
@@ -177,10 +183,10 @@ class PolygonMirror(Value):
             self.azimuth_offsets,
             self.firing_times,
             np.zeros((len(self.elevations), 3)),
-            speed=-self.sweep * self.line_rate,
+            speed=-self.sweep * self._line_rate,
             columns=self.shape[1],
         )
 
     def _count_used(self, wait: float) -> int:
         """Return how many cycles of a line lie in the field of view; the first starts `wait` of a cycle late."""
-        return count_used_cycles(self.pulse_rate / self.line_rate, self.field_of_view / self.sweep, wait)
+        return count_used_cycles(self.pulse_rate / self._line_rate, self.field_of_view / self.sweep, wait)

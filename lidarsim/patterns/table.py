@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.files import check_regular, format_error, load_array
+from lidarsim._base.files import check_path, check_regular, format_error, load_array
 from lidarsim._base.lines import cells
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Value
@@ -120,7 +120,7 @@ class Table(Value):
         FileFormatError
             If the file cannot be read or is not such a table.
         """
-        path = Path(path)
+        path = check_path(path)
         if path.suffix.lower() not in (".csv", ".npy"):
             raise FileFormatError(f"{path}: expected a .csv or .npy file")
         try:

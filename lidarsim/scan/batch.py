@@ -375,6 +375,8 @@ def _reuse(out: ScanBatch, fields: Collection[str] | None, rows: int, pulses: in
         array, shape = getattr(out, name), _shape(name, rows, pulses, most)
         if array.shape != shape:
             raise ArgumentValueError("out", f"a batch whose {name} has shape {shape}", f"{array.shape}")
+        if not array.flags.writeable:
+            raise ArgumentValueError("out", f"a batch whose {name} can be written", "a read-only one")
     return out
 
 

@@ -19,6 +19,7 @@ from lidarsim._base.validation import Floats, array
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.raster import FIXED
 from lidarsim.scan.columns import ScanColumns
+from lidarsim.sensor.sensor import Sensor
 from lidarsim.world.scene import SceneObject, Snapshot
 
 __all__ = ["Boxes", "boxes_of"]
@@ -48,7 +49,8 @@ class Boxes(Pickled):
     rotation : ndarray of float64, shape (m, 3, 3)
         Axes of the box, in columns. They are those of the first object of the instance, turned in right angles so that
         z points up when the instance is at its reference pose: a vehicle modelled along x heads along x. If the
-        instance has a motion, they are turned so that x is nearest to the x axis of the moving frame.
+        instance has a motion, they are turned so that x is nearest to the x axis of the moving frame. A transform of
+        the shape itself does not turn them.
     velocity : ndarray of float64, shape (m, 3)
         Velocity of the centre relative to the world, in the axes of the frame, m/s.
     label : ndarray of uint32, shape (m,)
@@ -157,13 +159,6 @@ class Boxes(Pickled):
         return found
 
 
-class Gate(Protocol):
-    """The attribute of a sensor that decides what it could see."""
-
-    @property
-    def max_range(self) -> float: ...
-
-
 class Annotated(Protocol):
     """The attributes of `lidarsim.Scan`, which is in a higher layer, that boxes are made from."""
 
@@ -184,7 +179,7 @@ class Annotated(Protocol):
     @property
     def pulses(self) -> Pulses: ...
     @property
-    def lidar(self) -> Gate: ...
+    def lidar(self) -> Sensor: ...
     @property
     def time(self) -> float: ...
     @property
@@ -483,6 +478,8 @@ def _first_hits(scan: Annotated, hit: npt.NDArray[np.int32], limit: float) -> np
     first[(nearly <= distance) & (distance <= beyond)] = UNKNOWN
     if scan.source is not None:  # a return that is not from a surface may hide one
         first[(hit < 0) & (scan.source[:, 0] != UNUSED_SOURCE)] = UNKNOWN
+    if scan.lidar.measurement.receiver_offset:  # the receiver may not see the first surface
+        first[hit < 0] = UNKNOWN
     return first
 
 

@@ -454,7 +454,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
             float32.
         pose : RigidTransform or array_like, shape (4, 4), optional
             Rigid transform from the coordinates of the points to the world: the sensor's pose if they are in the sensor
-            frame. It becomes the VIEWPOINT of a PCD file; other formats cannot hold it and omit it.
+            frame. PCD files hold it as VIEWPOINT, E57 and PTX files as the pose of the scan; other formats omit it.
         crs : int, str or pyproj.CRS, optional
             Projected coordinate reference system of the points, in m, for LAS and LAZ: an EPSG code, "EPSG:25832", WKT
             or a system of pyproj. The points must be in the world.

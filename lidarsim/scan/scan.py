@@ -26,6 +26,7 @@ from lidarsim._base.validation import (
     Instances,
     Transform,
     as_array,
+    flag,
     instances,
     integer,
     one_of,
@@ -297,6 +298,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
             scan from a pickle, which does not contain the scene, or the scan has no such field.
         """
         one_of("frame", frame, ("sensor", "world"))
+        deskew_movers = flag("deskew_movers", deskew_movers)
         if pose is not None:
             if deskew_movers:
                 raise ArgumentValueError(

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._base.files import PathLike, check_regular
+from lidarsim._base.files import PathLike, check_path, check_regular
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Immutable, Pickled
 from lidarsim._base.shown import html_table, plain
@@ -537,7 +537,7 @@ class Scene(Pickled, Plotted):
         such as points, lines and nodes scaled to nothing, is reported to the logger ``lidarsim``.
         """
         options = Options.from_arguments(up, unit, rules, reflectivity)
-        path = Path(path)
+        path = check_path(path)
         check_regular(path)
         kind = _kind_of(path)
         if kind is None:

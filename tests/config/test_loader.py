@@ -892,8 +892,8 @@ def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
 
 
 SENSOR_KEYS = (
-    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, model, description, datasheet_noise, "
-    "measured, modes, datasheet, sources"
+    "preset, file, mode, noise, name, measurement, min_range_m, max_range_m, range_offset_m, pattern, model, "
+    "description, datasheet_noise, measured, modes, datasheet, sources"
 )
 SHAPE_NAMES = ", ".join(map(repr, objects.SHAPES))
 PATTERN_NAMES = ", ".join(map(repr, sensors.PATTERNS))
@@ -908,6 +908,7 @@ VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
         ("seed: 3", "sed: 3", "run.yaml:1: sed: unknown key; did you mean seed?"),
         ("radius_m: 0.5", "radius: 0.5", "run.yaml:18: scene.1.radius: unknown key; did you mean radius_m?"),
         ("  max_range_m: 50", "  color: red", f"run.yaml:10: sensor.color: unknown key; expected one of {SENSOR_KEYS}"),
+        ("  max_range_m: 50", "  nois: none", "run.yaml:10: sensor.nois: unknown key; did you mean noise?"),
         ("    radius_m: 0.5\n", "", "run.yaml:16: scene.1: missing key 'radius_m'"),
         ("scene:", "scene: []\nscene:", "run.yaml:15: scene: this key is already on line 14"),
         ("name: road", "nme: road, sape: 3", "run.yaml:15: scene.0.nme: unknown key; did you mean name?"),

@@ -1,5 +1,6 @@
 """KITTI's scans, as the scan class of semantic-kitti-api reads them: ``numpy.fromfile(…, float32).reshape(-1, 4)``."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,15 @@ def test_coordinates_beyond_float32(suffix: str, tmp_path: Path) -> None:
     xyz[-1, 2] = -np.inf
     PointCloud(xyz=xyz).save(tmp_path / f"a{suffix}")
     np.testing.assert_array_equal(PointCloud.load(tmp_path / f"a{suffix}").xyz, xyz)
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".pcd.bin"])
+def test_coordinates_that_float32_moves(suffix: str, tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=np.array([[612345.3, 5264123.2, 400.1]]))
+    with pytest.warns(UserWarning, match=r"^xyz: float32 moves points by up to 0.2 m; save the cloud in the sensor's"):
+        cloud.save(tmp_path / f"a{suffix}")
+    with warnings.catch_warnings(action="error"):
+        PointCloud(xyz=cloud.xyz - cloud.xyz.round()).save(tmp_path / f"a{suffix}")
 
 
 def test_what_is_brighter_than_the_greatest_remission_is_told(tmp_path: Path) -> None:

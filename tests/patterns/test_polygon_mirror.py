@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidarsim import Lidar
 from lidarsim.patterns import PolygonMirror
 from tests.patterns.families import AT128, VQ780
 
@@ -40,6 +41,14 @@ def test_only_the_field_of_view_is_fired_into() -> None:
     assert kept == pytest.approx(5 * 500e3 * 2 / 3, abs=5 * 297)
     angles = [np.arctan2(*VQ780.pulses(frame).directions[:, [1, 0]].T) for frame in range(3)]
     assert np.degrees(np.abs(np.concatenate(angles))).max() <= 30.0 + 1e-12
+
+
+@pytest.mark.parametrize("rate", [5.0, 15.0, 20.0])
+def test_a_facet_per_frame_at_any_rate(rate: float) -> None:
+    pattern = Lidar.preset("hesai-at128", rate=rate).pattern
+    # A cycle that is on the border belongs to neither of two fields of view.
+    assert [abs(len(pattern.pulses(frame)) - 128 * 12_000 / rate) <= 128 for frame in range(6)] == [True] * 6
+    assert pattern.shape[1] == pytest.approx(12_000 / rate, abs=1)
 
 
 @pytest.mark.parametrize(

@@ -143,9 +143,7 @@ def read(
     lidar = _qt128(noise) if model.preset is None else Lidar.preset(model.preset, noise=noise)
     changes: dict[str, Any] = {"elevations": np.radians(elevations), "azimuth_offsets": np.radians(-azimuths)}
     if rate is not None:
-        rate = real("rate", rate, above=0.0)
-        mirror = isinstance(lidar.pattern, PolygonMirror)
-        changes |= {"rate": rate, "line_rate": rate} if mirror else {"rate": rate}
+        changes["rate"] = real("rate", rate, above=0.0)
     firings = [] if firing_times is None else _firings(Path(firing_times), model)
     if len(firings) == 1:
         changes["firing_times"] = firings[0][1]

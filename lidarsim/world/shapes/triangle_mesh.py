@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.files import check_regular, reading_as
+from lidarsim._base.files import check_path, check_regular, reading_as
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, Transform, array, as_array, in_order, one_or_each, positive
@@ -162,7 +162,7 @@ class TriangleMesh(Shape):
         ValueError
             If its vertices or faces are not those of a valid mesh.
         """
-        path = Path(fspath(path))
+        path = check_path(path)
         if not path.is_file():
             raise FileNotFoundError(f"{path}: no such mesh file")
         file = read_mesh(path)
