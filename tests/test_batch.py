@@ -329,7 +329,17 @@ BAD: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "a motion that ends": (
         lambda: CLEAR.scan_many(moving_until(1.0), poses(2), time=[0.0, 1.5]),
         ArgumentValueError,
-        "time: expected times within the motion of object 0, 0.0 to 1.0 s, got 1.5",
+        r"time\[1\]: expected times within the motion of object 0, 0.0 to 1.0 s, got 1.5",
+    ),
+    "a scene with fog": (
+        lambda: CLEAR.scan_many([room(), room(), foggy()], poses(3)),
+        ArgumentValueError,
+        r"near_threshold in scene\[2\]: expected a number > 0 in fog, got 0.0",
+    ),
+    "a sensor in fog": (
+        lambda: ls.scan_many([IN_FOG, CLEAR], [room(), foggy()], poses(2), sensor=[0, 1]),
+        ArgumentValueError,
+        r"near_threshold of lidar\[1\] in scene\[1\]: expected a number > 0 in fog",
     ),
     "times": (lambda: CLEAR.scan_many(room(), poses(3), time=[0.0, 1.0]), ArgumentValueError, r"time: .*shape \(3,\)"),
     "frames": (lambda: CLEAR.scan_many(room(), poses(3), frame=[1, 2]), ArgumentValueError, r"frame: .*3 rows"),
@@ -422,6 +432,17 @@ BAD: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         "ignore: .*3 rows",
     ),
 }
+
+
+IN_FOG = dataclasses.replace(
+    CLEAR, min_range=0.5, measurement=dataclasses.replace(CLEAR.measurement, near_threshold=0.01, near_range=20.0)
+)
+
+
+def foggy() -> ls.Scene:
+    scene = room()
+    scene.atmosphere = ls.Atmosphere.fog(80.0)
+    return scene
 
 
 def moving_until(end: float) -> ls.Scene:

@@ -32,7 +32,7 @@ from lidarsim.patterns._pulses import pulses_of
 from lidarsim.scan.columns import Positions, ScanColumns, with_columns
 from lidarsim.scan.scan import path_of, sensor_id, until_of
 from lidarsim.sensor.sensor import Sensor
-from lidarsim.world.atmosphere import check_sensor
+from lidarsim.world.atmosphere import Atmosphere, check_sensor
 from lidarsim.world.scene import Scene, Snapshot
 
 __all__ = ["Poses", "ScanBatch", "scan_many"]
@@ -203,16 +203,21 @@ def scan_many(
     most = _most_returns(lidars)
     for each in lidars:
         _native.expect_room(min(math.prod(each.pattern.shape), sys.maxsize), each)  # before the pattern makes pulses
-    for air in {world.atmosphere for world in scenes}:
-        for each in lidars:
-            check_sensor(air, each)
+    airs: dict[Atmosphere | None, int] = {}
+    for number, world in enumerate(scenes):
+        airs.setdefault(world.atmosphere, number)
+    for air, number in airs.items():
+        place = "" if isinstance(scene, Scene) else f" in scene[{np.argmax(world_of == number)}]"
+        for i, each in enumerate(lidars):
+            check_sensor(air, each, of=(f" of lidar[{i}]" if isinstance(lidar, list | tuple) else "") + place)
     shots, shot_of = _shots(lidars, kinds, frames)
     pulses = max(len(made) for _, made in shots) if rows else max(len(pulses_of(each.pattern, 0)) for each in lidars)
     for row, world in enumerate(world_of.tolist() if any(world.movers for world in scenes) else ()):
         each, made = shots[shot_of[row]]
         if scenes[world].movers and len(made):
             fired = start[row] + made.time.min(), start[row] + made.time.max()
-            scenes[world].check_motions(*fired, until_of(made, start[row], 1.0 / each.pattern.rate))
+            until = until_of(made, start[row], 1.0 / each.pattern.rate)
+            scenes[world].check_motions(*fired, until, argument=f"time[{row}]")
     if isinstance(where, list):
         paths = [
             path_of(pose, shots[shot][1], at, 1.0 / shots[shot][0].pattern.rate)

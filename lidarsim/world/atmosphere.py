@@ -359,7 +359,7 @@ class Atmosphere(Immutable):
         return f"Atmosphere({', '.join(f'{name}={value:.3g}' for name, value in values.items())})"
 
 
-def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor) -> None:
+def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor, *, of: str = "") -> None:
     """Raise an error if a sensor lacks what it needs in this air.
 
     Parameters
@@ -368,6 +368,8 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor) -> None:
         The air.
     lidar : Lidar
         The sensor.
+    of : str
+        Words that errors put after the name of what it lacks.
 
     Raises
     ------
@@ -388,14 +390,14 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor) -> None:
             'a preset has one with noise="datasheet"; give a sensor of your own near_threshold=0.01, near_range=20.0'
             " and a min_range > 0; or, to see all of the fog from a range on, a crossover such as (0.9, 1.0)"
         )
-        raise ArgumentValueError("near_threshold", "a number > 0 in fog", 0.0, hint)
+        raise ArgumentValueError(f"near_threshold{of}", "a number > 0 in fog", 0.0, hint)
     begins = measurement.crossover[0] if measurement.crossover else 0.0
     if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:
         hint = (
             "or give the measurement a crossover that begins beyond 0, such as (0.3, 1.0): at the sensor, the echo of"
             " fog is infinite"
         )
-        raise ArgumentValueError("min_range", "a number > 0 in fog", 0.0, hint)
+        raise ArgumentValueError(f"min_range{of}", "a number > 0 in fog", 0.0, hint)
     if atmosphere.intercept > 0.0 and measurement.detection is None and lidar.max_range == math.inf:
         hint = "or a finite max_range; without either, each of the countless drops in the beam would be an echo"
-        raise ArgumentValueError("detection", "a detection limit in rain or snow", None, hint)
+        raise ArgumentValueError(f"detection{of}", "a detection limit in rain or snow", None, hint)
