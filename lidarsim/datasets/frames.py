@@ -191,7 +191,7 @@ def name_classes(frames: Iterator[Frame], names: Mapping[int, str]) -> Iterator[
 
 def in_world(cloud: PointCloud, pose: Floats, boxes: Boxes | None, time: float | None) -> Frame:
     """Return a frame in world coordinates, of points and boxes in the sensor frame."""
-    return Frame(cloud.transformed(pose), pose, time, boxes and transform_boxes(boxes, pose))
+    return Frame(cloud.transformed(pose), pose, time, None if boxes is None else transform_boxes(boxes, pose))
 
 
 def boxes_at(

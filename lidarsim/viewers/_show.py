@@ -357,7 +357,7 @@ def _make_frame(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: 
         raise ArgumentValueError("boxes", expected, got.removesuffix(", as the points"), hint)
     if isinstance(what, PointCloud):
         if pose is not None and what._in_sensor_frame:
-            what, boxes = what.transformed(pose), boxes and transform_boxes(boxes, pose)
+            what, boxes = what.transformed(pose), None if boxes is None else transform_boxes(boxes, pose)
         return replace(_frame(what, np.eye(4) if pose is None else pose), boxes=boxes)
     several = what if isinstance(what, Mapping) else {"": what}
     for scan in several.values():

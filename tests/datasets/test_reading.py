@@ -80,6 +80,14 @@ def test_boxes_of_nuscenes_hold_their_points(tmp_path: Path) -> None:
         assert frame.boxes.contain(to_middle).all()
 
 
+@pytest.mark.parametrize("layout", ["openpcdet", "mmdetection3d"])
+def test_frames_without_boxes_are_shown(layout: str, tmp_path: Path) -> None:
+    folder = make_set(tmp_path, f"{{type: {layout}, boxes: {{max_range_m: 1}}}}")
+    found = frames(folder)
+    assert [len(frame.boxes or ()) for frame in found] == [0] * 4
+    ls.show(found[0].cloud, boxes=found[0].boxes, save=tmp_path / "a.html")
+
+
 def test_points_and_boxes_in_world_coordinates_stay_there(tmp_path: Path) -> None:
     def drive(_: np.random.Generator, __: int) -> tuple[ls.Scene, ls.Lidar, ls.Trajectory]:
         scene = ls.Scene()

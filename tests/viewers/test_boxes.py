@@ -79,6 +79,10 @@ def test_boxes_move_with_the_points_of_the_sensor_frame(monkeypatch: pytest.Monk
         )  # four turns
         assert frame.boxes.contain(frame.cloud.xyz).all()
         assert len(frame.cloud) > 100
+    ls.show(scan.point_cloud(), boxes=scan.boxes()[:0], pose=pose, save="a.png")
+    none = pictures[-1].frames[0].boxes
+    assert none is not None
+    assert not none.in_sensor_frame
     back = transform_boxes(transform_boxes(scan.boxes(), pose.as_matrix()), pose.inv().as_matrix())
     np.testing.assert_allclose(back.rotation, scan.boxes().rotation, rtol=0, atol=2 * 8 * 2.0**-53)
 
