@@ -257,6 +257,7 @@ def test_points_on_movers_of_the_street_move() -> None:
         ("scatter.cars.objects.0={shape: plane, normal: [0, 0, 1]}", "expected a bounded object"),
         ("scatter.cars.objects.0={shape: scene_file, file: a.glb}", r"file: .*a\.glb"),
         ("scatter.cars.scale={choice: [a]}", "expected numbers"),
+        ("scatter.cars.offset_m=1", "offset_m=1: expected along_m or along beside it, got area_m"),
         ("scatter.cars.gap_m=-1", "expected a value >= 0.0, got -1"),
         ("scatter.cars.colour=red", "unknown key"),
         *(

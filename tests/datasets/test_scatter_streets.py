@@ -167,7 +167,24 @@ def test_models_join_by_folder(tmp_path: Path) -> None:
         ),
         (CARS | {"weights": [1, 2, 3]}, STREET, "weights: expected one for each of 2 objects, got 3"),
         (CARS | {"weights": [1, 0]}, STREET, "expected a value > 0"),
-        (CARS | {"objects": {"files": 3}}, STREET, "expected a pattern such as models/*.glb, got 3"),
+        *(
+            (
+                CARS | {"objects": {"files": pattern}},
+                STREET,
+                f"expected a pattern relative to this file, such as models/*.glb, got {pattern!r}",
+            )
+            for pattern in (3, "/models/*.glb")
+        ),
+        (
+            CARS | {"objects": {"files": "*.yaml", "file": "a.glb"}},
+            STREET,
+            "objects.file: expected either file or files, got both",
+        ),
+        (
+            CARS | {"objects": {"files": "*.yaml", "shape": "mesh"}},
+            STREET,
+            "objects.shape: expected none or scene_file beside files, got 'mesh'",
+        ),
         (CARS | {"objects": {"files": "*.yaml", "label": "tank"}}, STREET, "got 'tank'"),
     ],
 )

@@ -51,21 +51,27 @@ def expand_files(root: Node) -> Node:
 
 def _members(item: Node, place: Place, names: dict[str, str | int]) -> Iterator[Node]:
     """Yield a scene file for each file that a member names by its pattern, in the order of their names."""
-    node = entries(item)["files"][1]
+    own = entries(item)
+    if "file" in own:
+        raise (place / "file").error("expected either file or files, got both")
+    if "shape" in own and (shape := plain(own["shape"][1])) != "scene_file":
+        raise (place / "shape").error(f"expected none or scene_file beside files, got {short_repr(shape)}")
+    node = own["files"][1]
     pattern, folder = plain(node), folder_of(node.start_mark)
     try:
         found = list(islice(folder.glob(pattern), MOST_FILES + 1))
     except (NotImplementedError, TypeError, ValueError):
-        raise (place / "files").error(f"expected a pattern such as models/*.glb, got {short_repr(pattern)}") from None
+        expected = "expected a pattern relative to this file, such as models/*.glb"
+        raise (place / "files").error(f"{expected}, got {short_repr(pattern)}") from None
     files = sorted(path.relative_to(folder).as_posix() for path in found if path.is_file())
     if not 1 <= len(files) <= MOST_FILES:
         count = f"more than {MOST_FILES}" if files else "none"
         raise (place / "files").error(f"expected 1 to {MOST_FILES} files that match {short_repr(pattern)}, got {count}")
     changed = {"shape": node_of("scene_file", node)}
-    if "label" in entries(item) and isinstance(label := plain(entries(item)["label"][1]), str):
+    if "label" in own and isinstance(label := plain(own["label"][1]), str):
         if label not in names:
             raise (place / "label").error(f"expected a number, or one of {', '.join(names)}, got {short_repr(label)}")
-        changed["label"] = node_of(int(names[label]), entries(item)["label"][1])
+        changed["label"] = node_of(int(names[label]), own["label"][1])
     for file in files:
         member = without(item, "files")
         for key, value in {**changed, "file": node_of(file, node)}.items():

@@ -149,6 +149,8 @@ class Scatter(Model):
             self._check_path(given, there)
         for key in RANGES:
             self._check_number(key, place / key)
+        if self.area_m is not None and self.offset_m != 0.0:
+            raise (place / "offset_m").error("expected along_m or along beside it, got area_m")
         for index, item in enumerate(self.objects):
             _check_instance(item, place / "objects" / index)
             if isinstance(item, Mesh | SceneFile):
