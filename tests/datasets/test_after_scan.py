@@ -80,6 +80,13 @@ def infinite(cloud: ls.PointCloud) -> ls.PointCloud:
     return changed
 
 
+def far(cloud: ls.PointCloud, rng: np.random.Generator) -> ls.PointCloud:
+    del rng
+    changed = cloud.copy()
+    changed.xyz = 1e39 * cloud.xyz
+    return changed
+
+
 @pytest.fixture
 def named(recipe: Path) -> Path:
     """A recipe that names a function of a file beside it."""
@@ -258,3 +265,9 @@ def test_bad_arguments(recipe: Path, tmp_path: Path) -> None:
 def test_a_cloud_that_cannot_be_written(recipe: Path, tmp_path: Path, change: Any, said: str) -> None:
     with pytest.raises(LidarsimError, match=f"sequence 0, frame 0 .*after_scan: expected .*{said}"):
         make(recipe, tmp_path / "out", change)
+
+
+@pytest.mark.parametrize("layout", ["semantickitti", "shards"])
+def test_points_beyond_float32_are_refused(recipe: Path, tmp_path: Path, layout: str) -> None:
+    with pytest.raises(LidarsimError, match=r"frame 0 .*: (xyz|x): expected numbers that float32 can hold, got "):
+        make(recipe, tmp_path / "out", far, layout)

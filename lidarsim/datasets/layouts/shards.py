@@ -39,6 +39,7 @@ from lidarsim.datasets.samples import Number, Record, Sample
 from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError
 from lidarsim.io import npz
+from lidarsim.scan.fields import first_misfit
 
 if TYPE_CHECKING:
     from lidarsim.datasets.store import Store
@@ -121,6 +122,8 @@ class Shards(Layout):
             if name not in cloud.fields:
                 raise FileFormatError(f"fields: expected some of {', '.join(cloud.fields)}, got {name!r}")
         in_world = sample.run.cloud["frame"] == "world"
+        if not in_world and (misfit := first_misfit("xyz", cloud.xyz, np.float32)):
+            raise FileFormatError("xyz: expected {}, got {}".format(*misfit))
         arrays = {"xyz": cloud.xyz if in_world else cloud.xyz.astype(np.float32)}
         return arrays | {name: getattr(cloud, name) for name in self.fields if name != "xyz"}
 
