@@ -111,8 +111,8 @@ def generate(
         recipe has ``run.cloud.frame``.
     deskew : bool, {"start", "middle", "end"} or float, optional
         How the points of a function's runs are deskewed, as in `Scan.point_cloud`. Default: "start" in a layout with
-        boxes, else False. In a layout with boxes, the points of moving instances are moved along. A YAML recipe has
-        ``run.cloud.deskew``.
+        boxes, else False. In a layout with boxes, the points of moving instances are moved along. Points in bags are
+        raw. A YAML recipe has ``run.cloud.deskew``.
     pictures : int
         Number of frames that the data card shows; none without PyVista. A complete data set keeps its number.
     verify : bool

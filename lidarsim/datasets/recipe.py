@@ -51,6 +51,7 @@ from lidarsim.lidar import Lidar
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
 from lidarsim.run import CloudArguments, Deskew, Run
+from lidarsim.scan.scan import moment_of
 from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
@@ -69,6 +70,18 @@ MOST_SHARDS = 1_000_000
 
 MOST = 2**32
 """Greatest number of sequences, and of frames in one: frame numbers have 32 bits."""
+
+
+SHARED = {
+    "seed": "the recipe's own key seed",
+    "frames": "the recipe's own key frames",
+    "class_names": "the recipe's own key class_names",
+    "cloud": "run.cloud",
+}
+"""Keys of the run that cannot vary, and what tells them for all frames."""
+
+LATEST = 1e9
+"""Greatest time to which points are deskewed, s; notes hold times up to a thousand times as long."""
 
 
 class Settings(Model):
@@ -302,21 +315,35 @@ class Document(Source):
             pose = Place(node, (), self.loaded) / "pose"
             raise pose.error("expected one pose or trajectory, got strips or stations")
         cloud = entries(entries(node)["cloud"][1]) if "cloud" in entries(node) else {}
-        if settings.layout.box_filter is not None and cloud.keys().isdisjoint({"deskew", "deskew_s"}):
+        if settings.layout.of_scans:
+            run = dataclasses.replace(run, cloud={"frame": run.cloud["frame"], "deskew": False})
+        elif settings.layout.box_filter is not None and cloud.keys().isdisjoint({"deskew", "deskew_s"}):
             run = dataclasses.replace(run, cloud={"frame": run.cloud["frame"], "deskew": "start"})
+        with (Place(node, (), self.loaded) / "cloud" / "deskew_s").refusals({"deskew": ("", "")}):
+            _check_deskew(run.cloud["deskew"])
         frames = range(run.frames.start, run.frames.start + settings.frames)
         return dataclasses.replace(run, seed=noise_seed(settings.seed, sequence), frames=frames)
 
     def to_dict(self) -> dict[str, Any]:
         """Return run and draws; paths are relative to the folder of the recipe."""
         chooses = any(CHOICES.fullmatch(key) for key in self.settings.vary)
-        nodes = {"run": self.node if chooses else whole(self.node)}
+        run = self.node if chooses else whole(self.node)
+        if self.settings.layout.of_scans and "cloud" in entries(run):  # as the points are
+            run = replace(run, ["cloud"], without(entries(run)["cloud"][1], "deskew", "deskew_s"))
+        nodes = {"run": run}
         nodes |= {key: value for key, (_, value) in entries(self.root).items() if key in {"vary", "scatter"}}
         return {key: plain(relocate(node, self.folder)) for key, node in nodes.items()}
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of each file that the recipe names or a draw may choose, and of the files they name."""
         return hashes([self.root, self.node, whole(self.node)], self.folder)
+
+
+def _check_deskew(deskew: Deskew) -> None:
+    """Raise `ValueError` if points are deskewed to a time that the notes of a data set cannot hold."""
+    moment = moment_of(deskew, 1.0)
+    if moment is not None and abs(moment) > LATEST:
+        raise ArgumentValueError("deskew", f"a time from {-LATEST:g} to {LATEST:g} s", f"{moment:g}")
 
 
 def _replace(cache: dict[int, Any], sequence: int, value: object) -> None:
@@ -364,6 +391,8 @@ def load(
     for key, draw in settings.vary.items():
         if not path_of(key):
             raise (place / "vary" / key).error("expected a key of the run, such as scene.0.radius_m")
+        if told := SHARED.get(path_of(key)[0]):
+            raise (place / "vary" / key).error(f"expected no draw, since it is the same in all frames: use {told}")
         draw.check(place / "vary" / key)
     for key, group in settings.scatter.items():
         group.check(place / "scatter" / key)
@@ -372,11 +401,13 @@ def load(
             place.at(keys).file(node.value)
     source = Document(str(path.parent), _run(place / "run", root), settings, root, loaded)
     names = names_by_label(settings.class_names, place / "class_names")
+    with place.refusals({"class_names": ("class_names", "")}):
+        settings.layout.check_labels(names, Scene())
     splits = Splits(check_splits(settings.splits, settings.sequences, place / "splits"))
     if change is None and settings.after_scan is not None:
-        with (place / "after_scan").refusals():
+        with (place / "after_scan").refusals({"after_scan": ("", "")}):
             change = after_scan.load(settings.after_scan, str(path.parent))
-    with (place / "run").refusals():
+    with (place / "run").refusals({key: (key, "") for key in ("class_names", "atmosphere", "scene")}):
         made = _recipe(source, settings, names, splits, change)
     with (place / "layout").refusals():
         made.layout.check_classes(made.class_names)
@@ -386,15 +417,22 @@ def load(
 
 
 def _run(place: Place, root: Node) -> Node:
-    """Return the document of the run: the file that it names, merged with the changes to it."""
+    """Return the document of the run: the file that it names, merged with the changes to it.
+
+    A recipe has a seed and a number of frames of its own.
+    """
     node = entries(root)["run"][1]
     found = entries(node)
+    for key in ("seed", "frames"):
+        if key in found:
+            got = short_repr(plain(found[key][1]))
+            raise (place / key).error(f"expected none, got {got}: use the recipe's own key {key}")
     if "file" not in found:
         return node
     name = plain(found["file"][1])
     if not isinstance(name, str):
         raise (place / "file").error("expected the path of a configuration")
-    return merge(read((place / "file").file(name)), without(node, "file"))
+    return without(merge(read((place / "file").file(name)), without(node, "file")), "seed", "frames")
 
 
 MakeRun = Callable[[np.random.Generator, int], tuple[Scene, "Lidar | Rig", "Trajectory | Transform | None"]]
@@ -460,6 +498,10 @@ def from_function(
     splits = Splits(check_splits(known.splits, known.sequences))
     if deskew is None:
         deskew = False if known.layout.box_filter is None else "start"
+    _check_deskew(deskew)
+    if known.layout.of_scans and moment_of(deskew, 1.0) is not None:
+        expected = f"False in {known.layout.type}, which has the messages of the sensors' drivers"
+        raise ArgumentValueError("deskew", expected, short_repr(deskew))
     made_of = fingerprint(function)  # before a call, which may change its values
     source = Function(function, known.frames, known.seed, made_of, {"frame": frame, "deskew": deskew})
     made = _recipe(source, known, class_names, splits, change)
@@ -490,6 +532,7 @@ def _recipe(
     for label, name in names.items():
         if re.search("[\ud800-\udfff]", name):
             raise ArgumentValueError(f"class_names[{label}]", "text", f"half a character in {short_repr(name)}")
+    settings.layout.check_labels(names, run.scene)
     return Recipe(
         source=source,
         sequences=settings.sequences,

@@ -197,6 +197,16 @@ def test_a_function_deskews(tmp_path: Path) -> None:
         assert np.array_equal(points[:, :3], expected.astype(np.float32))
     with pytest.raises(ls.errors.LidarsimError, match=r"got another recipe\.yaml"):
         ls.generate(drives, tmp_path / "end", layout="semantickitti", pictures=0)
+    for given, layout, message in [
+        (1e30, "shards", r"deskew: expected a time from -1e\+09 to 1e\+09 s, got 1e\+30"),
+        (
+            "middle",
+            "bags",
+            "deskew: expected False in bags, which has the messages of the sensors' drivers, got 'middle'",
+        ),
+    ]:
+        with pytest.raises(ValueError, match=f"^{message}$"):
+            ls.generate(drives, tmp_path / "no", layout=layout, pictures=0, deskew=given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

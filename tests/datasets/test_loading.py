@@ -221,6 +221,25 @@ def test_rigs(tmp_path: Path) -> None:
         assert sizes["side"] <= 12 < sizes["top"]
 
 
+def test_points_in_bags_are_raw(tmp_path: Path) -> None:
+    """Whatever a recipe says of deskewing: points, notes, card and the resolved recipe agree."""
+    path = write(tmp_path, "kitti")
+    path.write_text(path.read_text().replace("deskew: start", "deskew: middle"))
+    overrides = ["layout=bags", "sequences=1", "splits={}"]
+    ls.generate(path, tmp_path / "out", overrides=overrides, pictures=0)
+    loaded = recipes.load(tmp_path / "out/recipe.yaml")
+    assert "deskew" not in loaded.text()
+    assert "not deskewed" in (tmp_path / "out/README.md").read_text()
+    run = recipes.load(path, overrides).source.run(0)
+    assert run.cloud["deskew"] is False
+    for frame, scans in zip(ls.datasets.load(tmp_path / "out"), run.scans(), strict=True):
+        (scan,) = scans.values()
+        assert frame.time == scan.time
+        assert isinstance(scan.pose, ls.Trajectory)
+        np.testing.assert_array_equal(frame.pose, scan.pose.at(scan.time).as_matrix())
+        np.testing.assert_array_equal(frame.cloud.xyz, scan.point_cloud().xyz.astype(np.float32))
+
+
 def test_bags_with_a_cut_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path, "bags")
     ls.generate(path, tmp_path / "out", layout={"type": "bags", "cut": "driver"}, pictures=0)

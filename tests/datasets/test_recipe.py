@@ -117,6 +117,20 @@ def test_class_names_are_those_of_the_scene_and_of_the_recipe_over_them(recipe: 
         ("vary={scene.7.radius_m: {uniform: [1, 2]}}", r"expected an index below 2, got '7'"),
         ("run.cloud={frame: world}", r"cloud.frame: expected sensor"),
         ("run.pose=[{time_s: 0}, {time_s: 0.1}]", r"trajectory"),
+        *(
+            (f"vary={{{key}: {{choice: [1, 2]}}}}", f"vary.{key}: expected no draw, since .*: use {told}")
+            for key, told in {
+                "seed": "the recipe's own key seed",
+                "frames": "the recipe's own key frames",
+                "class_names.5": "the recipe's own key class_names",
+                "cloud.frame": r"run\.cloud",
+            }.items()
+        ),
+        ("run.frames=7", r"^--set run\.frames=7: .*expected none, got 7: use the recipe's own key frames"),
+        ("run.seed=5", r"^--set run\.seed=5: .*expected none, got 5: use the recipe's own key seed"),
+        ("run.cloud.deskew_s=1e12", r"cloud\.deskew_s: expected a time from -1e\+09 to 1e\+09 s, got 1e\+12$"),
+        ("run.scene.0.label=65536", r"recipe\.yaml:\d+: run\.scene: expected labels from 0 to 65535 in semantick"),
+        ("class_names={65536: sky}", r"^--set class_names={65536: sky}: expected labels from 0 to 65535 in semantick"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(recipe: Path, change: str, message: str) -> None:
@@ -228,6 +242,17 @@ def test_materials_may_be_drawn(recipe: Path) -> None:
     assert {material.roughness for material in found} == {0.0, ls.materials.ASPHALT.roughness}
     with pytest.raises(ConfigError, match=r"material: expected the name of a material, got 'gras'; did you mean grass"):
         load(recipe, [drawn.replace("grass", "gras")]).source.run(0)
+
+
+def test_the_file_of_a_run_may_have_a_seed_and_frames(recipe: Path, tmp_path: Path) -> None:
+    """Those of the recipe hold, and the resolved recipe has no others."""
+    run = yaml.safe_load(recipe.read_text())["run"]
+    (tmp_path / "run.yaml").write_text(yaml.safe_dump({**run, "seed": 5, "frames": 7}))
+    made = load(recipe, [f"run={{file: {tmp_path}/run.yaml}}"])
+    assert len(made.source.run(0).frames) == made.frames == 4
+    (tmp_path / "again.yaml").write_text(made.text())
+    assert load(tmp_path / "again.yaml").text() == made.text()
+    assert made.to_dict() == load(recipe).to_dict()
 
 
 def test_a_recipe_has_no_strips_or_stations(recipe: Path) -> None:
