@@ -551,6 +551,17 @@ def test_what_has_no_box() -> None:
     assert len(sensor().scan(ls.Scene()).boxes()) == 0
 
 
+def test_empty_parts_do_not_count() -> None:
+    found = []
+    for parts in (1, 2):
+        scene = ls.Scene()
+        scene.add(ls.Disks(np.zeros((0, 3)), np.zeros((0, 3)), 1.0), instance=9)
+        scene.add(ls.Sphere((5, 0, 0), 1.0), instance=9 if parts == 2 else 8)
+        found.append(sensor().scan(scene).boxes(frame="world"))
+    assert len(found[0]) == len(found[1]) == 1
+    np.testing.assert_array_equal(found[1].corners, found[0].corners)
+
+
 def test_selections_corners_and_copies() -> None:
     scan = sensor().scan(traffic(0.0))
     boxes = scan.boxes()

@@ -355,14 +355,16 @@ _KNOWN: WeakKeyDictionary[Snapshot, _Instances] = WeakKeyDictionary()
 
 
 def _instances_in(world: Snapshot) -> _Instances:
-    """Return the instances of a scene, without those that have unbounded or empty parts."""
+    """Return the instances of a scene, without those that have unbounded parts; empty parts count for nothing."""
     known = _KNOWN.get(world)
     if known is not None:
         return known
+    bounds = np.array([item.shape.bounds for item in world.items]).reshape(-1, 6)
+    bounded, empty = np.isfinite(bounds).all(axis=1), np.isnan(bounds).any(axis=1)
     groups: dict[int, list[int]] = {}
     for place, item in enumerate(world.items):
-        groups.setdefault(item.instance, []).append(place)
-    bounded = [np.isfinite(item.shape.bounds).all() for item in world.items]
+        if not empty[place]:
+            groups.setdefault(item.instance, []).append(place)
     instances = [places for _, places in sorted(groups.items()) if all(bounded[place] for place in places)]
     of_object = np.full(len(world.items), NO_INSTANCE, np.uint32)
     for instance, places in enumerate(instances):

@@ -107,13 +107,13 @@ def tree(
     length : float, optional
         Length of a hedge or bed, 0.5 to 50 m. Default: drawn, 2 to 6 m.
     clearance : float
-        Height up to which a tree is pruned, 0 to 60 m: 4.5 m over roads.
+        Height up to which a tree is pruned, 0 to 60 m, but at most 0.8 of its own height: 4.5 m over roads.
 
     Returns
     -------
     Asset
-        Trunk and branches, if there are any, as meshes, and leaves as `Disks`. The trunk below the crown is of the
-        class trunk, grass of the class terrain, and all else vegetation.
+        Trunk and branches as meshes, and leaves as `Disks`, if there are any. The trunk below the crown is of the class
+        trunk, grass of the class terrain, and all else vegetation.
 
     Raises
     ------
@@ -141,24 +141,25 @@ def tree(
         raise ArgumentValueError("length", "None, but for a hedge or bed", short_repr(length))
     if kind == "grass":
         return Asset((_tufts(rng, habit, tall),))
-    clear = real("clearance", clearance, at_least=0.0, at_most=60.0)
+    clear = min(real("clearance", clearance, at_least=0.0, at_most=60.0), 0.8 * tall) if habit.girth else 0.0
+    leaf = min(habit.leaf, tall / 8)
     foot, radius = draw(rng, habit.stem) * tall, draw(rng, habit.spread) * tall
-    foot = max(foot, min(clear, 0.8 * tall))
+    foot = max(foot, clear)
     twigs = _twigs(kind, rng, foot, tall, radius)
     volume = 2 / 3 * 2 * np.pi * radius**2 * (tall - foot) / 2 * (0.5 if kind == "conifer" else 1.0)
-    count = int(habit.density * volume / (np.pi * habit.leaf**2))
+    count = int(habit.density * volume / (np.pi * leaf**2))
     # Leaves gather around the twigs, so that there are gaps between them.
     bunch = (0.16 if kind != "conifer" else 0.13) * radius
     at = twigs[rng.integers(len(twigs), size=count)] + rng.normal(0.0, bunch, (count, 3)) * (1, 1, 0.7)
-    at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, 1.1 * habit.leaf), max(tall, clear + 0.5))
-    at = at[at[:, 2] >= clear + 2 * habit.leaf * bool(clear)]
-    leaves = _leaves(rng, at, habit.leaf, materials.CONIFER if kind == "conifer" else materials.FOLIAGE)
+    at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, 1.1 * leaf), tall)
+    at = at[at[:, 2] >= clear + 2 * leaf * bool(clear)]
+    leaves = _leaves(rng, at, leaf, materials.CONIFER if kind == "conifer" else materials.FOLIAGE)
     if not habit.girth:
         return Asset((leaves,))
     trunk, *branches = _wood(rng, twigs, habit.girth * tall, foot, (0.95 if kind == "conifer" else 0.7) * tall)
     # Branches are a part of their own, so that the box of a trunk does not reach over the road.
     wood = *merge("trunk", [trunk]), *merge("branches", branches)
-    return Asset((*wood, leaves))
+    return Asset((*wood, leaves) if len(at) else tuple(wood))
 
 
 def _leaves(
@@ -190,7 +191,7 @@ def _twigs(kind: TreeKind, rng: np.random.Generator, foot: float, tall: float, r
 
 def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, tall: float) -> list[Piece]:
     """Return the trunk, which is part of the crown above its foot, and the branches to some of the twigs."""
-    fork = max(foot, 0.3)
+    fork = min(max(foot, 0.3), 0.9 * tall)
     bend = rng.normal(0, 0.02 * tall, (2, 2))
     top = (*bend[1], tall)
     radius = girth * rng.uniform(0.8, 1.3)
@@ -200,7 +201,7 @@ def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, ta
         tube([middle, top], [0.85 * radius, 0.2 * radius], 7, VEGETATION, materials.BARK),
     ]
     for end in twigs[rng.permutation(len(twigs))[:12]]:
-        end[2] = max(end[2], fork + 0.2)
+        end[2] = max(end[2], fork + min(0.2, 0.1 * tall))
         height = np.clip(end[2] - 0.6 * np.hypot(*end[:2]), fork, 0.9 * top[2])
         share = (height - fork) / (top[2] - fork)
         start = np.array([*(bend[0] + share * (bend[1] - bend[0])), height])

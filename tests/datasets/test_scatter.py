@@ -467,6 +467,34 @@ def test_what_refuses_places_is_told(tmp_path: Path) -> None:
     assert near.rules.count("%") == len(near.refused)
 
 
+def test_pruned_trees_leave_room(tmp_path: Path) -> None:
+    scene = [
+        {"shape": "plane", "normal": [0, 0, 1], "name": "floor"},
+        {"shape": "tree", "kind": "broadleaf", "height_m": 6, "clearance_m": 8},
+    ]
+    boxes = {
+        "objects": [{"shape": "box", "size_m": [1, 1, 1], "center_m": [0, 0, 0.5]}],
+        "on": ["floor"],
+        "count": 3,
+        "area_m": [[-20, -20], [20, 20]],
+        "clear_m": 2,
+    }
+    run = {"scene": scene, "sensor": {"preset": "velodyne-vlp16"}, "pose": {"position_m": [-9, 9, 1]}}
+    path = tmp_path / "recipe.yaml"
+    path.write_text(yaml.safe_dump({"layout": "shards", "frames": 1, "scatter": {"boxes": boxes}, "run": run}))
+    source = load(path).source
+    assert isinstance(source, Document)
+    assert source.scatter_counts(0).groups == {"boxes": Tally(3, 3, {})}
+
+
+def test_empty_shapes_are_no_obstacles() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Disks(np.zeros((0, 3)), np.zeros((0, 3)), 1.0))
+    scene.add(ls.Plane((0, 0, 1), 0.0))
+    scene.add(ls.Sphere((0, 0, 0), 1.0))
+    assert [scattering._is_solid(item) for item in scene] == [False, False, True]
+
+
 def test_the_sensor_keeps_clear_of_the_scene_or_it_is_told(tmp_path: Path) -> None:
     assert lanes(tmp_path, 1.25, clear_m=0.4)[1].near == {}
     counts = lanes(tmp_path, 1.25, clear_m=0.6)[1]

@@ -218,6 +218,20 @@ def test_trees_are_as_tall_as_they_are_said_to_be_with_gaps_between_their_leaves
     assert pruned.parts[-1].shape.bounds[0, 2] >= 3.0
 
 
+@pytest.mark.parametrize("kind", ["broadleaf", "conifer", "young", "bush"])
+@pytest.mark.parametrize("height", [0.05, 0.3, 0.5, 6.0])
+@pytest.mark.parametrize("clearance", [0.0, 8.0])
+def test_low_and_pruned_plants_are_about_as_tall_as_they_are_said_to_be(
+    kind: Any, height: float, clearance: float
+) -> None:
+    for seed in range(3):
+        plant = ls.worlds.tree(kind, np.random.default_rng(seed), height=height, clearance=clearance)
+        assert all(np.isfinite(part.bounds).all() for part in plant.parts)
+        # Leaves reach by a radius, an eighth of the height times 1.2 at most, above their centres, the highest the top.
+        assert 0.5 * height < plant.bounds[1, 2] < 1.16 * height
+        assert height < 6.0 or "leaves" in [part.name for part in plant.parts]
+
+
 @pytest.mark.parametrize(("kind", "wide", "tall"), [("hedge", 1.12, 1.4), ("bed", 2.0, 0.6), ("bed", 2.0, 0.15)])
 def test_clipped_shrubs_have_even_surfaces(kind: Any, wide: float, tall: float) -> None:
     """Few rays from above pass the leaves near the top, which rises and falls by less than a tenth of the height."""

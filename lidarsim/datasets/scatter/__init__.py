@@ -108,7 +108,7 @@ def scatter(
         walker would have to run, or a sequence is too long.
     """
     times = _moments(*_span(run), run, groups.values(), place)
-    outlines = [(item, _obstacle(item, times)) for item in run.scene.objects if item.shape.bounded]
+    outlines = [(item, _obstacle(item, times)) for item in run.scene.objects if _is_solid(item)]
     placed: list[Placed] = []
     tallies: dict[str, Tally] = {}
     standing: dict[frozenset[str], Obstacles] = {}
@@ -208,7 +208,7 @@ def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
     for item in run.scene.objects:
         low, high = item.bounds
         carried = item.motion is run.pose and item.motion is not None
-        if carried or item.name in on or not item.shape.bounded or low[2] == high[2]:
+        if carried or item.name in on or not _is_solid(item) or low[2] == high[2]:
             continue
         if item.motion is None and ((low >= path.box[1]) | (high <= path.box[0])).any():
             continue
@@ -402,6 +402,11 @@ def _ground(run: Run, on: Sequence[str], place: Place) -> Scene:
 
 def _name(item: SceneObject) -> str:
     return item.name or f"object {item.id}"
+
+
+def _is_solid(item: SceneObject) -> bool:
+    """Return whether an object takes up a bounded space: it is not a plane, for example, nor an empty shape."""
+    return item.shape.bounded and not np.isnan(item.shape.bounds).any()
 
 
 def _obstacle(item: SceneObject, times: Floats) -> Outline:
