@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import islice, pairwise, permutations
+from itertools import islice, pairwise, permutations, zip_longest
 from typing import Literal, get_args
 
 import numpy as np
@@ -23,10 +23,10 @@ from lidarsim.world.shapes import TriangleMesh
 from lidarsim.worlds import _labels as labels
 from lidarsim.worlds._asset import Asset, draw
 from lidarsim.worlds.buildings import BuildingKind, building
-from lidarsim.worlds.furnishings import FurnitureKind, furniture
+from lidarsim.worlds.furnishings import OVERHEAD, FurnitureKind, furniture
 from lidarsim.worlds.pedestrians import pedestrian
 from lidarsim.worlds.plants import BED, TREES, TreeKind, tree
-from lidarsim.worlds.vehicles import VehicleKind, vehicle
+from lidarsim.worlds.vehicles import VEHICLES, VehicleKind, vehicle
 
 __all__ = ["GROUND", "STREETS", "Street", "StreetKind", "Ways", "street"]
 
@@ -623,7 +623,9 @@ class _Builder:
             self._furniture(side)
         self._background()
         self._cables()
-        self._sitters()
+        crowded = self._find_crowded()
+        self._sitters(crowded)
+        self.puts = [put for put, left_out in zip_longest(self.puts, crowded) if not left_out]
         s, d, yaw, scale, sunk = np.array([how for _, _, how in self.puts]).reshape(-1, 5).T
         turn = self.plan.heading(s) + yaw
         cosine, sine = scale * np.cos(turn), scale * np.sin(turn)
@@ -636,6 +638,20 @@ class _Builder:
         for (asset, name, _), place, inside in zip(self.puts, places, indoors, strict=True):
             if name not in TREES or not inside:
                 asset.add_to(self.scene, name=name, transform=place)
+
+    def _find_crowded(self) -> Bools:
+        """Return which furniture and people would be on a road, or in a trunk, a vehicle or what is put before."""
+        rooms = np.array([_room(asset, how[2], how[3]) for asset, _, how in self.puts])
+        s, d = np.array([how[:2] for *_, how in self.puts]).T
+        low, high = (rooms + np.column_stack([s, d])[:, None]).transpose(1, 0, 2)
+        names = np.array([name for _, name, _ in self.puts])
+        may_go = np.isin(names, LOOSE)
+        there = np.isin(names, (*VEHICLES, *TREES))
+        crowded: Bools = may_go & self.plan.is_road(s, d)
+        for index in np.flatnonzero(may_go & ~crowded):
+            crowded[index] = (there[:, None] & (low < high[index]) & (high > low[index])).all(axis=1).any()
+            there[index] = not crowded[index]
+        return crowded
 
     def _find_indoors(self, places: Floats, scale: Floats) -> Bools:
         """Return which trunks, or middles of what has none, are in the footprint of a building."""
@@ -727,9 +743,19 @@ class _Builder:
                 back = widths.front + rng.normal(0, 0.6) * (layout.gap[1] > 1.0)
                 long = width / short
                 at = s + long / 2, side * max(back, widths.plot + 0.3)
-                self._put(house, "building", at, -side * np.pi / 2, sunk=0.25)
+                self._put(house, "building", at, -side * np.pi / 2, sunk=self._depth(house, at, 0.25))
                 self._garden(side, s, s + long)
                 s += long + draw(rng, layout.gap)
+
+    def _depth(self, house: Asset, at: Span, least: float) -> float:
+        """Return how deep a building that faces the street stands in the ground, so that no wall ends above it."""
+        s, d = at
+        side = 1 if d > 0 else -1
+        low, high = _footprint(house)
+        x, y = np.linspace(low, high, 7).T
+        along, across = np.meshgrid(s + side * y / self.plan.shortening(s - 20.0, side, abs(d)), d - side * x)
+        drop = self.plan.height(np.array(s), np.array(d)) - self.plan.height(along, across).min()
+        return max(least, float(drop) + 0.05)
 
     def _garden(self, side: int, start: float, stop: float) -> None:
         """Put a fence, wall, hedge or bed at the pavement, and plants behind it and behind the house."""
@@ -789,7 +815,8 @@ class _Builder:
             self._item("sign", s, side * kerb, np.pi if side < 0 else 0.0)
         for junction in self.plan.junctions:
             for way in (-1, 1):
-                s = junction.s + way * (junction.half + CROSSING[0] - 2.2)
+                beyond = 1.8 if side in junction.sides else -2.2  # a corner is on this side of the crossing
+                s = junction.s + way * (junction.half + CROSSING[0] + beyond)
                 if self.plan.kind == "city" and way == side:
                     self._item("traffic_light", s, side * kerb, np.pi * (way > 0))
                 elif side in junction.sides:
@@ -815,9 +842,8 @@ class _Builder:
             for s in np.arange(-plan.length / 2, plan.length / 2, 24.0):
                 if plan.kind != "rural" and self._free(s, side, 12.0) and rng.random() < 0.7:
                     house = self._one("second row", partial(building, "house"), 4)
-                    self._put(
-                        house, "building", (s, side * (low + rng.uniform(6.0, 12.0))), -side * np.pi / 2, sunk=0.5
-                    )
+                    at = s, side * (low + rng.uniform(6.0, 12.0))
+                    self._put(house, "building", at, -side * np.pi / 2, sunk=self._depth(house, at, 0.5))
             low = plan.sides[side].front + (4.0 if plan.kind == "rural" else 10.0)
             count = rng.poisson(density * plan.length * (REACH - low) * 0.5)
             near = rng.beta(1.0, 1.8, count) * (REACH - low - 4.0) + low
@@ -839,12 +865,29 @@ class _Builder:
                     cable = self._one("cable", partial(furniture, "cable", length=left + right), 3)
                     self._put(cable, "cable", (s, (left - right) / 2))
 
-    def _sitters(self) -> None:
-        """Put someone on every other bench."""
-        for _, name, (s, d, yaw, *_) in [*self.puts]:
+    def _sitters(self, crowded: Bools) -> None:
+        """Put someone on every other bench, unless it is left out."""
+        for (_, name, (s, d, yaw, *_)), left_out in zip([*self.puts], crowded, strict=True):
             if name == "bench" and self.rng.random() < 0.5:
                 seated = self._one("seated", partial(pedestrian, posture="sitting"), 4)
-                self._put(seated, "person", (s, d), yaw)
+                if not left_out:
+                    self._put(seated, "person", (s, d), yaw)
+
+
+def _room(asset: Asset, yaw: float, scale: float) -> Floats:
+    """Return the low and high corner, along and across, of a rectangle around what people would walk into."""
+    solid = [
+        part.bounds[:, :2]
+        for part in asset.parts
+        if part.name not in {"leaves", "branches"} and part.bounds[0, 2] < OVERHEAD
+    ]
+    if not solid:
+        return np.full((2, 2), np.nan)
+    (left, right), (near, far) = np.min([low for low, _ in solid], axis=0), np.max([high for _, high in solid], axis=0)
+    corners = np.array([(x, y) for x in (left, near) for y in (right, far)])
+    turn = np.array([(np.cos(yaw), np.sin(yaw)), (-np.sin(yaw), np.cos(yaw))])
+    turned = scale * corners @ turn
+    return np.array([turned.min(axis=0), turned.max(axis=0)])
 
 
 def _footprint(asset: Asset) -> Floats:
@@ -858,6 +901,9 @@ def _trunk_radius(asset: Asset) -> float:
     """Return how far the trunk of a plant reaches from its middle; 0 for anything without a trunk."""
     return max((float(np.abs(part.bounds[:, :2]).max()) for part in asset.parts if part.name == "trunk"), default=0.0)
 
+
+LOOSE = ("lamp", "sign", "traffic_light", "bin", "bench", "bollard", "person")
+"""What is left out where there is no room."""
 
 _BORDERS: tuple[Border, ...] = get_args(Border)
 _WIDTHS: dict[BuildingKind, Span] = {

@@ -19,6 +19,7 @@ import pytest
 import lidarsim as ls
 from lidarsim.worlds import _labels as labels
 from lidarsim.worlds.streets import STREETS, StreetKind
+from lidarsim.worlds.vehicles import VEHICLES
 
 Floats = npt.NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -201,6 +202,72 @@ def test_no_plant_grows_in_a_building(kind: StreetKind) -> None:
                     assert not ((low < at) & (at < high)).all(axis=1).any(), f"{item.name}, seed {seed}"
                 counts[part] += 1
     assert min(counts[what] for what in ("building", "trunk", "leaves")) > 10
+
+
+def test_no_furniture_stands_in_a_road() -> None:
+    counts = Counter[str]()
+    for seed in range(6):
+        world = ls.worlds.street(seed, "city", length=200.0)
+        for name in ("traffic_light", "lamp", "bollard", "bench", "bin", "sign"):
+            posts = [
+                number for number in world.scene.find(f"{name}/{name}") if world.scene[number].transform is not None
+            ]
+            at = np.array([world.scene[number].transform for number in posts]).reshape(-1, 4, 4)[:, :3, 3]
+            if len(at):
+                assert "road" not in under(ground(world), at)[1], f"{name}, seed {seed}"
+            counts[name] += len(at)
+    assert min(counts.values()) > 5
+
+
+@pytest.mark.parametrize("kind", STREETS)
+def test_no_building_floats(kind: StreetKind) -> None:
+    for seed in (0, 9):
+        world = ls.worlds.street(seed, kind)
+        scene = ground(world)
+        for place, (low, high) in footprints(world):
+            x, y = np.meshgrid(*np.linspace(low, high, 5).T)
+            feet = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) @ place[:3, :3].T + place[:3, 3]
+            heights, _ = under(scene, feet)
+            assert (feet[:, 2] < heights + 0.02)[np.isfinite(heights)].all(), f"seed {seed}"
+
+
+def edges(item: ls.scene.SceneObject) -> Floats:
+    """Edges of the triangles of an object, from where to where, (k, 2, 3)."""
+    vertices, faces = item.shape._tessellate(None, np.zeros((8, 3)))
+    assert item.transform is not None
+    placed = np.asarray(vertices) @ item.transform[:3, :3].T + item.transform[:3, 3]
+    return placed[np.asarray(faces)[:, [(0, 1), (1, 2), (2, 0)]]].reshape(-1, 2, 3)
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+def test_furniture_and_people_are_in_nothing(seed: int) -> None:
+    """No edge of a thing meets a surface of another, but of someone and the bench below."""
+    loose = {"lamp", "sign", "traffic_light", "bin", "bench", "bollard", "person"}
+    world = ls.worlds.street(seed, "city", length=200.0)
+    things: dict[int, list[ls.scene.SceneObject]] = {}
+    for item in world.scene:
+        name, _, part = item.name.partition("/")
+        if name in loose | set(VEHICLES) or part == "trunk":
+            things.setdefault(item.instance, []).append(item)
+    solids = []
+    for items in things.values():
+        solid = ls.Scene()
+        for item in items:
+            solid.add(item.shape, transform=item.transform)
+        solids.append((items[0].name.split("/")[0], solid, np.concatenate([edges(item) for item in items])))
+    low, high = np.array([solid.bounds for _, solid, _ in solids]).transpose(1, 0, 2)
+    near = ((low[:, None] < high) & (high[:, None] > low)).all(axis=-1)
+    pairs = 0
+    for first, second in np.argwhere(near & ~np.eye(len(near), dtype=bool)).tolist():
+        (name, solid, _), (other, _, lines) = solids[first], solids[second]
+        if not {name, other} & loose or {name, other} == {"bench", "person"}:
+            continue
+        ahead = lines[:, 1] - lines[:, 0]
+        there = ahead.any(axis=1)
+        assert not solid.cast(lines[there, 0], ahead[there], t_max=1.0).hit.any(), f"{name}, {other}"
+        pairs += 1
+    assert len(solids) > 100
+    assert pairs > 0
 
 
 def overlap(first: Floats, second: Floats) -> float:
