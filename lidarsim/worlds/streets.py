@@ -818,7 +818,7 @@ class _Builder:
                 beyond = 1.8 if side in junction.sides else -2.2  # a corner is on this side of the crossing
                 s = junction.s + way * (junction.half + CROSSING[0] + beyond)
                 if self.plan.kind == "city" and way == side:
-                    self._item("traffic_light", s, side * kerb, np.pi * (way > 0))
+                    self._item("traffic_light", s, side * kerb, np.pi * (way < 0))
                 elif side in junction.sides:
                     self._item("sign", junction.s + way * (junction.half + 0.4), side * (widths.kerb + 7.0), inward)
         if not widths.pavement:

@@ -219,6 +219,24 @@ def test_no_furniture_stands_in_a_road() -> None:
     assert min(counts.values()) > 5
 
 
+def test_traffic_lights_and_signs_face_the_traffic_on_their_side() -> None:
+    seen = 0
+    for seed in range(4):
+        world = ls.worlds.street(seed, "city", length=200.0)
+        lanes = [lane for lane in world.ways.lanes if np.ptp(lane[:, 0]) > 150.0]
+        for number in (*world.scene.find("traffic_light/traffic_light"), *world.scene.find("sign/sign")):
+            place = world.scene[number].transform
+            assert place is not None
+            away = [np.linalg.norm(lane[:, :2] - place[:2, 3], axis=1) for lane in lanes]
+            nearest = min(range(len(lanes)), key=lambda k: away[k].min())
+            at = min(int(away[nearest].argmin()), len(lanes[nearest]) - 2)
+            ahead = lanes[nearest][at + 1, :2] - lanes[nearest][at, :2]
+            if abs(place[:2, 0] @ ahead) > 0.5 * np.linalg.norm(ahead):  # not one at a side road
+                assert place[:2, 0] @ ahead < 0, f"seed {seed}"
+                seen += 1
+    assert seen > 20
+
+
 @pytest.mark.parametrize("kind", STREETS)
 def test_no_building_floats(kind: StreetKind) -> None:
     for seed in (0, 9):
