@@ -167,6 +167,27 @@ def test_each_ring_gets_its_own_bias() -> None:
     assert inside.sum() >= binom.ppf(1e-3, len(own), 0.95)
 
 
+def test_biases_hold_less_error_than_the_deviations_that_tell_them() -> None:
+    """Rings get of a deviation what is likely a bias: where noise is great, they are nearer to the true ones."""
+    line = np.column_stack([np.ones(8), np.arange(8.0)])
+    deviations, biases = [], []
+    for seed in range(5):
+        of = replace(unit(6), measurement=ls.Measurement(channel_bias_sigma=0.003, range_sigma=0.05))
+        exact = replace(of, measurement=ls.Measurement(channel_bias_sigma=0.003)).scan(scene(), seed=seed)
+        hit = exact.status == ls.Status.hit
+        rings = exact.pulses.ring[hit]
+        true = (np.bincount(rings, exact.range_error[hit, 0]) / np.bincount(rings)).reshape(-1, 8)
+        true -= (line @ np.linalg.lstsq(line, true.T, rcond=None)[0]).T
+        fitted, comparison = ls.fit(clouds(of, seed, 1), start(of))
+        if fitted.measurement.channel_bias_sigma == 0.0:
+            for cell in comparison["channel_bias_sigma"].cells:
+                ring = int(cell.label.removeprefix("ring "))
+                deviations.append(cell.real - true.ravel()[ring])
+                biases.append(np.asarray(fitted.measurement.range_bias)[ring] - true.ravel()[ring])
+    assert len(biases) > len(ELEVATIONS)
+    assert np.std(biases) < 0.9 * np.std(deviations)
+
+
 def test_spread_of_ring_factors_is_that_of_the_rings() -> None:
     """Bright and dim rings count alike, and so do those that see no more than a part of a tile."""
     of = unit(6)

@@ -165,24 +165,25 @@ def _channel_bias(fit: Fit) -> Found:
     """How much rings are biased: standard deviation of their deviations from planes over several rings, less errors.
 
     Biases that a plane follows, equal ones and those linear in the elevation of neighbouring rings, do not show. If the
-    rings differ, each gets its own deviation as `range_bias`, in place of one that is drawn.
+    rings differ, each gets its own deviation as `range_bias`, in place of one that is drawn, less the share of it that
+    is error, to which rough and curved surfaces add.
     """
-    found, rings = _ring_spread(fit, "bias", "deviations of rings from planes", 1.5)
+    found, rings, likely = _ring_spread(fit, "bias", "deviations of rings from planes", 1.5)
     if not found.interval[0]:
         return found
     biases = np.full(fit.lidar.pattern.shape[0], np.mean(fit.lidar.measurement.range_bias))
-    biases[rings] += [deviation for _, deviation, *_ in found.rows]
+    biases[rings] += likely
     own = tuple(float(f"{bias:.4g}") for bias in biases)
     how = f"{found.how}, which are their range_bias in its place"
     return replace(found, how=how, changes={"range_bias": own, "channel_bias_sigma": 0.0})
 
 
-def _ring_spread(fit: Fit, name: str, how: str, fewest: float) -> tuple[Found, Indices]:
+def _ring_spread(fit: Fit, name: str, how: str, fewest: float) -> tuple[Found, Indices, Floats]:
     """Return the standard deviation between rings of numbers that lack what is linear within the rows of a tile.
 
     The numbers solve the normal equations by least squares, restricted to the eigenvectors that enough points determine
     in more than `fewest` equal blocks of columns. A block is one unit over all frames, which may see the same walls.
-    The second array has the ring of each row.
+    The arrays have the ring of each row, and its most likely number.
     """
     from scipy.special import chdtri
 
@@ -213,7 +214,10 @@ def _ring_spread(fit: Fit, name: str, how: str, fewest: float) -> tuple[Found, I
     reach = critical(1, np.array(float(len(units)))) * np.sqrt(noise * inverse.diagonal() / np.trace(inverse))
     ends = zip(rings, numbers[rings], reach[rings], count.sum(axis=0)[rings], strict=True)
     rows = tuple((f"ring {i}", float(at), float(at - by), float(at + by), int(n)) for i, at, by, n in ends)
-    return Found(value, (low, high), int(count.sum()), f"{how}, {len(rows)} rings", rows), rings
+    # Of normal numbers with this spread, the most likely ones: each component less the share of errors in its variance.
+    errors = noise / weights[told] / np.trace(inverse)
+    likely = vectors[:, told] * (value**2 / (value**2 + errors)) @ vectors[:, told].T @ numbers
+    return Found(value, (low, high), int(count.sum()), f"{how}, {len(rows)} rings", rows), rings, likely[rings]
 
 
 @value("response.resolution")
@@ -310,7 +314,7 @@ def _ring_factors(fit: Fit) -> Found:
     """How much the factors of rings scatter: standard deviation of their logarithms, from intensities on planes."""
     _count_intensities(fit)
     # Unlike ranges on planes, intensities have textures, which are alike in one block.
-    found, _ = _ring_spread(fit, "brightness", "intensities of rings on planes", FEWEST_UNITS)
+    found, *_ = _ring_spread(fit, "brightness", "intensities of rings on planes", FEWEST_UNITS)
     response = fit.lidar.measurement.response or Response()
     scale = 1.0 / response.exponent
     low, high = found.interval
