@@ -204,6 +204,17 @@ def test_spread_of_ring_factors_is_that_of_the_rings() -> None:
     assert comparison["response.ring_sigma"].real == pytest.approx(spread, rel=0.1)
 
 
+def test_drop_out_is_that_beyond_the_near_field() -> None:
+    of = replace(unit(7), min_range=0.3)
+    rng = np.random.default_rng(0)
+    seen = []
+    for cloud in clouds(of):
+        near = np.linalg.norm(cloud.xyz, axis=1) < 1.0
+        seen.append(cloud[~near | (rng.random(len(cloud)) < 0.8)])
+    low, high = ls.fit(seen, of)[1]["dropout"].real_interval
+    assert low <= of.measurement.dropout <= high
+
+
 def test_a_curve_is_undone() -> None:
     """Counts tell the light up to where the curve is flat; of what is brighter, only a reflector is told apart."""
     of = unit(6)

@@ -51,6 +51,8 @@ STEPS_OF_NOISE = 20.0
 """Steps of the intensity from which its noise is measured: the rounding is then below 1.5 %."""
 GROUND = 0.15
 """Greatest height of ground points over their plane near the sensor, m."""
+NEAR_FIELD = 1.0
+"""Range up to which captures lose more pulses on surfaces than farther away, m: see lidarsim/presets/README.md."""
 APPROACHES = np.geomspace(0.01, 100.0, 922)
 """Edges of the bins of the range, m, 1 % wide."""
 SEEN = 0.995
@@ -67,6 +69,7 @@ SUMS: dict[str, tuple[Summary, int]] = {
     "noise at": (Mean(), BY_RANGE),
     "step": (Step(STEPS), 3),
     "holes": (Rate(), len(POWERS)),
+    "far holes": (Rate(), len(POWERS)),
     "ground": (Rate(), len(POWERS)),
     "ground at": (Mean(), len(POWERS)),
     "ground by range": (Rate(), BY_RANGE),
@@ -201,7 +204,9 @@ class Captures:
         other = np.log(0.1) - 2.0 * np.log(image.reach[:, 1:-3])
         cell = bin_of(np.where(np.isfinite(near), 0.5 * near, other)[agree], POWERS)
         lost = image.lost[:, 2:-2][agree].astype(np.float64)
-        self._take("holes", Samples(cell, image.block[:, 2:-2][agree], lost))
+        holes = Samples(cell, image.block[:, 2:-2][agree], lost)
+        self._take("holes", holes)
+        self._take("far holes", replace(holes, cell=np.where(image.reach[:, 1:-3][agree] > NEAR_FIELD, cell, -1)))
         self._add_ground(image, self.light(shining))
 
     @property

@@ -281,7 +281,10 @@ def _power_sigma(_: Fit) -> Found:
 
 @value("dropout")
 def _dropout(fit: Fit) -> Found:
-    """Share of the pulses without a return between four neighbours that agree, where echoes are far above the limit."""
+    """Share of the pulses without a return between four neighbours that agree, where echoes are far above the limit.
+
+    Surfaces nearer than a metre, where sensors lose pulses for other reasons, count if there are too few farther away.
+    """
     from scipy.special import betaincinv
 
     errors = fit.lidar.measurement
@@ -293,8 +296,11 @@ def _dropout(fit: Fit) -> Found:
     fit.estimate("holes")
     if len(fit.units["ground by range"]) and fit.ground_rate < 0.8:
         raise UntoldError("the ground does not return most pulses, so that the detection limit is not known")
-    sums = fit.units["holes"].sums(len(POWERS))[:, enough].sum(axis=1)
-    n, lost = sums[:, 1], sums[:, 2]
+    for name in ("far holes", "holes"):
+        sums = fit.units[name].sums(len(POWERS))[:, enough].sum(axis=1)
+        n, lost = sums[:, 1], sums[:, 2]
+        if n.sum() >= FEWEST_POINTS:
+            break
     if n.sum() < FEWEST_POINTS:
         raise UntoldError("too few pulses at smooth surfaces whose echoes are far above the detection limit")
     share = lost.sum() / n.sum()
