@@ -215,6 +215,19 @@ def test_drop_out_is_that_beyond_the_near_field() -> None:
     assert low <= of.measurement.dropout <= high
 
 
+def test_a_ground_that_fades_too_gradually_tells_no_limit() -> None:
+    of = unit(7)
+    rng = np.random.default_rng(0)
+    seen = []
+    for cloud in clouds(of):
+        away = np.linalg.norm(cloud.xyz, axis=1)
+        returned = rng.random(len(cloud)) < 1.0 - 0.14 * np.log(np.maximum(away / 2.0, 1.0))
+        seen.append(cloud[returned | (cloud.xyz[:, 2] > -1.5)])
+    fitted, comparison = ls.fit(seen, of)
+    assert comparison["detection.range"].why == "the ground fades too gradually"
+    assert fitted.measurement.detection is None
+
+
 def test_a_curve_is_undone() -> None:
     """Counts tell the light up to where the curve is flat; of what is brighter, only a reflector is told apart."""
     of = unit(6)

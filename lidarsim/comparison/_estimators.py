@@ -30,6 +30,8 @@ FEWEST_OF_RING = 50.0
 FAINT = 6.0
 """Standard deviations of the logarithm of the power above the detection limit from which each pulse is detected: 3.7
 for 1 in 10,000, and the rest for the neighbours that tell the power."""
+VAGUE = math.log(4.0)
+"""Greatest reach of the interval of the logarithm of the power at the limit: half or twice the range of the limit."""
 EDGES = 20
 """Surfaces cut off by the least range that tell it."""
 RETURNING = 0.97
@@ -485,6 +487,8 @@ def _fade(fit: Fit) -> Fade:
     square = math.exp(2.0 * best[1])
     towards = np.array([1.0, -square, 0.0])
     limit, error = best[0] - 0.5 * square, reach * math.sqrt(towards @ covariance @ towards)
+    if best[1] >= bounds[1][1] or error > VAGUE:
+        raise UntoldError("the ground fades too gradually")
     ends = best[1] + reach * math.sqrt(covariance[1, 1]) * np.array([0.0, -1.0, 1.0])
     # The power of the echoes and the texture of the ground scatter together with the limit.
     others = fit.lidar.measurement.power_sigma**2 + fit.ground.variation**2
