@@ -204,6 +204,35 @@ def test_spread_of_ring_factors_is_that_of_the_rings() -> None:
     assert comparison["response.ring_sigma"].real == pytest.approx(spread, rel=0.1)
 
 
+@pytest.mark.parametrize("sigma", [[(2.0, 0.004), (10.0, 0.008), (60.0, 0.03)], 0.006], ids=["table", "slope"])
+def test_noise_keeps_its_shape_over_range(sigma: Any) -> None:
+    """A unit noisier than the sensor by half has more noise than that by half at ranges without planes, too."""
+    sheet = ls.Measurement(range_sigma=sigma, range_sigma_slope=0.0 if isinstance(sigma, list) else 0.001)
+    times = np.array([1.0, 1.5])
+    noisy = [tuple(row * times) for row in sigma] if isinstance(sigma, list) else 1.5 * sigma
+    measurement = replace(sheet, range_sigma=noisy, range_sigma_slope=1.5 * sheet.range_sigma_slope)
+    of = replace(unit(6), measurement=measurement)
+    fitted, comparison = ls.fit(clouds(of), replace(of, measurement=sheet))
+    table = fitted.measurement.range_sigma
+    if isinstance(table, tuple):
+        assert np.interp(60.0, *np.transpose(table)) == pytest.approx(0.045, rel=0.1)
+        assert len(comparison["range_sigma"].cells) == len(table)
+    else:
+        assert table == pytest.approx(1.5 * sigma, rel=0.1)
+        assert fitted.measurement.range_sigma_slope == pytest.approx(0.0015, rel=0.1)
+
+
+def test_one_noisy_surface_tells_little() -> None:
+    """Noise by range is drawn to that of all ranges where few columns tell it."""
+    from lidarsim.comparison._estimators import _draw_to
+
+    values, errors = np.array([1.0, 1.2, 4.0]), np.array([0.01, 0.01, 1.5])
+    likely = _draw_to(1.1, values, errors)
+    assert likely[:2] == pytest.approx(values[:2], rel=0.02)
+    assert 1.1 < likely[2] < 1.5
+    assert _draw_to(1.0, np.array([1.0, 1.01]), np.array([0.5, 0.5])) == pytest.approx([1.0, 1.0])
+
+
 def test_drop_out_is_that_beyond_the_near_field() -> None:
     of = replace(unit(7), min_range=0.3)
     rng = np.random.default_rng(0)

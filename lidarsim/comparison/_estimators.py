@@ -19,7 +19,7 @@ from lidarsim.comparison._captures import APPROACHES, BY_RANGE, FEWEST_STEPS, PO
 from lidarsim.comparison._measures import STEPS
 from lidarsim.comparison._result import Interval
 from lidarsim.comparison._statistics import FEWEST_UNITS, Indices, critical
-from lidarsim.sensor.measurement import Detection, Response
+from lidarsim.sensor.measurement import Detection, Measurement, Response
 
 FEWEST_POINTS = 1000
 """Fewest points of all frames that are fitted."""
@@ -123,7 +123,7 @@ def _range_resolution(fit: Fit) -> Found:
 def _range_sigma(fit: Fit) -> Found:
     """Noise of the range within a ring on planes, from third differences of 1/range, less the rounding of the range.
 
-    One number where all ranges agree to chance, else a table by range.
+    That of the sensor times a number where all ranges agree to chance, else a table by range.
     """
     found, at = fit.estimate("noise"), fit.estimate("noise at").value
     rounding = fit.lidar.measurement.range_resolution
@@ -133,26 +133,64 @@ def _range_sigma(fit: Fit) -> Found:
     if not told.any():
         hidden = f"the rounding to {1e3 * rounding:g} mm hides it"
         raise UntoldError(hidden if found.has(FEWEST).any() else f"fewer than {FEWEST} samples on planes")
-    sigma, n = np.sqrt(square[told]), found.count[told]
-    error = found.error[told] * found.value[told] / sigma
-    units = found.units[told]
-    ends = [_ends(*each) for each in zip(sigma, error, units, strict=True)]
-    rows = tuple(
-        (f"{place:.3g} m", float(one), *pair, int(count))
-        for place, one, pair, count in zip(at[told], sigma, ends, n, strict=True)
-    )
-    how = "noise of all surfaces, weak echoes included, in place of other terms"
+    sigma, n, at, units = np.sqrt(square[told]), found.count[told], at[told], found.units[told]
+    error = np.maximum(found.error[told] * found.value[told] / sigma, 1e-9)  # 1 nm, which no range resolves
+    errors = fit.lidar.measurement
+    whole = not errors.range_sigma_limit  # else the sensor's table lacks the noise of weak echoes
+    was = _noise_at(errors, at) if whole else np.ones(len(at))
+    # Errors of noise are shares of it, so that its mean is that of the logarithms.
+    factors, shares = np.log(sigma / was), error / sigma
+    mean = float(np.average(factors, weights=shares**-2))
+    times = _ends(1.0, float((shares**-2).sum() ** -0.5), float(np.median(units)))
+    how, total = "noise of all surfaces, weak echoes included, in place of other terms", int(n.sum())
     changes = {"range_sigma_slope": 0.0, "range_sigma_limit": 0.0}
-    weight = 1.0 / np.maximum(error, 1e-9) ** 2  # 1 nm, which no range resolves, where all samples are equal
-    mean = float(np.average(sigma, weights=weight))
-    interval = _ends(mean, float(weight.sum() ** -0.5), float(np.median(units)))
-    if _agree(sigma, error, mean):
-        return Found(mean, interval, int(n.sum()), f"{how}; all ranges agree", changes=changes)
-    table = tuple((float(place), float(one)) for place, one in zip(at[told], sigma, strict=True))
-    average = float(np.average(sigma, weights=n))
-    spread = float(np.sqrt(((n / n.sum() * error) ** 2).sum()))
-    interval = _ends(average, spread, float(np.median(units)))
-    return Found(table, interval, int(n.sum()), f"{how}; by range", rows, changes)
+    table = np.array(errors.range_sigma) if whole and isinstance(errors.range_sigma, tuple) else np.zeros((0, 2))
+    rows: list[tuple[float, float, float, float, int]]
+    if not _agree(factors, shares, mean):
+        how = f"{how}; by range"
+        ends = [_ends(*each) for each in zip(sigma, error, units, strict=True)]
+        likely = was * np.exp(_draw_to(mean, factors, shares))
+        rows = [*zip(at, likely, *np.transpose(ends), n, strict=True)]
+        # Where the frames have no planes, the noise goes on as that of the sensor does.
+        for end, row, beyond in ((0, rows[0], table[:, 0] < 0.98 * at[0]), (-1, rows[-1], table[:, 0] > 1.02 * at[-1])):
+            value, low, high = (number / was[end] for number in row[1:4])
+            rows += [(place, one * value, one * low, one * high, 0) for place, one in table[beyond]]
+        average = float(np.average(likely, weights=n))
+        interval = _ends(average, float(np.sqrt(((n / n.sum() * error) ** 2).sum())), float(np.median(units)))
+    else:
+        how = f"{how}; all ranges agree"
+        if not len(table):
+            slope = errors.range_sigma_slope * whole
+            one = math.exp(mean) * (float(np.max(errors.range_sigma)) or float(not slope) if whole else 1.0)
+            changes["range_sigma_slope"] = float(f"{math.exp(mean) * slope:.3g}")
+            return Found(one, (times[0] * one, times[1] * one), total, how, changes=changes)
+        table[:, 1] *= math.exp(mean)
+        rows = [(place, one, times[0] * one, times[1] * one, total) for place, one in table]
+        average = float(table[:, 1].mean())
+        interval = times[0] * average, times[1] * average
+    rows = [(float(place), float(one), float(low), float(high), int(count)) for place, one, low, high, count in rows]
+    parts = tuple((f"{row[0]:.3g} m", *row[1:]) for row in sorted(rows))
+    return Found(tuple(row[:2] for row in sorted(rows)), interval, total, how, parts, changes)
+
+
+def _noise_at(errors: Measurement, ranges: Floats) -> Floats:
+    """Return the noise of strong echoes at some ranges, m; 1 m for none."""
+    table = errors.range_sigma
+    noise = np.interp(ranges, *np.transpose(table)) if isinstance(table, tuple) else np.full(ranges.shape, table)
+    noise = np.hypot(noise, errors.range_sigma_slope * ranges)
+    return np.where(noise > 0.0, noise, 1.0)
+
+
+def _draw_to(mean: float, values: Floats, errors: Floats) -> Floats:
+    """Return the most likely values of some that scatter about a mean by more than their errors: nearer to it.
+
+    Their spread is that of R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986.
+    """
+    weight = errors**-2
+    excess = (weight * (values - mean) ** 2).sum() - len(values) + 1.0
+    square = max(excess / (weight.sum() - (weight**2).sum() / weight.sum()), 0.0)
+    likely: Floats = mean + square / (square + errors**2) * (values - mean)
+    return likely
 
 
 def _agree(values: Floats, errors: Floats, mean: float) -> bool:
