@@ -159,10 +159,11 @@ def fit(
     Notes
     -----
     Values are those that simulate such frames, in the model of `Measurement`: `range_sigma` is the noise of all
-    surfaces on planes, weak echoes included, and replaces `range_sigma_slope` and `range_sigma_limit`;
-    `channel_bias_sigma` is how much rings differ; if they do, each gets its own `range_bias` in its place, less what is
-    linear in the elevation of neighbouring rings, which planes do not tell from a slope. The range of `detection` rests
-    on the reflectivity of the ground: of twice that, the range of the limit is 0.7 times as far.
+    surfaces on planes, weak echoes included, and replaces `range_sigma_limit`; unless ranges disagree, it rises with
+    range as that of `sensor` does. `channel_bias_sigma` is how much rings differ; if they do, each gets its own
+    `range_bias` in its place, less the share that is likely error, and less what is linear in the elevation of
+    neighbouring rings, which planes do not tell from a slope. The range of `detection` rests on the reflectivity of the
+    ground: of twice that, the range of the limit is 0.7 times as far.
 
     Examples
     --------
