@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,16 @@ def test_a_projected_system() -> None:
             world.geodetic([[500_000.0, 5e6, 0.0], far])
 
 
+def test_heights_above_a_geoid_need_its_grid() -> None:
+    """Without one, PROJ would take them for heights above the ellipsoid, 47 m off."""
+    crs = "EPSG:25832+7837"
+    with warnings.catch_warnings(action="ignore"):  # that the grid is missing
+        if pyproj.transformer.TransformerGroup(pyproj.CRS(crs).to_3d(), "EPSG:4979").best_available:
+            pytest.skip("the grid is installed")
+    with pytest.raises(ValueError, match=r"^crs: expected a system whose heights PROJ can refer to .*grid"):
+        ls.Georeference(crs=crs).geodetic([[500_000.0, 5_669_000.0, 100.0]])
+
+
 def test_web_mercator_is_asked_about() -> None:
     for crs in (3857, "EPSG:3857"):
         with pytest.warns(UserWarning, match="^crs: WGS 84 / Pseudo-Mercator, where a metre .*; a UTM zone\\?$"):
@@ -85,6 +96,7 @@ def test_web_mercator_is_asked_about() -> None:
         ({"origin": (48, 11, 500)}, "origin[0]: expected a finite number from -1.5708 to 1.5708, got 48.0; degrees?"),
         ({"origin": (0.8, 0.2)}, "origin: expected shape (3,), got (2,)"),
         ({"origin": (0.8, 0.2, 1e7)}, "origin[2]: expected a finite number from -1e+06 to 1e+06, got 10000000.0"),
+        ({"crs": 2065}, "crs: expected a right-handed system, got S-JTSK (Ferro) / Krovak, of southing and westing"),
         ({"crs": "EPSG:4326"}, "crs: expected a projected system, since coordinates are in m, got WGS 84"),
     ],
 )

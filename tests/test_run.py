@@ -193,6 +193,14 @@ def test_a_receiver_needs_a_georeference() -> None:
     assert not list(Path().glob("a*"))
 
 
+@pytest.mark.parametrize(("config", "name"), [("run.yaml", "a_0000"), ("rig.yaml", "a_top_0000")])
+def test_a_suffix_of_two_parts_is_kept(config: str, name: str) -> None:
+    written = [path.name for path in ls.config.load(config).write("a.pcd.bin")]
+    assert f"{name}.pcd.bin" in written
+    assert {path.split(".", 1)[1] for path in written} == {"pcd.bin", "tum", "txt"}
+    assert np.unique(ls.PointCloud.load(f"{name}.pcd.bin").ring).tolist() == [0, 1]
+
+
 def test_each_frame_is_told_after_it_was_written() -> None:
     told: list[int] = []
 

@@ -694,6 +694,20 @@ def within(points: npt.NDArray[np.float64], corners: npt.NDArray[np.float64]) ->
     return (np.min(sides, axis=0) > -1e-6) | (np.max(sides, axis=0) < 1e-6)
 
 
+@pytest.mark.parametrize(
+    ("height", "overlap", "width", "count"),
+    [(500, 0.2, 1000, 1), (500, 0.2, 1800, 2), (500, 0.3, 1700, 2), (500, 0.2, 1001, 2)],
+)
+@pytest.mark.parametrize("north", [0.0, 5.264e6])
+def test_strips_that_just_cover_an_area_are_enough(
+    height: float, overlap: float, width: float, count: int, north: float
+) -> None:
+    area = (0, north, 3000, north + width)
+    turn = np.radians(90)  # of which the tangent of the half is 1 but for rounding
+    strips = ls.Trajectory.strips(area, height=height, speed=50, overlap=overlap, field_of_view=turn)
+    assert len(strips) == count
+
+
 @pytest.mark.parametrize("heading", [0.0, 0.4, math.pi / 2, -2.0])
 @pytest.mark.parametrize("area", [(0, 0, 1500, 2000), KITE], ids=["rectangle", "polygon"])
 def test_strips_cover_the_area_and_no_fewer_would(area: Any, heading: float) -> None:

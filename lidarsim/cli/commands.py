@@ -317,6 +317,7 @@ def stream(
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     run.check_coverage()
     if metadata:
+        check_folder(metadata)
         run.check_unread(*pcap(run, metadata.with_suffix(".pcap"), variant=variant).files[1:])
     with packets.Sender(run.lidars, to, start=run.clock, variant=variant, fast=fast) as sender:
         if metadata:
@@ -438,7 +439,7 @@ def view(
         if is_scene:
             _view_scene(path, saves, looks)
             return
-        clouds, places, count = _read(path, frame or 0, wanted or frames or MOST_FRAMES)
+        clouds, places, count = _read(path, frame or 0, wanted or (MOST_FRAMES if frames is None else frames))
     usual = places.pop("color_by", None)
     looks["color_by"] = color_by or usual
     looks["title"], titles = title, places.pop("title", None)

@@ -139,6 +139,8 @@ def projected_crs(crs: object) -> pyproj.CRS:
         if axis.unit_conversion_factor != 1.0:
             hint = "convert to a system in metres, and the result with pyproj"
             raise ArgumentValueError("crs", "a system in metres", f"{found.name}, in {axis.unit_name}", hint)
+    if [axis.direction for axis in found.axis_info[:2]] == ["south", "west"]:  # z would point down
+        raise ArgumentValueError("crs", "a right-handed system", f"{found.name}, of southing and westing")
     operation = found.coordinate_operation
     if operation is not None and "Pseudo Mercator" in operation.method_name:
         ask("crs", f"{found.name}, where a metre is shorter on the ground, but at the equator", "a UTM zone?")
@@ -156,7 +158,8 @@ class Georeference(Value):
         world has x to the east, y to the north and z up there.
     crs : int, str or pyproj.CRS, optional
         The projected coordinate reference system of the world, in m, instead of an origin: an EPSG code, "EPSG:25832"
-        or WKT. Without a vertical system, z is the height above the ellipsoid. Needs ``lidarsim[geo]``.
+        or WKT. Without a vertical system, z is the height above the ellipsoid; with one, PROJ needs the grid of its
+        geoid. Needs ``lidarsim[geo]``.
 
     Raises
     ------
@@ -275,7 +278,11 @@ def _by_projection(crs: object, positions: Floats) -> tuple[Floats, Floats, Floa
     """Return latitude, longitude, rad, and height, m, of positions in a coordinate reference system."""
     library = import_extra("pyproj", "geo", "coordinate reference systems")
     system = projected_crs(crs).to_3d()
-    transformer = library.Transformer.from_crs(system, "EPSG:4979", always_xy=True)
+    try:
+        transformer = library.Transformer.from_crs(system, "EPSG:4979", always_xy=True, allow_ballpark=False)
+    except library.exceptions.ProjError as error:
+        expected = f"a system whose heights PROJ can refer to the ellipsoid; {system.name} needs a grid"
+        raise ArgumentValueError("crs", expected, "none installed", "pyproj sync, or PROJ_NETWORK=ON") from error
     longitude, latitude, altitude = (np.asarray(values) for values in transformer.transform(*positions.T))
     wrong = ~(np.isfinite(longitude) & np.isfinite(latitude) & np.isfinite(altitude))
     wrong |= np.abs(positions).max(axis=1, initial=0.0) > LARGEST

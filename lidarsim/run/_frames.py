@@ -16,6 +16,7 @@ from lidarsim.errors import ArgumentValueError, ConfigError
 from lidarsim.motion.georeference import START, Georeference
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
+from lidarsim.scan.formats import FORMATS
 from lidarsim.scan.scan import check_coverage, moment_and_pose
 from lidarsim.sensor.gnss import GnssFixes
 
@@ -463,6 +464,9 @@ class Frames:
         )
 
 
-def insert(path: Path, *parts: str) -> Path:
-    """Return `path` with the non-empty `parts` inserted before its suffix."""
-    return path.with_stem("_".join([path.stem, *filter(None, parts)]))
+def insert(path: Path, *parts: str, suffix: str | None = None) -> Path:
+    """Return `path` with the non-empty `parts` inserted before its suffix, or before another in its place."""
+    known = (each for each in FORMATS if path.name.lower().endswith(each))  # such as .pcd.bin
+    end = len(path.name) - len(max(known, key=len, default=path.suffix))
+    stem, own = path.name[:end], path.name[end:]
+    return path.with_name("_".join([stem, *filter(None, parts)]) + (own if suffix is None else suffix))

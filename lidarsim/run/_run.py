@@ -248,9 +248,9 @@ def _save_samples(samples: Mapping[str, ImuSamples | GnssFixes], output: Path) -
 
 def _samples_path(output: Path, name: str) -> Path:
     """Return the path of the samples of an IMU or a receiver."""
-    return insert(output, name).with_suffix(".csv")
+    return insert(output, name, suffix=".csv")
 
 
 def _track_paths(output: Path, name: str) -> tuple[Path, Path]:
     """Return the paths of the poses and times of a sensor."""
-    return insert(output, name, "poses").with_suffix(".tum"), insert(output, name, "times").with_suffix(".txt")
+    return insert(output, name, "poses", suffix=".tum"), insert(output, name, "times", suffix=".txt")

@@ -770,8 +770,8 @@ class Scene(Pickled, Plotted):
         Hits
             Arrays of shape (n, k), and (n, k, 3) for the normals, in ascending order of the exact t; at equal t, in
             ascending order of the object id. The first hit is that of `cast`, and a row ends with misses if there are
-            fewer than k hits. An object that a ray meets in a common edge or vertex of several triangles, or where it
-            only touches it, is hit once there.
+            fewer than k hits. An object is hit once at one t, also where a ray meets several of its triangles, spheres
+            or disks there, or only touches it.
 
         Raises
         ------

@@ -42,7 +42,7 @@ Bools = npt.NDArray[np.bool_]
 class Ways:
     """Where traffic and people move in a street: lines of points on the ground, shape (k, 3), m, in their direction.
 
-    None is longer than a metre from point to point.
+    Points are about a metre apart, at most.
 
     Attributes
     ----------
@@ -461,12 +461,13 @@ class Plan:
     def _crossings(self, junction: Junction) -> Iterator[Line]:
         """Yield the ways over a side road, and over the street beside it."""
         walks = {side: widths.way for side, widths in self.sides.items()}
+        ends = {side: max(widths.way, min(widths.way + 4.0, widths.front - 1.0)) for side, widths in self.sides.items()}
         reach = junction.half + 10.0
         for side in junction.sides:
             yield (junction.s - reach, side * walks[side]), (junction.s + reach, side * walks[side])
         for way in (-1, 1):
             at = junction.s + way * (junction.half + CROSSING[0])
-            yield (at, -walks[-1] - 4.0), (at, walks[1] + 4.0)
+            yield (at, -ends[-1]), (at, ends[1])
 
 
 Line = tuple[tuple[float, float], ...]

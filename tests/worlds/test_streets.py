@@ -219,6 +219,18 @@ def test_no_furniture_stands_in_a_road() -> None:
     assert min(counts.values()) > 5
 
 
+def test_crossings_end_before_buildings() -> None:
+    count = 0
+    for seed in range(6):
+        world = ls.worlds.street(seed, "city", length=200.0)
+        for line in world.ways.crossings:
+            hits = world.scene.cast(line[:-1] + np.array([0.0, 0.0, 1.0]), np.diff(line, axis=0), t_max=1.0)
+            names = [world.scene[int(number)].name for number in hits.object_id[hits.hit]]
+            assert not any(name.startswith("building") for name in names), f"seed {seed}"
+            count += 1
+    assert count > 20
+
+
 def test_traffic_lights_and_signs_face_the_traffic_on_their_side() -> None:
     seen = 0
     for seed in range(4):
