@@ -75,6 +75,27 @@ def test_errors_depend_on_seed_and_name_only() -> None:
     assert (first.latitude != fifth.latitude).all()
 
 
+def test_errors_from_time_0_stay_as_they_are() -> None:
+    fixes = ls.Gnss(10.0, position_sigma=0.1, drift_sigma=1.0).measure(STILL, EQUATOR, end=1.0, seed=4)
+    np.testing.assert_allclose(fixes.altitude[[0, -1]], [-0.629361410625279, -0.7067095683887601], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["position_sigma", "drift_sigma"])
+def test_errors_differ_between_starts(kind: str) -> None:
+    gnss = ls.Gnss(1.0, **{kind: 1.0})
+
+    def errors(start: float) -> np.ndarray:
+        return position(gnss.measure(STILL, EQUATOR, start=start, end=start + 2.0, seed=4))
+
+    starts = [97.0 * k for k in range(400)]
+    found = np.array([errors(start) for start in starts])
+    assert len(np.unique(found)) == found.size
+    # The mean of 400 independent legs is off by its own standard deviation, 1/20, five times at most.
+    assert (abs(found.mean(axis=0)) < 5 / 20).all()
+    assert (errors(0.2) != errors(0.0)).all()  # a fifth of the time between fixes
+    np.testing.assert_array_equal(errors(97.0), found[1])
+
+
 def test_csv(tmp_path: Path) -> None:
     munich = ls.Georeference(origin=(math.radians(48.137), math.radians(11.575), 520.0))
     fixes = ls.Gnss(10.0, position_sigma=1.0).measure(STILL, munich, end=3.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import pickle
 from pathlib import Path
@@ -291,6 +292,37 @@ def test_errors_depend_on_seed_name_and_axis_only() -> None:
         (first.angular_rate[:, 0], first.angular_rate[:, 1]),
     ):
         assert (a != b).all()
+
+
+def test_errors_from_time_0_stay_as_they_are() -> None:
+    errors = ls.ImuErrors(noise_density=0.1, bias_instability=0.1, random_walk=0.1, bias=0.1)
+    samples = ls.Imu(100.0, gyroscope=errors, accelerometer=errors).measure(STILL, end=1.0, seed=4)
+    first = [0.7533011928982398, 1.02793856128994, -0.7453844185791297]
+    last = [-1.212822268836426, -0.5095551701090277, 6.236311328856279]
+    assert samples.angular_rate[0].tolist() == first
+    assert samples.specific_force[-1].tolist() == last
+
+
+@pytest.mark.parametrize("kind", ["noise_density", "bias_instability", "random_walk"])
+@pytest.mark.parametrize("field", ["angular_rate", "specific_force"])
+def test_noise_differs_between_starts_and_biases_do_not(kind: str, field: str) -> None:
+    def measured(start: float, **errors: float) -> np.ndarray:
+        drawn = ls.ImuErrors(**errors)
+        imu = ls.Imu(10.0, gyroscope=drawn, accelerometer=drawn)
+        values: np.ndarray = getattr(imu.measure(STILL, start=start, end=start + 100.0, seed=4), field)
+        return values[:1000]
+
+    starts = -97.0, 0.0, 0.01, 97.0, 1.7e9  # 0.01 s is a tenth of the time between samples
+    units = [measured(start, bias=0.1, scale_factor=0.01, misalignment=0.01) for start in starts]
+    assert all((unit == units[0][0]).all() for unit in units)
+    noises = [measured(start, **{kind: 1e-3}) - measured(start) for start in starts]
+    for one, other in itertools.combinations(noises, 2):
+        assert (one[1:] != other[1:]).all()
+        if kind == "noise_density":  # three thousand independent numbers
+            assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 5 / math.sqrt(one.size)
+    if kind == "random_walk":
+        assert all((noise[0] == 0).all() for noise in noises)
+    np.testing.assert_array_equal(measured(97.0, **{kind: 1e-3}) - measured(97.0), noises[3])
 
 
 def test_samples_saturate() -> None:

@@ -404,6 +404,31 @@ def test_frames_of_strips_go_on_and_their_noise_differs(strips: Path) -> None:
         run.only(first.stop)
 
 
+BOX = "  box: {imu: {rate_hz: 10, gyroscope: {noise_density_deg_per_s_per_sqrt_hz: 0.1}}}"
+ROOF = "  roof: {gnss: {rate_hz: 1, drift_sigma_m: 1}}"
+
+
+def test_errors_of_an_imu_and_a_receiver_differ_between_strips(strips: Path) -> None:
+    _, pattern, *others = strips.read_text(encoding="utf-8").splitlines()
+    strips.write_text("\n".join(["rig:", f"  top: {{sensor: {{{pattern}}}}}", BOX, ROOF, *others]), encoding="utf-8")
+    found = [part.samples() for part in ls.config.load(strips).parts]
+    for name, field in (("box", "angular_rate"), ("roof", "altitude")):
+        one, two = (getattr(samples[name], field) for samples in found)
+        assert len(one) == len(two) >= 10
+        assert abs(one - two).min() > 1e-7  # exact altitudes differ by rounding only
+
+
+def test_errors_of_an_imu_and_a_receiver_differ_between_first_frames() -> None:
+    Path("gnss.yaml").write_text(RIG.replace("rig: {", f"rig: {{{BOX}, {ROOF}, ", 1), encoding="utf-8")
+    begin, again, later = (
+        ls.config.load("gnss.yaml", [ORIGIN, "frames=2", f"first_frame={first}"]).samples() for first in (0, 0, 2)
+    )
+    for name, field in (("box", "angular_rate"), ("roof", "altitude")):
+        one, same, other = (getattr(samples[name], field) for samples in (begin, again, later))
+        np.testing.assert_array_equal(one, same)
+        assert abs(one[0] - other[0]).min() > 1e-6  # exact altitudes differ by 0.1 µm, as the Earth is round
+
+
 def test_other_formats_hold_a_frame_of_a_strip_each(strips: Path) -> None:
     run = ls.config.load(strips)
     written = [path.name for path in run.write("a.npz")]

@@ -129,6 +129,13 @@ class Gnss(Value):
         TypeError, ValueError
             If the trajectory does not cover the times or has no end, there would be more than ten million fixes, or the
             trajectory leaves the area of the coordinate reference system.
+
+        Notes
+        -----
+        Errors depend on the seed, the name and the time of the first fix, in whole ns, so that those of measurements
+        with other starts, such as the strips of a survey, are independent. The slow error, too, begins anew with each
+        measurement: measure once, and take parts with `GnssFixes.between`, for one that goes on from one part to the
+        next.
         """
         times = sample_times(trajectory, self.rate, start, end)
         if not isinstance(georeference, Georeference):
@@ -139,7 +146,7 @@ class Gnss(Value):
         for kind, (given, step) in enumerate(zip((self.position_sigma, self.drift_sigma), steps, strict=True)):
             sigma = np.asarray(given, np.float64)
             if sigma.any():
-                bits = noise_bits(seed, self.name, RECEIVER + kind)
+                bits = noise_bits(seed, self.name, RECEIVER + kind, times[0])
                 position = position + sigma * gauss_markov(bits, len(times), np.array([step]))
         return GnssFixes(times, *georeference.geodetic(position), self)
 

@@ -211,6 +211,14 @@ class Imu(Value):
         TypeError, ValueError
             If the velocity of the trajectory jumps, it does not cover the times or has no end, or there would be more
             than ten million samples.
+
+        Notes
+        -----
+        Biases, errors of scale and misalignments are those of the unit: the seed and the name determine them. White
+        noise, flicker noise and random walks also depend on the time of the first sample, in whole ns, so that those of
+        measurements with other starts, such as the strips of a survey, are independent. They begin anew with each
+        measurement, its random walks at 0: measure once, and take parts with `ImuSamples.between`, for noise that goes
+        on from one part to the next.
         """
         times = sample_times(trajectory, self.rate, start, end)
         seed = validation.integer("seed", seed, at_least=0, at_most=2**64 - 1)
@@ -226,8 +234,10 @@ class Imu(Value):
             accelerations += 2.0 * np.cross(earth, velocities)
         forces = product(to_sensor, accelerations[..., None])[..., 0]
         kinds = enumerate(((rates, self.gyroscope), (forces, self.accelerometer)))
+        # Of the unit, of its white noise and random walk, and of its flicker noise.
+        parts = (0, 0.0), (0, times[0]), (FLICKER, times[0])
         rates, forces = (
-            _measure(values, errors, self.rate, *(noise_bits(seed, self.name, kind + of) for of in (0, FLICKER)))
+            _measure(values, errors, self.rate, *(noise_bits(seed, self.name, kind + of, at) for of, at in parts))
             for kind, (values, errors) in kinds
         )
         return ImuSamples(times, rates, forces, self)
@@ -275,9 +285,14 @@ FLICKER = 2
 """Distance from the stream of an inertial sensor to that of its flicker noise."""
 
 
-def noise_bits(seed: int, name: str, stream: int) -> np.random.Philox:
-    """Return the random bits of a sensor: the key has the seed in its lower half, the name and stream in its upper."""
-    return np.random.Philox(key=seed | zlib.crc32(name.encode()) << 64 | stream << 96)
+def noise_bits(seed: int, name: str, stream: int, start: float) -> np.random.Philox:
+    """Return the random bits of a sensor for a measurement that begins at `start`, s.
+
+    The key has the seed in its lower half, the name and stream in its upper; the second word of the counter has the
+    start, in whole ns.
+    """
+    key = seed | zlib.crc32(name.encode()) << 64 | stream << 96
+    return np.random.Philox(key=key, counter=round(start * 1e9) % 2**64 << 64)
 
 
 def sensor_name(name: object) -> str:
@@ -291,17 +306,17 @@ def sensor_name(name: object) -> str:
     return name
 
 
-def _measure(
-    values: Floats, errors: ImuErrors, rate: float, bits: np.random.Philox, of_flicker: np.random.Philox
-) -> Floats:
+def _measure(values: Floats, errors: ImuErrors, rate: float, *bits: np.random.Philox) -> Floats:
     """Return the exact values of three axes, shape (n, 3), with errors as documented in `ImuErrors`."""
-    once = normals(bits, (12,))
+    of_unit, of_noise, of_flicker = bits
+    once = normals(of_unit, (12,))
     matrix = np.eye(3)
     matrix[~np.eye(3, dtype=bool)] = errors.misalignment * once[:6]
     matrix[np.diag_indices(3)] += errors.scale_factor * once[6:9]
     measured = product(matrix, values[..., None])[..., 0] + errors.bias * once[9:]
     if errors.noise_density or errors.random_walk:
-        noise = normals(bits, (len(values), 2, 3))  # row by row, so that a longer measurement begins like a shorter one
+        # Row by row, so that a longer measurement begins like a shorter one. From 0 s, two rows are those of `once`.
+        noise = normals(of_noise, (len(values) + 2, 2, 3))[2:]
         measured += errors.noise_density * math.sqrt(rate) * noise[:, 0]
         measured[1:] += np.cumsum(errors.random_walk / math.sqrt(rate) * noise[1:, 1], axis=0)
     if errors.bias_instability:
