@@ -841,6 +841,8 @@ MISTAKES = {
     "view cloud.xyz --screenshot a.png --set seed=1 --frame 2": (
         "--set: expected only with a configuration or recipe, got cloud.xyz"
     ),
+    "view cloud.xyz --screenshot a.png --frames 0": "--frames: expected an integer >= 1, got 0",
+    "stream run.yaml --metadata kept": "kept: expected a file to write, got a folder",
     "view folder.pcd --screenshot a.png": "folder.pcd: expected a data set or a folder of point clouds, got neither",
     # sensors
     "sensors velodyne-vlp17": (

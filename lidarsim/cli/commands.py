@@ -439,7 +439,8 @@ def view(
         if is_scene:
             _view_scene(path, saves, looks)
             return
-        clouds, places, count = _read(path, frame or 0, wanted or (MOST_FRAMES if frames is None else frames))
+        most = MOST_FRAMES if frames is None else integer("--frames", frames, at_least=1)
+        clouds, places, count = _read(path, frame or 0, wanted or most)
     usual = places.pop("color_by", None)
     looks["color_by"] = color_by or usual
     looks["title"], titles = title, places.pop("title", None)
