@@ -16,6 +16,8 @@ Records = npt.NDArray[Any]
 Times = npt.NDArray[np.int64]
 Part = tuple[Records, Times]
 
+ROUNDING = 2.0
+"""Greatest error of the time between two cycles, ns: each is the sum of two rounded times."""
 LAST = 1 << 32
 """First second that a PCAP file cannot hold."""
 
@@ -23,9 +25,10 @@ LAST = 1 << 32
 class Cycles:
     """Cuts a stream of cycles into packets of `size` cycles; those that fill none wait for the next.
 
-    The cycles of a packet follow each other. Before a gap, such as the part of a turn outside the field of view, the
-    packet is filled with cycles without returns: ``empty(last, count)`` returns `count` of them that follow the cycle
-    `last`. `period` is the time from one cycle to the next, ns.
+    The cycles of a packet follow each other; where frames are repeated, one may come early or late by less than the
+    time from one cycle to the next, `period`, ns. Before a gap, such as the part of a turn outside the field of view,
+    the packet is filled with cycles without returns: ``empty(last, count)`` returns `count` of them that follow the
+    cycle `last`.
     """
 
     def __init__(self, size: int, period: float, empty: Callable[[Any, int], Records]) -> None:
@@ -41,7 +44,8 @@ class Cycles:
         """
         if len(self._starts):
             cycles, starts = _join([(self._cycles, self._starts), (cycles, starts)])
-        gaps = np.flatnonzero(np.abs(np.diff(starts) - self._period) > self._period / 2) + 1
+        steps = np.diff(starts)
+        gaps = np.flatnonzero((steps <= 0) | (steps > 2.0 * self._period - ROUNDING)) + 1
         *before, (cycles, starts) = zip(np.split(cycles, gaps), np.split(starts, gaps), strict=True)
         whole = len(cycles) // self._size * self._size
         self._cycles, self._starts = cycles[whole:].copy(), starts[whole:].copy()

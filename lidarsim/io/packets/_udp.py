@@ -21,11 +21,11 @@ from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer, check_folder
 from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.io.packets._encoders import LIMIT, companions, encoders
-from lidarsim.io.packets._format import Encoder, Packet
+from lidarsim.io.packets._encoders import companions, encoders
+from lidarsim.io.packets._format import Packet
 from lidarsim.io.packets._merged import Merged
 from lidarsim.lidar import Lidar
-from lidarsim.motion.georeference import START, unix_time
+from lidarsim.motion.georeference import START
 from lidarsim.scan.scan import Scan
 
 Scans: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
@@ -121,9 +121,8 @@ class Sender:
         fast: bool = False,
     ) -> None:
         host, port = _parse(to)
-        self._named = sensors if isinstance(sensors, Mapping) else {"": sensors}
-        self._start, self._variant, self._port = unix_time(start, limit=LIMIT) / 1e9, variant, port
-        self._encoders = self._encoders_from(start)
+        named = sensors if isinstance(sensors, Mapping) else {"": sensors}
+        self._encoders = encoders(named, start=start, variant=variant, port=port)
         self._fast = fast
         self._clock: Callable[[], float] = time.monotonic
         self._sleep: Callable[[float], object] = time.sleep
@@ -206,27 +205,26 @@ class Sender:
             self._transmit(batches)
         return self.sent
 
-    def _encoders_from(self, start: float | datetime) -> dict[str, Encoder]:
-        return encoders(self._named, start=start, variant=self._variant, port=self._port)
-
     def _batches(self, scans: Scans | Callable[[], Scans], repeat: float, period: float) -> Iterator[list[Packet]]:
-        """Yield the packets of each frame; those of a repetition come from encoders that start later."""
+        """Yield the packets of each frame, and at the end the incomplete ones."""
+        merged = Merged(self._encoders)
         number = 0
         shift: dict[str, int] = {}
         while number < repeat:
-            begin = self._start + number * period
-            merged = Merged(self._encoders if not number else self._encoders_from(begin))
             ends: dict[str, tuple[int, int]] = {}
             for given in scans() if callable(scans) else scans:
                 named = merged.by_name(given)
                 for name, scan in named.items():
                     ends[name] = ends.get(name, (scan.frame, 0))[0], scan.frame + 1
-                numbered = {name: replace(scan, frame=scan.frame + shift.get(name, 0)) for name, scan in named.items()}
-                yield [packet for _, packet in merged.add(numbered if number else named)]
-            yield [packet for _, packet in merged.rest()]
+                later = {
+                    name: replace(scan, time=scan.time + number * period, frame=scan.frame + shift.get(name, 0))
+                    for name, scan in named.items()
+                }
+                yield [packet for _, packet in merged.add(later if number else named)]
             for name, (first, end) in ends.items():
                 shift[name] = shift.get(name, 0) + end - first
             number += 1
+        yield [packet for _, packet in merged.rest()]
 
     def _transmit(self, batches: Iterator[list[Packet]]) -> None:
         """Send the packets of each batch, each at its time after the first one."""

@@ -121,14 +121,10 @@ class _Encoder:
         columns, starts = self._columns_of(scan)
         if not len(columns):
             return
-        # A packet has one time stamp, to 1 µs: its columns follow each other to half of that, or it is padded.
-        gap = starts[0] - self._end
-        if abs(gap - self._cycle * 1e9) > 500.0:
-            if gap <= 0:
-                raise FileFormatError(
-                    f"time: expected a scan after {(self._end - self._start) / 1e9} s, got one at {scan.time} s"
-                )
-            yield from self.rest()
+        if starts[0] <= self._end:
+            raise FileFormatError(
+                f"time: expected a scan after {(self._end - self._start) / 1e9} s, got one at {scan.time} s"
+            )
         self._end = int(starts[-1])
         yield from self._encode(*self._cycles.add(columns, starts))
 
