@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim._base.files import atomic_writer, format_error, redact
+from lidarsim._base.files import atomic_writer, format_error, redact, replacing
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.pointcloud import PointCloud
 
@@ -84,6 +84,20 @@ def test_a_failing_disk_leaves_the_old_file(target: Path, monkeypatch: pytest.Mo
     assert str(caught.value) == f"{target}: cannot be written: No space left on device"
     assert target.read_bytes() == b"old"
     assert list(target.parent.iterdir()) == [target]
+
+
+def test_a_file_written_beside_another_is_named_in_its_own_error(target: Path) -> None:
+    other = target.with_name("other.bin")
+    with pytest.raises(OSError, match="cannot be written") as caught, atomic_writer(other), atomic_writer(target):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert str(caught.value) == f"{target}: cannot be written: No space left on device"
+    assert list(target.parent.iterdir()) == [target]
+
+
+def test_a_temporary_file_is_not_named_in_the_error_of_its_file(target: Path) -> None:
+    with pytest.raises(OSError, match="cannot be written") as caught, replacing(target) as path, atomic_writer(path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert str(caught.value) == f"{target}: cannot be written: No space left on device"
 
 
 def test_a_link_keeps_pointing_to_its_file(target: Path) -> None:

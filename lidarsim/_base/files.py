@@ -32,6 +32,7 @@ TEMPORARY = ".lidarsim-", ".tmp"
 NAME_LENGTH = 64
 """Maximum length of a name within a path; the resulting file names fit all file systems and USTAR."""
 
+_UNWRITTEN = ": cannot be written: "
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _DEVICE = re.compile(r"CON|PRN|AUX|NUL|(?:COM|LPT)[0-9]", re.IGNORECASE)
 
@@ -169,14 +170,24 @@ def replacing(path: PathLike) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: PathLike) -> Iterator[None]:
-    """Turn an `OSError` of the block into one that says that `path` cannot be written, and why."""
+    """Turn an `OSError` of the block into one that says that `path` cannot be written, and why.
+
+    One that says so of a file beside it passes through; files elsewhere are temporary, of which the user knows nothing.
+    """
     try:
         yield
     except OSError as error:
+        if _is_worded(error) and Path(str(error).partition(_UNWRITTEN)[0]).parent == Path(path).parent:
+            raise
         reason = error.strerror or str(error)
-        failure = OSError(f"{path}: cannot be written: {reason}")
+        failure = OSError(f"{path}{_UNWRITTEN}{reason}")
         failure.strerror = reason  # for callers that word their own error
         raise failure from error
+
+
+def _is_worded(error: OSError) -> bool:
+    """Return whether `reading` or `writing` raised an error."""
+    return error.errno is None and error.strerror is not None
 
 
 @contextmanager
@@ -379,8 +390,7 @@ def parsing(path: PathLike, kind: str) -> Iterator[None]:
         with reading(path):
             yield
     except Exception as error:
-        worded = isinstance(error, OSError) and error.errno is None and error.strerror is not None
-        if isinstance(error, ImportError) or worded:
+        if isinstance(error, ImportError) or (isinstance(error, OSError) and _is_worded(error)):
             raise
         raise FileFormatError(f"{path}: not a readable {kind}: {redact(error)}") from error
 

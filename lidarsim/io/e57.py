@@ -67,8 +67,14 @@ def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
     columns[VALID] = np.zeros(len(fields["xyz"]), np.int8)
     with TemporaryDirectory() as folder:
         path = str(Path(folder) / "cloud.e57")
-        with library.E57(path, "w") as written:
+        written = library.E57(path, "w")
+        try:
             _write(library.libe57, written, columns, np.eye(4) if pose is None else pose)
+            written.close()
+        except library.libe57.E57Exception as error:
+            raise OSError(f"{str(error).partition(chr(10))[0]} in {folder}") from error
+        finally:
+            written.image_file.cancel()  # unless it is closed: what fails once would fail again when it is freed
         with Path(path).open("rb") as whole:
             shutil.copyfileobj(whole, file)
 

@@ -334,7 +334,7 @@ def size(cloud: PointCloud) -> int:
 
 
 @pytest.mark.parametrize(
-    "suffix", [".las", ".laz", ".csv", ".xyz", ".pts", ".ptx", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"]
+    "suffix", [".las", ".laz", ".e57", ".csv", ".xyz", ".pts", ".ptx", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"]
 )
 def test_a_full_disk_leaves_the_old_file(suffix: str, tmp_path: Path) -> None:
     resource = pytest.importorskip("resource", reason="Windows has no limit on the size of a file")

@@ -191,6 +191,22 @@ def test_a_companion_that_cannot_be_written_is_told_before_the_scan(rig: ls.Rig,
     assert [file.name for file in tmp_path.iterdir()] == ["drive.json"]
 
 
+def test_a_full_disk_is_said_of_the_file_that_is_full(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource", reason="Windows has no limit on the size of a file")
+    path, fast = tmp_path / "drive.pcap", rig["fast"].lidar
+    scans = list(fast.frames(scene, None, 3))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, hard))  # the metadata has 5 kB
+    try:
+        with pytest.raises(OSError, match="cannot be written") as caught, packets.Writer(path, fast) as writer:  # noqa: PT012
+            for scan in scans:
+                writer.write(scan)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert str(caught.value) == f"{path}: cannot be written: File too large"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_bad_arguments(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
     path, fast, slow = tmp_path / "a.pcap", rig["fast"].lidar, rig["slow"].lidar
     with pytest.raises(FileFormatError, match=r"a\.pcd: unknown extension '\.pcd', expected \.pcap$"):
