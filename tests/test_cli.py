@@ -275,6 +275,12 @@ def test_the_other_sensors_of_a_rig_are_told_and_written(capsys: pytest.CaptureF
     assert {path.name for path in Path("drive").iterdir()} == {"metadata.yaml", "drive_0.mcap"}
     assert lidarsim("scan", "rig.yaml", "-o", "a.pcd") == 0
     assert {"a_imu.csv", "a_gnss.csv"} <= {path.name for path in Path().glob("a_*")}
+    ousters = [f"rig.{name}.sensor={{preset: ouster-os1-64}}" for name in ("top", "left")]
+    assert lidarsim("scan", "rig.yaml", "-o", "b.pcap", *(part for text in ousters for part in ("--set", text))) == 0
+    start = ls.config.load("rig.yaml").clock.timestamp()
+    for name, kind in (("imu", ls.ImuSamples), ("gnss", ls.GnssFixes)):  # beside packets, in Unix time as these are
+        of_run, unix = kind.load(f"a_{name}.csv").time, kind.load(f"b_{name}.csv").time
+        assert np.abs(unix - (start + of_run[: len(unix)])).max() <= 2 * np.spacing(start)
 
 
 def test_a_rig_is_checked_for_its_moments(capsys: pytest.CaptureFixture[str]) -> None:
@@ -329,6 +335,10 @@ def test_scan_writes_packets(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(expected) == 2 * 32
     assert [datagram.payload for datagram in datagrams("raw/a.pcap")] == expected
     assert ls.Lidar.from_file("raw/a.json").pattern.shape == run.lidar.pattern.shape
+    starts = [run.clock.timestamp() + scans[""].time for scans in run.scans()]
+    assert np.loadtxt("raw/a_times.txt").tolist() == starts
+    assert ls.Trajectory.load("raw/a_poses.tum").times.tolist() == starts
+    assert starts[0] <= next(datagrams("raw/a.pcap")).microseconds / 1e6 < starts[1]
     assert lidarsim("scan", "run.yaml", "-o", "b.pcap", "--frames", "1", "--variant", "legacy", *OUSTER) == 0
     assert sorted(path.name for path in Path().glob("b*")) == ["b.json", "b.pcap"]
     assert {len(datagram.payload) for datagram in datagrams("b.pcap")} == {16 * (20 + 64 * 12)}

@@ -156,9 +156,9 @@ def scan(
     With several frames, each frame gets its own numbered file, and the sensor poses (OUT_poses.tum) and the start times
     of the frames (OUT_times.txt) are written next to them. Each pose is that at the start of its frame, or at the time
     to which the points are deskewed. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all
-    frames in one file; the times next to it are Unix times, as its stamps are. Packets (.pcap), as the sensors send
-    them, are in one file too, with what decoders need next to it. Strips and stations are numbered; a strip is one LAS
-    or LAZ file.
+    frames in one file. Packets (.pcap), as the sensors send them, are in one file too, with what decoders need next to
+    it. The times next to a bag or packets are Unix times, as their stamps are. Strips and stations are numbered; a
+    strip is one LAS or LAZ file.
     """
     place = checked_output(output)
     given = {name: outputs.options()[name].parse(value) for name, value in options.items() if value is not None}

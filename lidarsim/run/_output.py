@@ -87,7 +87,9 @@ class Output(ABC):
     cloud: ClassVar[CloudArguments | None] = None
     """Coordinates of the points that it needs. Default: those of the run."""
     complete: ClassVar[bool] = False
-    """Whether it holds samples, too, and all times are Unix times: otherwise files next to it do, in s of the run."""
+    """Whether it holds samples, too: otherwise files next to it do."""
+    unix: ClassVar[bool] = False
+    """Whether its times, and those in files next to it, are Unix times: otherwise they are s of the run."""
 
     def __init__(self, path: Path, **given: Any) -> None:
         self.path = path

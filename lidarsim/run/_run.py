@@ -40,9 +40,9 @@ class Run(Frames):
         that decoders need. Both hold what the sensors measure, whatever `cloud` is. Otherwise each point cloud gets its
         own file, numbered if there are several frames, and with the sensor's name if there is a rig. With several
         frames, the poses of each sensor at its moments (OUTPUT_poses.tum) and the start times of its scans
-        (OUTPUT_times.txt) are written next to them, in Unix time next to a bag, whose stamps are. The samples of an IMU
-        and the fixes of a GNSS receiver are messages of the bag, or a file of their own (OUTPUT_NAME.csv, as
-        `ImuSamples.save` and `GnssFixes.save`).
+        (OUTPUT_times.txt) are written next to them. The samples of an IMU and the fixes of a GNSS receiver are messages
+        of the bag, or a file of their own (OUTPUT_NAME.csv, as `ImuSamples.save` and `GnssFixes.save`). Times in files
+        next to a bag or packets are Unix times, as the stamps of these are.
 
         With `legs`, the number of the strip or station precedes these in the names, and each gets a bag, or a file of
         packets, of its own. A strip is one file in LAS and LAZ, in which its number is the point_source_id. LAS and LAZ
@@ -86,13 +86,13 @@ class Run(Frames):
         written: dict[Path, None] = {}
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
         place = Place(path)
-        zero = self.clock.timestamp() if to.complete else 0.0
+        zero = self.clock.timestamp() if to.unix else 0.0
         with place.errors_as_given():
             parts = [(number, part, file, part.samples()) for number, part, file in self._legs(place.path)]
             for number, part, file, samples in parts:
                 with to.open(part, file, number, samples) as save:
                     if not to.complete:
-                        written.update(dict.fromkeys(_save_samples(samples, file)))
+                        written.update(dict.fromkeys(_save_samples(samples, file, zero)))
                     for frame in part.measured():
                         written.update(dict.fromkeys(save(frame)))
                         for name, scan in frame.scans.items():
@@ -239,10 +239,10 @@ def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]
     yield times
 
 
-def _save_samples(samples: Mapping[str, ImuSamples | GnssFixes], output: Path) -> Iterator[Path]:
-    """Write the samples of IMUs and receivers into files next to `output`; yield the paths."""
+def _save_samples(samples: Mapping[str, ImuSamples | GnssFixes], output: Path, zero: float) -> Iterator[Path]:
+    """Write the samples of IMUs and receivers, `zero` s later, into files next to `output`; yield the paths."""
     for name, values in samples.items():
-        values.save(_samples_path(output, name))
+        replace(values, time=values.time + zero).save(_samples_path(output, name))
         yield _samples_path(output, name)
 
 

@@ -79,6 +79,7 @@ class Bag(Output):
         ),
     }
     complete: ClassVar[bool] = True
+    unix: ClassVar[bool] = True
 
     def __str__(self) -> str:
         return f"the bag {self.path}"

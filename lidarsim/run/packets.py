@@ -58,6 +58,7 @@ class Packets(Output):
         )
     }
     cloud: ClassVar[CloudArguments | None] = {"frame": "sensor", "deskew": False}
+    unix: ClassVar[bool] = True
 
     def __str__(self) -> str:
         return f"the packets {self.path}"
