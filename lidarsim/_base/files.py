@@ -172,7 +172,8 @@ def replacing(path: PathLike) -> Iterator[Path]:
 def writing(path: PathLike) -> Iterator[None]:
     """Turn an `OSError` of the block into one that says that `path` cannot be written, and why.
 
-    One that says so of a file beside it passes through; files elsewhere are temporary, of which the user knows nothing.
+    An error that already names a file in the same folder passes through. Files elsewhere are temporary, and the user
+    does not know their names.
     """
     try:
         yield
@@ -211,8 +212,8 @@ def reading(path: PathLike) -> Iterator[None]:
 PIECE = 2**20
 """Bytes that are written at once.
 
-Linux may ask for a page as large as a write: 2 MiB at once take ten times the time of two halves while memory is
-fragmented.
+Linux may allocate one page for a whole write. While memory is fragmented, a page of 2 MiB takes ten times as long as
+two of half the size.
 """
 
 

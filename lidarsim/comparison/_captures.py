@@ -136,7 +136,7 @@ class Captures:
             return "no ground is seen: no level plane of 500 points or more below the sensor"
         if "intensity" in self.missing:
             return "the clouds have no intensity"
-        return self._dark("all intensities are 0") or "no planes are seen that tell it"
+        return self._dark("all intensities are 0") or "no planes are seen"
 
     def _dark(self, text: str = ", and intensities that are not 0") -> str:
         return text if self.level_counts.size and self.levels.max() == 0.0 else ""

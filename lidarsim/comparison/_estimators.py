@@ -182,7 +182,7 @@ def _noise_at(errors: Measurement, ranges: Floats) -> Floats:
 
 
 def _draw_to(mean: float, values: Floats, errors: Floats) -> Floats:
-    """Return the most likely values of some that scatter about a mean by more than their errors: nearer to it.
+    """Draw values that scatter about a mean by more than their errors towards it, to the most likely ones.
 
     Their spread is that of R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986.
     """

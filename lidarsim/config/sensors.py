@@ -128,7 +128,7 @@ class Sensor(_Limits):
 
     @classmethod
     def keys(cls) -> Collection[str]:
-        """Return those of a sensor, and those with which the loader has made it one."""
+        """Return the keys of a sensor, and those that the loader replaces by them."""
         return "preset", "file", "mode", "noise", *cls.model_fields
 
     def build(self, place: Place) -> Lidar:

@@ -78,7 +78,7 @@ SHARED = {
     "class_names": "the recipe's own key class_names",
     "cloud": "run.cloud",
 }
-"""Keys of the run that cannot vary, and what tells them for all frames."""
+"""Keys of the run that cannot vary, each with the key that sets it for all frames."""
 
 LATEST = 1e9
 """Greatest time to which points are deskewed, s; notes hold times up to a thousand times as long."""

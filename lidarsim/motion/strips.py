@@ -51,7 +51,7 @@ def legs(
     more = (width - swath) / spacing if spacing > 0.0 else math.inf
     if not more < MOST:
         raise ArgumentValueError("area", f"one that {MOST:,} strips cover", f"{more:.3g}", "degrees, or a low height?")
-    # A strip more only for a millimetre or more: the swath of 90 degrees is not quite twice the height, by rounding.
+    # A rest below a millimetre takes no strip: by rounding, a swath of 90 degrees is just below twice the height.
     count = 1 + max(math.ceil(more - 1e-3 / spacing), 0)
     middle = 0.5 * (across.min() + across.max())
     start = 0.0

@@ -234,7 +234,7 @@ class Imu(Value):
             accelerations += 2.0 * np.cross(earth, velocities)
         forces = product(to_sensor, accelerations[..., None])[..., 0]
         kinds = enumerate(((rates, self.gyroscope), (forces, self.accelerometer)))
-        # Of the unit, of its white noise and random walk, and of its flicker noise.
+        # The streams of the constants of the unit, of white noise and random walk, and of flicker noise.
         parts = (0, 0.0), (0, times[0]), (FLICKER, times[0])
         rates, forces = (
             _measure(values, errors, self.rate, *(noise_bits(seed, self.name, kind + of, at) for of, at in parts))

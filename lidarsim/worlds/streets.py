@@ -641,7 +641,7 @@ class _Builder:
                 asset.add_to(self.scene, name=name, transform=place)
 
     def _find_crowded(self) -> Bools:
-        """Return which furniture and people would be on a road, or in a trunk, a vehicle or what is put before."""
+        """Return a mask of furniture and people that would stand on a road, or in a trunk, a vehicle or each other."""
         rooms = np.array([_room(asset, how[2], how[3]) for asset, _, how in self.puts])
         s, d = np.array([how[:2] for *_, how in self.puts]).T
         low, high = (rooms + np.column_stack([s, d])[:, None]).transpose(1, 0, 2)
@@ -904,7 +904,7 @@ def _trunk_radius(asset: Asset) -> float:
 
 
 LOOSE = ("lamp", "sign", "traffic_light", "bin", "bench", "bollard", "person")
-"""What is left out where there is no room."""
+"""Names of what is left out where there is no room."""
 
 _BORDERS: tuple[Border, ...] = get_args(Border)
 _WIDTHS: dict[BuildingKind, Span] = {
