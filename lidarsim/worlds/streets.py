@@ -642,9 +642,12 @@ class _Builder:
 
     def _find_crowded(self) -> Bools:
         """Return a mask of furniture and people that would stand on a road, or in a trunk, a vehicle or each other."""
-        rooms = np.array([_room(asset, how[2], how[3]) for asset, _, how in self.puts])
-        s, d = np.array([how[:2] for *_, how in self.puts]).T
-        low, high = (rooms + np.column_stack([s, d])[:, None]).transpose(1, 0, 2)
+        room = {key: _room(asset) for key, asset in {id(asset): asset for asset, *_ in self.puts}.items()}
+        x, y = np.moveaxis([room[id(asset)] for asset, *_ in self.puts], -1, 0)
+        s, d, yaw, scale = np.array([how[:4] for *_, how in self.puts]).T[..., None]
+        cosine, sine = scale * np.cos(yaw), scale * np.sin(yaw)
+        corners = np.stack([s + cosine * x - sine * y, d + sine * x + cosine * y], axis=-1)
+        low, high, s, d = corners.min(axis=1), corners.max(axis=1), s[:, 0], d[:, 0]
         names = np.array([name for _, name, _ in self.puts])
         may_go = np.isin(names, LOOSE)
         there = np.isin(names, (*VEHICLES, *TREES))
@@ -755,8 +758,8 @@ class _Builder:
         low, high = _footprint(house)
         x, y = np.linspace(low, high, 7).T
         along, across = np.meshgrid(s + side * y / self.plan.shortening(s - 20.0, side, abs(d)), d - side * x)
-        drop = self.plan.height(np.array(s), np.array(d)) - self.plan.height(along, across).min()
-        return max(least, float(drop) + 0.05)
+        height = self.plan.height(np.append(along, s), np.append(across, d))
+        return max(least, float(height[-1] - height.min()) + 0.05)
 
     def _garden(self, side: int, start: float, stop: float) -> None:
         """Put a fence, wall, hedge or bed at the pavement, and plants behind it and behind the house."""
@@ -875,20 +878,17 @@ class _Builder:
                     self._put(seated, "person", (s, d), yaw)
 
 
-def _room(asset: Asset, yaw: float, scale: float) -> Floats:
-    """Return the low and high corner, along and across, of a rectangle around what people would walk into."""
+def _room(asset: Asset) -> Floats:
+    """Return the corners, (4, 2), of a rectangle around what people would walk into."""
     solid = [
         part.bounds[:, :2]
         for part in asset.parts
         if part.name not in {"leaves", "branches"} and part.bounds[0, 2] < OVERHEAD
     ]
     if not solid:
-        return np.full((2, 2), np.nan)
+        return np.full((4, 2), np.nan)
     (left, right), (near, far) = np.min([low for low, _ in solid], axis=0), np.max([high for _, high in solid], axis=0)
-    corners = np.array([(x, y) for x in (left, near) for y in (right, far)])
-    turn = np.array([(np.cos(yaw), np.sin(yaw)), (-np.sin(yaw), np.cos(yaw))])
-    turned = scale * corners @ turn
-    return np.array([turned.min(axis=0), turned.max(axis=0)])
+    return np.array([(x, y) for x in (left, near) for y in (right, far)])
 
 
 def _footprint(asset: Asset) -> Floats:
