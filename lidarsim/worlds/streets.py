@@ -643,7 +643,7 @@ class _Builder:
     def _find_crowded(self) -> Bools:
         """Return a mask of furniture and people that would stand on a road, or in a trunk, a vehicle or each other."""
         room = {key: _room(asset) for key, asset in {id(asset): asset for asset, *_ in self.puts}.items()}
-        x, y = np.moveaxis([room[id(asset)] for asset, *_ in self.puts], -1, 0)
+        x, y = np.moveaxis(np.array([room[id(asset)] for asset, *_ in self.puts]), -1, 0)
         s, d, yaw, scale = np.array([how[:4] for *_, how in self.puts]).T[..., None]
         cosine, sine = scale * np.cos(yaw), scale * np.sin(yaw)
         corners = np.stack([s + cosine * x - sine * y, d + sine * x + cosine * y], axis=-1)
