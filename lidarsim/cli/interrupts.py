@@ -40,7 +40,8 @@ def insistent_interrupts() -> Iterator[None]:
     report = sys.unraisablehook
 
     def report_others(dropped: sys.UnraisableHookArgs) -> None:
-        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+        # What an interrupt leaves half made, such as a ZipFile, may fail when it is deleted.
+        if not (repeats or issubclass(dropped.exc_type, KeyboardInterrupt)):
             report(dropped)
 
     signal.signal(signal.SIGINT, interrupt)

@@ -141,3 +141,25 @@ cli.main([])
     with start(code) as child:
         out, err = child.communicate(timeout=60)
     assert (child.returncode, out, err) == (130, "", "")
+
+
+def test_what_a_ctrl_c_leaves_half_made_is_deleted_in_silence() -> None:
+    """As a ZipFile is whose constructor was interrupted."""
+    code = """
+import signal, types
+from lidarsim import cli
+
+class HalfMade:
+    def __init__(self):
+        signal.raise_signal(signal.SIGINT)
+        self.file = None
+
+    def __del__(self):
+        self.file.close()
+
+cli.get_command = lambda _: types.SimpleNamespace(make_context=lambda *_, **__: HalfMade())
+cli.main([])
+"""
+    with start(code) as child:
+        out, err = child.communicate(timeout=60)
+    assert (child.returncode, out, err) == (130, "", "")
