@@ -40,8 +40,7 @@ def insistent_interrupts() -> Iterator[None]:
     report = sys.unraisablehook
 
     def report_others(dropped: sys.UnraisableHookArgs) -> None:
-        # What an interrupt leaves half made, such as a ZipFile, may fail when it is deleted.
-        if not (repeats or issubclass(dropped.exc_type, KeyboardInterrupt)):
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
             report(dropped)
 
     signal.signal(signal.SIGINT, interrupt)
