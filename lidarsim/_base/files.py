@@ -218,7 +218,7 @@ two of half the size.
 
 
 def write(path: Path, data: bytes) -> None:
-    """Write a file, by pieces."""
+    """Write a file in pieces of at most `PIECE` bytes."""
     view = memoryview(data)
     with path.open("wb") as file:
         for start in range(0, len(view), PIECE):

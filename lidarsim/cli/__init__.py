@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         except (typer.Exit, SystemExit) as end:
             code = end.exit_code if isinstance(end, typer.Exit) else end.code
         except KeyboardInterrupt:
-            # What is half made, such as a ZipFile, fails when it is deleted, which is at the end of this block.
+            # An interrupted constructor, such as that of ZipFile, leaves an object whose deletion fails.
             sys.unraisablehook = lambda _: None
             code = 130
         except BrokenPipeError:  # of stdout; errors of files name the file

@@ -128,7 +128,7 @@ class Sensor(_Limits):
 
     @classmethod
     def keys(cls) -> Collection[str]:
-        """Return the keys of a sensor, and those that the loader replaces by them."""
+        """Return the keys of a sensor, and those that the loader resolves into them."""
         return "preset", "file", "mode", "noise", *cls.model_fields
 
     def build(self, place: Place) -> Lidar:

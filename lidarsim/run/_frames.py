@@ -465,7 +465,7 @@ class Frames:
 
 
 def insert(path: Path, *parts: str, suffix: str | None = None) -> Path:
-    """Return `path` with the non-empty `parts` inserted before its suffix, or before another in its place."""
+    """Return `path` with the non-empty `parts` inserted before its suffix, which `suffix` replaces, if given."""
     known = (each for each in FORMATS if path.name.lower().endswith(each))  # such as .pcd.bin
     end = len(path.name) - len(max(known, key=len, default=path.suffix))
     stem, own = path.name[:end], path.name[end:]

@@ -355,7 +355,7 @@ _KNOWN: WeakKeyDictionary[Snapshot, _Instances] = WeakKeyDictionary()
 
 
 def _instances_in(world: Snapshot) -> _Instances:
-    """Return the instances of a scene, without those that have unbounded parts; empty parts count for nothing."""
+    """Return the instances of a scene, without those that have unbounded parts; empty parts are left out."""
     known = _KNOWN.get(world)
     if known is not None:
         return known

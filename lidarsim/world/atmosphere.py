@@ -369,7 +369,7 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor, *, of: str = "") 
     lidar : Lidar
         The sensor.
     of : str
-        Words that errors put after the name of what it lacks.
+        Text that errors append to the name of the missing argument.
 
     Raises
     ------
