@@ -90,7 +90,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                         points = 0
                         for sample in samples(recipe, run, sequence, frame, next(scans)):
                             records.append(dataclasses.replace(sample.record, extra=write(sample)))
-                            labels.update(_count(sample.cloud.label))
+                            labels.update(_count(np.asarray(sample.cloud.label)))
                             ranges += _histogram(sample.cloud.range)
                             points += sample.record.points
                         tell(1, points)

@@ -19,6 +19,7 @@ import importlib.metadata
 import json
 import os
 import re
+import shutil
 import time
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -500,14 +501,16 @@ def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:
             yield from (json.dumps(entry.model_dump()).encode() + b"\n" for entry in entries)
         yield from (json.dumps(entry).encode() + b"\n" for entry in (*tables, _entry(_START, head.line()).model_dump()))
 
-    count, digest = 0, hashlib.sha256()
-    for line in lines():
-        count += 1
-        digest.update(line)
-    whole = head.model_copy(update={"files": count, "lines": digest.hexdigest()})
-    with store.writing(MANIFEST) as path, path.open("wb") as file:
-        file.write(whole.line() + b"\n")
-        file.writelines(lines())
+    with store.writing(MANIFEST) as path, path.with_suffix(".lines").open("w+b") as rest:
+        count, digest = 0, hashlib.sha256()
+        for line in lines():
+            count += 1
+            digest.update(line)
+            rest.write(line)
+        rest.seek(0)
+        with path.open("wb") as file:
+            file.write(head.model_copy(update={"files": count, "lines": digest.hexdigest()}).line() + b"\n")
+            shutil.copyfileobj(rest, file)
 
 
 def is_complete(store: Store) -> bool:
