@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,7 @@ def _call(objects: list[tuple[str, tuple[Any, ...], Any]], rays: tuple[Any, Any]
     for kind, arguments, transform in objects:
         key = (kind, *map(id, arguments))  # instances share one mesh
         if key not in shared:
-            make: Any = ls
-            for name in kind.split("."):
-                make = getattr(make, name)
-            shared[key] = make(*arguments)
+            shared[key] = attrgetter(kind)(ls)(*arguments)
         scene.add(shared[key], transform=transform)
     return partial(scene.cast, *rays)
 

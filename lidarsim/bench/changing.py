@@ -122,8 +122,8 @@ def _down(x: float, y: float) -> tuple[Floats, Floats]:
     return np.array([[x, y, HEIGHT]]), np.array([[0.0, 0.0, -1.0]])
 
 
-def calls(casters: Collection[str], threads: int, side: int = SIDE) -> dict[str, tuple[str, Callable[[], float]]]:
-    """Return the calls to time, after calling each once.
+def calls(casters: Collection[str], threads: int, side: int = SIDE) -> motion.Calls:
+    """Return the calls to time.
 
     Parameters
     ----------
@@ -136,8 +136,8 @@ def calls(casters: Collection[str], threads: int, side: int = SIDE) -> dict[str,
 
     Returns
     -------
-    dict of str to (str, callable)
-        By name: the name of the call to compare with, and the call to time, which returns t of a ray.
+    Calls
+        The calls, each of which returns t of a ray.
     """
     crowd, moving = (motion.instances(INSTANCES, moving=moving) for moving in (False, True))
     ids = [item.id for item in crowd][1:]  # without the ground
@@ -164,7 +164,7 @@ def calls(casters: Collection[str], threads: int, side: int = SIDE) -> dict[str,
 
     move, bend = f"{INSTANCES:,} instances moved", f"{len(faces):,} faces refitted"
     anew = f"{len(faces):,} faces built anew"
-    own: dict[str, tuple[str, Callable[[], float]]] = {
+    own: motion.Calls = {
         move: (move, move_instances),
         f"{INSTANCES:,} instances with motions": (move, lambda: float(moving.cast(*at, time=next(times)).t[0])),
         bend: (bend, refit_mesh),
@@ -177,8 +177,6 @@ def calls(casters: Collection[str], threads: int, side: int = SIDE) -> dict[str,
         own[f"{anew}, Embree"] = bend, _commit(embree, side, faces, on, MEDIUM)
     if "Open3D" in casters:
         own[f"{anew}, Open3D"] = bend, _add(side, faces, on, threads)
-    for _, call in own.values():
-        call()
     return own
 
 

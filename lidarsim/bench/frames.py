@@ -7,11 +7,11 @@ import math
 import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import Any
 
 import numpy as np
 
 import lidarsim as ls
+from lidarsim.bench.motion import Calls
 from lidarsim.datasets.layouts import Files, layout_of
 from lidarsim.datasets.recipe import Function, Recipe
 from lidarsim.datasets.sampling import samples
@@ -33,11 +33,11 @@ PERIOD = 0.1
 """Period of a frame, s."""
 
 
-def street(movers: int = MOVERS) -> ls.Scene:
+def street() -> ls.Scene:
     """Return a street in which cars drive and people walk, as many of each, along x."""
     scene, draw = ls.worlds.street(1).scene, np.random.default_rng(7)
-    for k in range(movers):
-        heading, share = math.pi * (k % 2), k / movers - 0.5
+    for k in range(MOVERS):
+        heading, share = math.pi * (k % 2), k / MOVERS - 0.5
         cos, sin = math.cos(heading), math.sin(heading)
         place = np.array([[cos, -sin, 0, 0], [sin, cos, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
         for asset, span, aside, speed in (
@@ -49,26 +49,20 @@ def street(movers: int = MOVERS) -> ls.Scene:
     return scene
 
 
-def calls(
-    files: ExitStack, sensor: str = "velodyne-hdl64e-s3", movers: int = MOVERS
-) -> dict[str, tuple[str, Callable[[], Any]]]:
-    """Return the calls to time, after calling each once.
+def calls(files: ExitStack) -> Calls:
+    """Return the calls to time.
 
     Parameters
     ----------
     files : contextlib.ExitStack
         Removes the written files when it is closed.
-    sensor : str
-        Name of the sensor, which drives along the street of `street`.
-    movers : int
-        Number of moving cars, and of people.
 
     Returns
     -------
-    dict of str to (str, callable)
-        By name: the name of the call to compare with, and the call to time. Each call takes the next of some frames.
+    Calls
+        The calls; each takes the next of some frames.
     """
-    scene, lidar, start = street(movers), ls.Lidar.preset(sensor), np.eye(4)
+    scene, lidar, start = street(), ls.Lidar.preset("velodyne-hdl64e-s3"), np.eye(4)
     start[2, 3] = 1.73
     drive, turn = ls.Trajectory.from_twist(start, (8, 0, 0), (0, 0, 0.1)), itertools.cycle(range(4))
 
@@ -77,7 +71,7 @@ def calls(
         return lidar.scan(scene, drive, time=frame * PERIOD, frame=frame)
 
     known, base = scan(), "Lidar.scan"
-    what: dict[str, tuple[str, Callable[[], Any]]] = {
+    what: Calls = {
         base: (base, scan),
         "Scan.point_cloud": (base, known.point_cloud),
         "Scan.point_cloud, deskewed with movers": (base, lambda: known.point_cloud(deskew=True, deskew_movers=True)),
@@ -89,8 +83,6 @@ def calls(
     }
     for layout in LAYOUTS:
         what[f"a labelled frame, {layout}"] = base, _frame(layout, scene, lidar, drive, files)
-    for _, call in what.values():
-        call()
     return what
 
 

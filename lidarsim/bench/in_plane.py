@@ -94,8 +94,6 @@ def calls() -> dict[str, Callable[[], Any]]:
     for name, (scene, rotation) in worlds().items():
         for where, (origins, directions) in given.items():
             what[f"{name}; {where}"] = partial(scene.cast, origins @ rotation.T, directions @ rotation.T)
-    for call in what.values():
-        call()
     return what
 
 

@@ -12,7 +12,10 @@ import lidarsim as ls
 from lidarsim._base.validation import Floats
 from lidarsim.patterns import Pattern
 
-__all__ = ["calls", "instances", "over"]
+__all__ = ["Calls", "calls", "instances", "over", "unpaired"]
+
+Calls = dict[str, tuple[str, Callable[[], Any]]]
+"""By the name of each call: the name of the call to compare it with, and the call to time."""
 
 SPEED = 15.0
 """Speed of moving sensors and objects, m/s."""
@@ -56,8 +59,8 @@ def instances(count: int, *, moving: bool) -> ls.Scene:
     return scene
 
 
-def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[str, Callable[[], Any]]]:
-    """Return the calls to time, after calling each once.
+def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> Calls:
+    """Return the calls to time.
 
     Parameters
     ----------
@@ -70,8 +73,8 @@ def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[s
 
     Returns
     -------
-    dict of str to (str, callable)
-        By name: the name of the call to compare with, and the call to time.
+    Calls
+        The calls.
     """
     lidar, still = ls.Lidar(pattern), np.eye(4)
     still[:3, 3] = place
@@ -112,15 +115,18 @@ def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[s
         ),
         (f"{OBJECTS:,} objects built anew, one ray", build, f"one of {OBJECTS:,} objects moved, one ray", change),
     ]
-    what: dict[str, tuple[str, Callable[[], Any]]] = {}
+    what: Calls = {}
     for base, known, name, call in compared:
         what |= {base: (base, known), name: (base, call)}
-    for _, call in what.values():
-        call()
     return what
 
 
-def over(times: dict[str, float], what: dict[str, tuple[str, Callable[[], Any]]]) -> list[dict[str, Any]]:
+def unpaired(what: Calls) -> dict[str, Callable[[], Any]]:
+    """Return the calls to time without those that they are compared with."""
+    return {name: call for name, (_, call) in what.items()}
+
+
+def over(times: dict[str, float], what: Calls) -> list[dict[str, Any]]:
     """Return a row per call, with its time and its ratio to the call that it is compared with."""
     return [
         {"what": name, "over": base, "seconds": times[name], "ratio": times[name] / times[base]}

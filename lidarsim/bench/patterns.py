@@ -32,8 +32,8 @@ FRAMES = 4
 """Frames whose rays are made beforehand, to be cast in turn."""
 
 
-def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) -> dict[str, Callable[[], Any]]:
-    """Return the calls to time, after calling each once.
+def calls(scene: ls.Scene, place: Floats) -> dict[str, Callable[[], Any]]:
+    """Return the calls to time.
 
     Parameters
     ----------
@@ -41,8 +41,6 @@ def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) ->
         The scene to scan.
     place : ndarray of float64, shape (3,)
         Position of the sensor, m.
-    presets : tuple of str
-        Names of sensors.
 
     Returns
     -------
@@ -53,10 +51,8 @@ def calls(scene: ls.Scene, place: Floats, presets: tuple[str, ...] = PRESETS) ->
     pose = np.eye(4)
     pose[:3, 3] = place
     what: dict[str, Callable[[], Any]] = {}
-    for name in presets:
+    for name in PRESETS:
         what |= {f"{name}, {kind}": call for kind, call in _calls(ls.Lidar.preset(name), scene, pose).items()}
-    for call in what.values():
-        call()
     return what
 
 
@@ -85,7 +81,7 @@ def over(times: dict[str, float]) -> list[dict[str, Any]]:
         Sensor, pattern, number of pulses; the times of a pulse, s; the time of a scan divided by that of a cast.
     """
     rows = []
-    for name in dict.fromkeys(what.rpartition(", ")[0] for what in times):
+    for name in PRESETS:
         pattern = ls.Lidar.preset(name).pattern
         pulses, cast, scan = (times[f"{name}, {kind}"] for kind in ("pulses", "cast", "scan"))
         count = len(pattern.pulses(0))

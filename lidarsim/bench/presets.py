@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import statistics
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -49,7 +49,7 @@ def rays(sensor: str, world: World) -> Rays:
 
 
 def calls(world: World, casters: Mapping[str, Caster], threads: int) -> dict[str, Callable[[], Any]]:
-    """Return the casts to time, after calling each once.
+    """Return the casts to time.
 
     Parameters
     ----------
@@ -70,8 +70,6 @@ def calls(world: World, casters: Mapping[str, Caster], threads: int) -> dict[str
         given = rays(sensor, world)
         for name, caster in casters.items():
             what[f"{sensor}, {name}"] = partial(caster.cast, caster.prepare(given), threads)
-    for call in what.values():
-        call()
     return what
 
 
@@ -111,4 +109,4 @@ def over(times: Mapping[str, float], world: World) -> list[dict[str, Any]]:
 def mean(rows: list[dict[str, Any]]) -> float | None:
     """Return the geometric mean of the ratios, None if there are none."""
     ratios = [row["ratio"] for row in rows if row["ratio"] is not None]
-    return math.exp(sum(map(math.log, ratios)) / len(ratios)) if ratios else None
+    return statistics.geometric_mean(ratios) if ratios else None

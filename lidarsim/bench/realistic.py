@@ -65,7 +65,7 @@ def sub_rays(lidar: ls.Lidar, beam: ls.Beam, world: World) -> Rays:
 
 
 def calls(world: World, scene: ls.Scene, casters: Mapping[str, Caster], threads: int) -> dict[str, Callable[[], Any]]:
-    """Return the calls to time, after calling each once.
+    """Return the calls to time.
 
     Parameters
     ----------
@@ -95,8 +95,6 @@ def calls(world: World, scene: ls.Scene, casters: Mapping[str, Caster], threads:
             rays = sub_rays(lidar, beam, world)
             for caster, other in casters.items():
                 what[f"{name}, {caster}"] = partial(other.cast, other.prepare(rays), threads)
-    for call in what.values():
-        call()
     return what
 
 

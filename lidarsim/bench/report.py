@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 import re
+import statistics
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -201,7 +201,7 @@ def to_markdown(results: Results) -> str:
         "In the city, 128 channels, over the bare cast of the same rays.",
         _table(
             "what | ms | × cast",
-            ([row["what"], _short(1e3 * row["seconds"]), _short(row["ratio"])] for row in results["scan"]),
+            ([row["what"], *_ms(row)] for row in results["scan"]),
         ),
         "## Instances",
         INSTANCES.format(**results["instances"][0]),
@@ -243,41 +243,25 @@ def to_markdown(results: Results) -> str:
         MOTION,
         _table(
             "what | over | ms | ×",
-            (
-                [
-                    row["what"],
-                    row["over"] * (row["over"] != row["what"]),
-                    _short(1e3 * row["seconds"]),
-                    _short(row["ratio"]),
-                ]
-                for row in results["motion"]
-            ),
+            ([row["what"], row["over"] * (row["over"] != row["what"]), *_ms(row)] for row in results["motion"]),
         ),
         "## Labelled frames",
         FRAMES,
         _table(
             "what | ms | × its scan",
-            ([row["what"], _short(1e3 * row["seconds"]), _short(row["ratio"])] for row in results["frames"]),
+            ([row["what"], *_ms(row)] for row in results["frames"]),
         ),
         "## Scenes that change",
         CHANGING,
         _table(
             "what | ms | ×",
-            ([row["what"], _short(1e3 * row["seconds"]), _short(row["ratio"])] for row in results["changing"]),
+            ([row["what"], *_ms(row)] for row in results["changing"]),
         ),
         "## Robots",
         ROBOTS,
         _table(
             "robots | over | ms | ×",
-            (
-                [
-                    row["what"],
-                    row["over"] * (row["over"] != row["what"]),
-                    _short(1e3 * row["seconds"]),
-                    _short(row["ratio"]),
-                ]
-                for row in results["robots"]
-            ),
+            ([row["what"], row["over"] * (row["over"] != row["what"]), *_ms(row)] for row in results["robots"]),
         ),
         "## Rays in the plane of a surface",
         IN_PLANE,
@@ -450,7 +434,7 @@ def summary(results: Results) -> str:
             if row["rays"].startswith(first) and row["scene"] in {"city", "terrain", "scans"} and row["ratio"]
         ]
         if ratios:
-            mean = math.exp(sum(map(math.log, ratios)) / len(ratios))
+            mean = statistics.geometric_mean(ratios)
             lines.append(f"meshes, {name}: {_short(mean)} × Open3D (geometric mean; least {_short(min(ratios))} ×)")
     analytic = {row["method"]: row for row in _analytic(results)}
     lines += [
@@ -539,6 +523,11 @@ def _method(row: Row) -> str:
 
 def _threads(row: Row) -> str:
     return "1" if row.get("one_thread") else str(row["threads"])
+
+
+def _ms(row: Row) -> list[str]:
+    """Return the time of a row, ms, and its ratio."""
+    return [_short(1e3 * row["seconds"]), _short(row["ratio"])]
 
 
 def _errors(error: Row) -> list[str]:

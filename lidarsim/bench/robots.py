@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim._base.validation import Floats
-from lidarsim.bench import scenes
+from lidarsim.bench import motion, scenes
 from lidarsim.bench.peers import CASTERS
 from lidarsim.bench.scenes import Rays
 from lidarsim.scan.columns import ScanColumns
@@ -65,8 +65,8 @@ def poses(rows: int, step: int) -> Floats:
     return places
 
 
-def calls(casters: Collection[str], threads: int, rows: int = ROWS) -> dict[str, tuple[str, Callable[[], Any]]]:
-    """Return the calls to time, after calling each once.
+def calls(casters: Collection[str], threads: int, rows: int = ROWS) -> motion.Calls:
+    """Return the calls to time.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def calls(casters: Collection[str], threads: int, rows: int = ROWS) -> dict[str,
 
     Returns
     -------
-    dict of str to (str, callable)
-        By name: the name of the call to compare with, and the call to time.
+    Calls
+        The calls.
     """
     scene, lidar = world(), ls.Lidar(ls.patterns.Grid(np.linspace(-math.pi, math.pi, BEAMS), [0.0], rate=20.0))
     noisy = ls.Lidar(lidar.pattern, measurement=ls.Measurement(range_sigma=0.01), name="noisy")
@@ -95,7 +95,7 @@ def calls(casters: Collection[str], threads: int, rows: int = ROWS) -> dict[str,
     batch = lidar.scan_many(scene, steps[0], fields=["range"])
     whole = lidar.scan_many(scene, steps[0])
     cast, loop = "Scene.cast of the same rays", "a loop of Lidar.scan"
-    what: dict[str, tuple[str, Callable[[], Any]]] = {
+    what: motion.Calls = {
         cast: (cast, lambda: scene.cast(*rays[step()])),
         "scan_many, ranges": (cast, lambda: lidar.scan_many(scene, steps[step()], out=batch)),
         "scan_many, ranges, one shape ignored in each row": (
@@ -122,8 +122,6 @@ def calls(casters: Collection[str], threads: int, rows: int = ROWS) -> dict[str,
     for name in casters:
         if name.startswith("MuJoCo"):
             what[f"{name}, the same"] = known, _peer(name, geoms, threads, lidar)
-    for _, call in what.values():
-        call()
     return what
 
 
@@ -146,27 +144,7 @@ def _peer(name: str, geoms: scenes.World, threads: int, lidar: ls.Lidar) -> Call
     return lambda: [caster.cast(rays, threads) for _ in range(PARTS)]
 
 
-def over(
-    times: dict[str, float], what: dict[str, tuple[str, Callable[[], Any]]], rows: int = ROWS
-) -> list[dict[str, Any]]:
-    """Return a row per call, with its time and its ratio to the call that it is compared with.
-
-    Parameters
-    ----------
-    times : dict of str to float
-        The time of each call, s.
-    what : dict of str to (str, callable)
-        What `calls` returned.
-    rows : int
-        Number of robots.
-
-    Returns
-    -------
-    list of dict
-        Rows of the table; the time of peers is scaled to that of all robots.
-    """
-    seconds = {name: time * (rows / PARTS if name.startswith("MuJoCo") else 1.0) for name, time in times.items()}
-    return [
-        {"what": name, "over": base, "seconds": seconds[name], "ratio": seconds[name] / seconds[base]}
-        for name, (base, _) in what.items()
-    ]
+def over(times: dict[str, float], what: motion.Calls, rows: int = ROWS) -> list[dict[str, Any]]:
+    """Return the rows of `motion.over`; the times of peers are scaled to those of as many robots as `rows`."""
+    scales = {name: rows / PARTS if name.startswith("MuJoCo") else 1.0 for name in times}
+    return motion.over({name: scales[name] * time for name, time in times.items()}, what)

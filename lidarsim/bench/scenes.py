@@ -141,18 +141,18 @@ def spinning(channels: int, columns: int, field_of_view: float) -> Spinning:
     return Spinning(np.linspace(-field_of_view / 2, field_of_view / 2, channels), columns=columns)
 
 
-def random_rays(world: World, count: int, seed: int = 0) -> Rays:
+def random_rays(world: World, count: int) -> Rays:
     """Return rays with uniform directions and uniform origins in the world's box."""
-    rng = np.random.default_rng((seed, 7))
+    rng = np.random.default_rng((0, 7))
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return Rays("random", rng.uniform(world.low, world.high, (count, 3)), directions, one_origin=False)
 
 
-def downward(count: int, reach: float = 14.0, seed: int = 0) -> Rays:
-    """Return rays from a point at a height of 40 m to points of a disc of radius `reach` at the origin, row by row."""
-    rng = np.random.default_rng((seed, 11))
-    radius, angle = rng.uniform(0, reach, count), rng.uniform(0, 2 * np.pi, count)
+def downward(count: int) -> Rays:
+    """Return rays from a point at a height of 40 m to points of a disc of radius 14 m at the origin, row by row."""
+    rng = np.random.default_rng((0, 11))
+    radius, angle = rng.uniform(0, 14.0, count), rng.uniform(0, 2 * np.pi, count)
     targets = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)])
     targets = targets[np.lexsort((targets[:, 0], np.round(targets[:, 1])))]
     origin = np.array([4.0, -7.0, 40.0])

@@ -50,6 +50,7 @@ from lidarsim.bench.scenes import Rays, World
 __all__ = ["FULL", "QUICK", "Build", "Error", "Plan", "Speed", "interleave", "judge", "main", "measure"]
 
 Progress = Callable[[str], None]
+Row = dict[str, Any]
 
 MESHES: dict[str, Callable[..., World]] = {"city": scenes.city, "terrain": scenes.terrain, "scans": scenes.scans}
 FINE = 1.0  # mm: greatest median error of the tessellation that represents Open3D among the analytic shapes
@@ -247,23 +248,9 @@ class _Run:
         self.plan, self.progress = plan, progress
         self.casters, self.states = find_installed()
         self.speed: list[Speed] = []
-        self.growth: list[Speed] = []
-        self.distance: list[dict[str, Any]] = []
         self.builds: list[Build] = []
-        self.scan: list[dict[str, Any]] = []
-        self.instances: list[dict[str, Any]] = []
-        self.coincident: list[dict[str, Any]] = []
-        self.motion: list[dict[str, Any]] = []
-        self.frames: list[dict[str, Any]] = []
-        self.changing: list[dict[str, Any]] = []
-        self.robots: list[dict[str, Any]] = []
-        self.in_plane: list[dict[str, Any]] = []
-        self.patterns: list[dict[str, Any]] = []
-        self.presets: list[dict[str, Any]] = []
-        self.realistic: list[dict[str, Any]] = []
-        self.sight: list[dict[str, Any]] = []
-        self.scaling: list[dict[str, Any]] = []
-        self.scenes: list[dict[str, Any]] = []
+        self.scaling: list[Row] = []
+        self.presets: list[Row] = []
         self.stand_in: str | None = None  # the tessellation that represents Open3D
 
     def meshes(self) -> None:
@@ -316,25 +303,29 @@ class _Run:
         self.progress(f"{world.name}: sensors")
         casters = {name: caster for name, caster in methods.items() if name in {"lidarsim", "Open3D"}}
         what = presets.calls(world, casters, self.plan.threads[-1])
-        self.presets += presets.over(interleave(what, self.plan.rounds, self.plan.seconds), world)
+        self.presets += presets.over(self._time(what), world)
 
-    def sizes(self) -> None:
+    def sizes(self) -> list[Speed]:
         """Measure terrains with increasing numbers of triangles."""
+        rows: list[Speed] = []
         for triangles in self.plan.sizes:
             world = scenes.terrain(triangles)
             methods = self._build(world, 0)
-            self.growth += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
+            rows += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
+        return rows
 
-    def distances(self) -> None:
+    def distances(self) -> list[Row]:
         """Measure errors of the range at increasing distances from the origin of coordinates."""
+        found: list[Row] = []
         for distance in self.plan.distances:
             world = scenes.terrain(10_000, (distance, 0.0, 0.0))
             rows = self._compare(
                 world, scenes.lidar(world, 16, 250, math.pi / 6), self._build(world, 0), self.plan.threads[-1:]
             )
-            self.distance += [{"distance": distance, "method": row.method, "error": asdict(row.error)} for row in rows]
+            found += [{"distance": distance, "method": row.method, "error": asdict(row.error)} for row in rows]
+        return found
 
-    def whole_scan(self) -> None:
+    def whole_scan(self) -> list[Row]:
         """Measure whole scans relative to the bare cast of the same rays."""
         import lidarsim as ls
 
@@ -368,15 +359,13 @@ class _Run:
             "Lidar.scan, every effect but the beam": lambda: scan(effects),
             "Lidar.scan, every effect, beam of 7 rays": lambda: scan(beam),
         }
-        for call in calls.values():
-            call()
-        times = interleave(calls, self.plan.rounds, self.plan.seconds)
-        self.scan += [
+        times = self._time(calls)
+        return [
             {"what": name, "rays": len(rays), "seconds": s, "ratio": s / times["Scene.cast"]}
             for name, s in times.items()
         ]
 
-    def overlapping_instances(self) -> None:
+    def overlapping_instances(self) -> list[Row]:
         """Measure overlapping instances of one mesh, and the same triangles merged into one mesh, as Open3D needs."""
         import lidarsim as ls
 
@@ -398,10 +387,11 @@ class _Run:
         found: dict[str, Found] = {own: (placed.t, triangle)}
         found |= {name: caster.convert(calls[name]()) for name, caster in casters.items()}
         times = interleave(calls, self.plan.rounds, self.plan.seconds)
+        rows = []
         for name, seconds in times.items():
             t, surface = found[name]
             both = placed.hit & np.isfinite(t)
-            self.instances.append(
+            rows.append(
                 {
                     "what": name,
                     "rays": len(rays),
@@ -413,12 +403,13 @@ class _Run:
                     "off_mm": float(np.abs(t[both] - placed.t[both]).max() * 1e3),
                 }
             )
+        return rows
 
-    def coincident_surfaces(self) -> None:
+    def coincident_surfaces(self) -> list[Row]:
         """Measure scenes with coincident surfaces relative to the scenes without the second surface."""
         import lidarsim as ls
 
-        rays = scenes.downward(self.plan.columns[0] * 64)
+        rows, rays = [], scenes.downward(self.plan.columns[0] * 64)
         _native.set_threads(self.plan.threads[-1])
         for name, pair in scenes.coincident(self.plan.triangles or 130_000).items():
             self.progress(f"coincident surfaces: {name}")
@@ -429,7 +420,7 @@ class _Run:
             calls = {key: partial(scene.cast, rays.origins, rays.directions) for key, scene in built.items()}
             once, twice = (call() for call in calls.values())
             times = interleave(calls, self.plan.rounds, self.plan.seconds)
-            self.coincident.append(
+            rows.append(
                 {
                     "what": name,
                     "rays": len(rays),
@@ -439,12 +430,12 @@ class _Run:
                     "wrong": int(((once.t != twice.t) | (once.primitive_id != twice.primitive_id)).sum()),
                 }
             )
+        return rows
 
-    def lines_of_sight(self) -> None:
+    def lines_of_sight(self) -> list[Row]:
         """Measure occlusion queries relative to casts for the nearest hit."""
-        world = self._world(scenes.city)
-        threads = self.plan.threads[-1]
-        scene = Lidarsim(world, threads).scene
+        rows, world = [], self._world(scenes.city)
+        scene = Lidarsim(world, self.plan.threads[-1]).scene
         for rays in self._rays(world)[::2]:
             self.progress(f"lines of sight: {rays.name} rays")
             calls = {
@@ -452,7 +443,7 @@ class _Run:
             }
             hits, dark = (call() for call in calls.values())
             times = interleave(calls, self.plan.rounds, self.plan.seconds)
-            self.sight.append(
+            rows.append(
                 {
                     "rays": rays.name,
                     "hits": int(hits.hit.sum()),
@@ -462,99 +453,75 @@ class _Run:
                     "wrong": int((hits.hit != dark).sum()),
                 }
             )
+        return rows
 
-    def moving(self) -> None:
+    def moving(self) -> list[Row]:
         """Measure moving scenes relative to the same scenes at rest."""
         world = self._world(scenes.city)
         caster = Lidarsim(world, self.plan.threads[-1])
         self.progress("motion")
         what = motion.calls(caster.scene, world.sensor, scenes.spinning(128, self.plan.columns[0], math.pi / 4))
-        times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
-        self.motion += motion.over(times, what)
+        return motion.over(self._time(motion.unpaired(what)), what)
 
-    def labelled_frames(self) -> None:
+    def labelled_frames(self) -> list[Row]:
         """Measure labelled frames relative to their scans, on one thread and in its time of the processor."""
         self.progress("labelled frames")
         _native.set_threads(1)
         with ExitStack() as files:
             what = frames.calls(files)
-            calls = {name: call for name, (_, call) in what.items()}
-            times = interleave(calls, self.plan.rounds, self.plan.seconds, time.process_time)
-        self.frames += motion.over(times, what)
+            return motion.over(self._time(motion.unpaired(what), time.process_time), what)
 
-    def changing_scenes(self) -> None:
+    def changing_scenes(self) -> list[Row]:
         """Measure changes of scenes between frames, on one thread and in its time of the processor."""
         self.progress("scenes that change")
         _native.set_threads(1)
         what = changing.calls(self.casters, 1)
-        calls = {name: call for name, (_, call) in what.items()}
-        times = interleave(calls, self.plan.rounds, self.plan.seconds, time.process_time)
-        self.changing += motion.over(times, what)
+        return motion.over(self._time(motion.unpaired(what), time.process_time), what)
 
-    def many_robots(self) -> None:
+    def many_robots(self) -> list[Row]:
         """Measure the scans of many robots in one call."""
         self.progress("robots")
         _native.set_threads(self.plan.threads[-1])
         what = robots.calls(self.casters, self.plan.threads[-1], self.plan.robots)
-        times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
-        self.robots += robots.over(times, what, self.plan.robots)
+        return robots.over(self._time(motion.unpaired(what)), what, self.plan.robots)
 
-    def rays_in_planes(self) -> None:
+    def rays_in_planes(self) -> list[Row]:
         """Measure rays that lie in the plane of a surface."""
         self.progress("rays in planes")
         _native.set_threads(self.plan.threads[-1])
-        self.in_plane += in_plane.over(interleave(in_plane.calls(), self.plan.rounds, self.plan.seconds))
+        return in_plane.over(self._time(in_plane.calls()))
 
-    def new_frames(self) -> None:
+    def new_frames(self) -> list[Row]:
         """Measure the pulses of new frames, and their scans relative to casts."""
         world = self._world(scenes.city)
         self.progress("patterns")
         _native.set_threads(1)
-        what = patterns.calls(Lidarsim(world, 1).scene, world.sensor)
-        times = interleave(what, self.plan.rounds, self.plan.seconds)
-        self.patterns += patterns.over(times)
+        return patterns.over(self._time(patterns.calls(Lidarsim(world, 1).scene, world.sensor)))
 
-    def real_sensors(self) -> None:
+    def real_sensors(self) -> list[Row]:
         """Measure scans with the noise and beam of real units relative to those without, and beside Open3D."""
         world, threads = self._world(scenes.city), self.plan.threads[-1]
         self.progress("realistic")
         own = Lidarsim(world, threads)
         peers = {"Open3D": self.casters["Open3D"](world, threads)} if "Open3D" in self.casters else {}
-        what = realistic.calls(world, own.scene, peers, threads)
-        self.realistic += realistic.over(interleave(what, self.plan.rounds, self.plan.seconds))
+        return realistic.over(self._time(realistic.calls(world, own.scene, peers, threads)))
 
-    def random_scenes(self) -> None:
+    def random_scenes(self) -> list[Row]:
         """Measure the share of building in the total time of scenes that are scanned once."""
+        rows: list[Row] = []
         for threads in self.plan.threads:
             self.progress(f"random scenes, {threads} threads")
             _native.set_threads(threads)
-            self.scenes += [{"threads": threads, **row} for row in building.rows(self.plan.scenes, self.plan.builds)]
+            rows += [{"threads": threads, **row} for row in building.rows(self.plan.scenes, self.plan.builds)]
+        return rows
 
-    def results(self) -> dict[str, Any]:
-        """Return all figures as JSON types."""
-        return {
-            "machine": report.machine(),
-            "plan": asdict(self.plan),
-            "casters": self.states,
-            "speed": [asdict(row) for row in self.speed],
-            "growth": [asdict(row) for row in self.growth],
-            "distance": self.distance,
-            "builds": [asdict(row) for row in self.builds],
-            "scan": self.scan,
-            "instances": self.instances,
-            "coincident": self.coincident,
-            "motion": self.motion,
-            "frames": self.frames,
-            "changing": self.changing,
-            "robots": self.robots,
-            "in_plane": self.in_plane,
-            "patterns": self.patterns,
-            "presets": self.presets,
-            "realistic": self.realistic,
-            "sight": self.sight,
-            "scaling": self.scaling,
-            "scenes": self.scenes,
-        }
+    def _time(
+        self, calls: Mapping[str, Callable[[], Any]], clock: Callable[[], float] = time.perf_counter
+    ) -> dict[str, float]:
+        """Return the median time of each call, after calling each once."""
+        for call in calls.values():
+            call()
+        return interleave(calls, self.plan.rounds, self.plan.seconds, clock)
 
     def _world(self, make: Callable[..., World], offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
         return make(offset=offset) if self.plan.triangles is None else make(self.plan.triangles, offset)
@@ -724,22 +691,32 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         began = time.perf_counter()
         bench.meshes()
         bench.analytic()
-        bench.sizes()
-        bench.distances()
-        bench.whole_scan()
-        bench.overlapping_instances()
-        bench.coincident_surfaces()
-        bench.lines_of_sight()
-        bench.moving()
-        bench.labelled_frames()
-        bench.changing_scenes()
-        bench.many_robots()
-        bench.rays_in_planes()
-        bench.new_frames()
-        bench.real_sensors()
-        bench.random_scenes()
+        results = {
+            "machine": report.machine(),
+            "plan": asdict(plan),
+            "casters": bench.states,
+            "speed": [asdict(row) for row in bench.speed],
+            "growth": [asdict(row) for row in bench.sizes()],
+            "distance": bench.distances(),
+            "builds": [asdict(row) for row in bench.builds],
+            "scan": bench.whole_scan(),
+            "instances": bench.overlapping_instances(),
+            "coincident": bench.coincident_surfaces(),
+            "motion": bench.moving(),
+            "frames": bench.labelled_frames(),
+            "changing": bench.changing_scenes(),
+            "robots": bench.many_robots(),
+            "in_plane": bench.rays_in_planes(),
+            "patterns": bench.new_frames(),
+            "presets": bench.presets,
+            "realistic": bench.real_sensors(),
+            "sight": bench.lines_of_sight(),
+            "scaling": bench.scaling,
+            "scenes": bench.random_scenes(),
+            "seconds": round(time.perf_counter() - began, 1),
+        }
         progress("")
-        return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}
+        return results
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

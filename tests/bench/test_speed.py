@@ -313,8 +313,8 @@ def test_what_is_moved_is_not_built_anew() -> None:
     assert np.array_equal(still.t, timed.t)
     # The middle one is moved to the origin, and upwards at each call, above those that were there.
     built, moved = (calls[name][1]() for name in calls if "3,200" in name)
-    # The top of the sphere, two steps and the range: fewer than 8 roundings of numbers below 16.
-    assert built.t[0] > moved.t[0] == pytest.approx(9.0 - 1.0 - 0.002, abs=8 * 2.0**-50)
+    # The top of the sphere, the step and the range: fewer than 8 roundings of numbers below 16.
+    assert built.t[0] > moved.t[0] == pytest.approx(9.0 - 1.0 - 0.001, abs=8 * 2.0**-50)
 
 
 def test_scenes_are_built_and_scanned_whole(results: dict[str, Any]) -> None:
