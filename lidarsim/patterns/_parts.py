@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.validation import Floats, array, ask, freeze, integer
+from lidarsim._base.validation import Floats, array, ask, freeze
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns._pulses import Pulses, make_pulses
 
@@ -147,7 +147,6 @@ class Ticks:
     @classmethod
     def of(cls, frame: int, rate: float, frame_rate: float) -> Ticks:
         """Return the ticks m of a clock of `rate`, Hz, with ``frame <= m frame_rate / rate < frame + 1``."""
-        frame = integer("frame", frame, at_least=0)
         ticks, frames = ratio(rate, frame_rate)
         first = -(-frame * ticks // frames)
         count = -(-(frame + 1) * ticks // frames) - first

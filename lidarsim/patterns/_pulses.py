@@ -8,7 +8,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.pickling import Immutable
+from lidarsim._base.pickling import Immutable, Value
 from lidarsim._base.shown import extent
 from lidarsim._base.validation import array, frequency, in_order, integer, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -187,6 +187,36 @@ class Pattern(Protocol):
             If `frame` is not an integer >= 0.
         """
         ...
+
+
+class ScanPattern(Value):
+    """Base of the patterns of this package."""
+
+    __slots__ = ()
+
+    def pulses(self, frame: int = 0) -> Pulses:
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, >= 0.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together are in the order of their rings.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
+        """
+        return self._fire_frame(integer("frame", frame, at_least=0))
+
+    def _fire_frame(self, frame: int, /) -> Pulses:
+        """Return the pulses of a frame, whose number was checked."""
+        raise NotImplementedError
 
 
 def check_pattern(pattern: object) -> None:

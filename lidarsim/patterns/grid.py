@@ -11,14 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angles, array, freeze, frequency, integer, real
+from lidarsim._base.validation import Floats, angles, array, freeze, frequency, real
 from lidarsim.patterns._parts import TURN, ask_order, directions_of, expect_room, rings
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Grid(Value):
+class Grid(ScanPattern):
     """Beams at each azimuth and elevation of a grid: a flash or solid-state lidar; with one elevation, a 2D one.
 
     Columns fire in the given order, `column_period` apart; all rings of a column fire together. All frames are alike.
@@ -80,25 +79,7 @@ class Grid(Value):
         """Rings and columns of a frame."""
         return len(self.elevations), len(self.azimuths)
 
-    def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Its number, >= 0.
-
-        Returns
-        -------
-        Pulses
-            In firing order; those that fire together are in the order of their rings.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not an integer >= 0.
-        """
-        integer("frame", frame, at_least=0)
+    def _fire_frame(self, _frame: int, /) -> Pulses:
         return self._pulses
 
     @cached_property

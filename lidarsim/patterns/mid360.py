@@ -11,10 +11,9 @@ from typing import ClassVar
 import numpy as np
 
 from lidarsim import _native
-from lidarsim._base.pickling import Value
 from lidarsim._base.validation import frequency
 from lidarsim.patterns._parts import Frames, Ticks, cycles
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern
 
 TICK_RATE = 50_000
 """Rate at which the four beams fire together, Hz."""
@@ -27,7 +26,7 @@ SLOW_TURN = 5000
 
 
 @dataclass(frozen=True)
-class Mid360(Value):
+class Mid360(ScanPattern):
     """The four beams of the Livox Mid-360: all around z, from 7 degrees below the horizon to 52 above.
 
     The beams fire together every 20 us. With ``psi = 2 pi 2189/12 t``, ``phi = 2 pi 10 t`` and k = -1.5, -0.5, 0.5, 1.5
@@ -71,24 +70,7 @@ class Mid360(Value):
         """Beams, and most pulses of a beam in a frame."""
         return 4, cycles("rate", TICK_RATE, self.rate)
 
-    def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Its number, >= 0.
-
-        Returns
-        -------
-        Pulses
-            In firing order; those that fire together are in the order of their rings.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not an integer >= 0.
-        """
+    def _fire_frame(self, frame: int, /) -> Pulses:
         ticks = Ticks.of(frame, TICK_RATE, self.rate)
         fire = partial(_native.fire_mid360, ticks.turns(FAST), ticks.first % SLOW_TURN)
         return self._frames.fire_together(ticks, fire)

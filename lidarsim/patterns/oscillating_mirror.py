@@ -11,15 +11,14 @@ import numpy as np
 
 from lidarsim import _native
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.pickling import Value
 from lidarsim._base.validation import angle, frequency, real
 from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern
 
 
 @explain_arguments
 @dataclass(frozen=True)
-class OscillatingMirror(Value):
+class OscillatingMirror(ScanPattern):
     """A beam that swings to and fro about x in the x-y plane: the zigzag of an airborne scanner that looks along x.
 
     The azimuth starts at the left end. The beam swings at constant speed and reverses at constant acceleration; the
@@ -84,24 +83,7 @@ class OscillatingMirror(Value):
         """One ring, and most pulses of a frame."""
         return 1, cycles("pulse_rate", self.pulse_rate, self.rate)
 
-    def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Its number, >= 0.
-
-        Returns
-        -------
-        Pulses
-            In firing order.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not an integer >= 0.
-        """
+    def _fire_frame(self, frame: int, /) -> Pulses:
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         turns = ticks.turns(self.scan_rate)
         return self._frames.fire_together(

@@ -11,15 +11,14 @@ import numpy as np
 
 from lidarsim import _native
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.pickling import Value
 from lidarsim._base.validation import angle, frequency
 from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern
 
 
 @explain_arguments
 @dataclass(frozen=True)
-class Palmer(Value):
+class Palmer(ScanPattern):
     """A beam that moves along a cone about x, from left to up: the circles of a bathymetric scanner looking along x.
 
     Pulse `m` fires at ``m / pulse_rate`` towards ``(cos a, sin a cos h, sin a sin h)`` with ``h = 2 pi scan_rate m /
@@ -77,24 +76,7 @@ class Palmer(Value):
         """One ring, and most pulses of a frame."""
         return 1, cycles("pulse_rate", self.pulse_rate, self.rate)
 
-    def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Its number, >= 0.
-
-        Returns
-        -------
-        Pulses
-            In firing order.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not an integer >= 0.
-        """
+    def _fire_frame(self, frame: int, /) -> Pulses:
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         turns = ticks.turns(self.scan_rate)
         return self._frames.fire_together(ticks, partial(_native.fire_palmer, self.half_angle, turns))

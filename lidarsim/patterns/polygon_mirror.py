@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.pickling import Value
 from lidarsim._base.validation import Floats, angle, angles, freeze, frequency, one_or_each
 from lidarsim.patterns._parts import (
     TURN,
@@ -26,11 +25,11 @@ from lidarsim.patterns._parts import (
     ratio,
     rings,
 )
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class PolygonMirror(Value):
+class PolygonMirror(ScanPattern):
     """Channels that a rotating polygon sweeps about z at constant speed, each facet from the left end to the right.
 
     While a polygon of N mirrors turns by ``2 pi / N``, a facet sweeps the beam by twice that angle. Only the field of
@@ -144,24 +143,7 @@ class PolygonMirror(Value):
             return len(self.elevations), cycles("pulse_rate", self.pulse_rate, self.rate)
         return len(self.elevations), int(lines) * self._count_used(0.0)
 
-    def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Its number, >= 0.
-
-        Returns
-        -------
-        Pulses
-            In firing order; those that fire together are in the order of their rings.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not an integer >= 0.
-        """
+    def _fire_frame(self, frame: int, /) -> Pulses:
         now = Ticks.of(frame, self.pulse_rate, self.rate)
         # Line `l` starts `cycles / lines` pulses after the one before, at the first tick from there on.
         cycles, lines = ratio(self.pulse_rate, self._line_rate)

@@ -27,7 +27,7 @@ from lidarsim._base.validation import (
 )
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles, rings, unit
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern
 
 DENSEST = 10.0
 """Refractive index, more than twice that of the densest glasses and semiconductors, of which germanium has 4."""
@@ -83,7 +83,7 @@ class Prism(Value):
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Risley(Value):
+class Risley(ScanPattern):
     """Beams along x that a sequence of rotating prisms refracts: the rosettes of non-repetitive lidars.
 
     Pulse `m` fires at ``m / pulse_rate``, all beams together. Frame `k` takes the pulses from ``k / rate`` to ``(k + 1)
@@ -172,24 +172,7 @@ class Risley(Value):
         """Beams, and most pulses of a beam in a frame."""
         return len(self.beams), cycles("pulse_rate", self.pulse_rate, self.rate)
 
-    def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Its number, >= 0.
-
-        Returns
-        -------
-        Pulses
-            In firing order; those that fire together are in the order of their rings.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not an integer >= 0.
-        """
+    def _fire_frame(self, frame: int, /) -> Pulses:
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         return self._frames.fire_together(ticks, partial(self._fire, ticks))
 

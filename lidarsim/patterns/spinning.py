@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.pickling import Value
 from lidarsim._base.validation import (
     Floats,
     Vector,
@@ -22,7 +21,6 @@ from lidarsim._base.validation import (
     ask_above,
     freeze,
     frequency,
-    integer,
     real,
 )
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -36,7 +34,7 @@ from lidarsim.patterns._parts import (
     rings,
     wait,
 )
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern
 
 PER_MINUTE = 300.0, 1500.0
 """The usual turns of heads, 5 to 25 a second, in turns per minute."""
@@ -46,7 +44,7 @@ FARTHEST_BEAM = 1.0
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Spinning(Value):
+class Spinning(ScanPattern):
     """Channels on a head that spins about the z axis: one frame per turn.
 
     The head fires its channels in cycles, one cycle per column. Cycle `c` of a frame starts when the head has made
@@ -194,25 +192,8 @@ class Spinning(Value):
         """Rings and most columns of a frame."""
         return len(self.elevations), self._count_used(0.0)
 
-    def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame, which is a turn.
-
-        Parameters
-        ----------
-        frame : int
-            Its number, >= 0.
-
-        Returns
-        -------
-        Pulses
-            In firing order; those that fire together are in the order of their rings.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not an integer >= 0.
-        """
-        late = wait(integer("frame", frame, at_least=0), self.columns_per_turn, 1.0)
+    def _fire_frame(self, frame: int, /) -> Pulses:
+        late = wait(frame, self.columns_per_turn, 1.0)
         return self._turn(late) if late else self._even_turn
 
     @cached_property

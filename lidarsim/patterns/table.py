@@ -14,15 +14,14 @@ import numpy.typing as npt
 from lidarsim._base.files import check_path, check_regular, format_error, load_array
 from lidarsim._base.lines import cells
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.pickling import Value
-from lidarsim._base.validation import Floats, angles, array, freeze, frequency, integer, nonzero_vectors
+from lidarsim._base.validation import Floats, angles, array, freeze, frequency, nonzero_vectors
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
-from lidarsim.patterns._pulses import Pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Table(Value):
+class Table(ScanPattern):
     """Pulses from a list: a measured pattern, or one that no other class describes.
 
     The times divide the list into frames: frame `k` takes the pulses from ``k / rate`` to ``(k + 1) / rate``. After the
@@ -163,26 +162,9 @@ class Table(Value):
         """Rings, and most columns of a frame."""
         return int(self.rings.max()) + 1, self._width
 
-    def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Its number, >= 0.
-
-        Returns
-        -------
-        Pulses
-            In firing order; those that fire together are in the order of their rings.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not an integer >= 0.
-        """
+    def _fire_frame(self, frame: int, /) -> Pulses:
         order, frames = self._order
-        part = integer("frame", frame, at_least=0) % (int(frames[-1]) + 1)
+        part = frame % (int(frames[-1]) + 1)
         chosen = order[slice(*np.searchsorted(frames, (part, part + 1)))]
         rings = self.rings[chosen]
         return Pulses(
