@@ -360,16 +360,6 @@ class Lidar(Sensor):
 def preset_path(name: str) -> Path:
     """Return the file of a preset.
 
-    Parameters
-    ----------
-    name : str
-        One of `Lidar.presets()`.
-
-    Returns
-    -------
-    Path
-        A YAML file of the package.
-
     Raises
     ------
     TypeError, ValueError

@@ -20,25 +20,7 @@ MOST_LINES = 10_000_000
 
 
 def numbers(texts: Sequence[str], count: int) -> list[float]:
-    """Parse texts as finite numbers.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Texts of the numbers.
-    count : int
-        Expected number of texts.
-
-    Returns
-    -------
-    list of float
-        The `count` numbers.
-
-    Raises
-    ------
-    ValueError
-        If the number of texts differs from `count`, or one is not a finite number.
-    """
+    """Parse `count` texts as finite numbers; raise `ValueError` if there are not as many, or one is no such number."""
     if len(texts) != count:
         raise ValueError(f"expected {count} number{'s' * (count > 1)}, got {len(texts)}")
     values = []
@@ -54,18 +36,7 @@ def numbers(texts: Sequence[str], count: int) -> list[float]:
 
 
 def cells(line: str) -> list[str]:
-    """Return the cells of a line of CSV, without blanks and quotation marks.
-
-    Parameters
-    ----------
-    line : str
-        The line.
-
-    Returns
-    -------
-    list of str
-        The texts between its commas.
-    """
+    """Return the cells of a line of CSV, without blanks and quotation marks."""
     return [cell.strip().strip('"').strip() for cell in line.split(",")]
 
 

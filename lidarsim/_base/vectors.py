@@ -35,19 +35,9 @@ def gauss_markov(times: Floats, scale: float, seed: int) -> Floats:
 
 
 def normals(bits: np.random.Philox, shape: tuple[int, ...]) -> Floats:
-    """Return standard normal numbers.
+    """Return standard normal numbers of a shape: the quantiles of the next numbers of `bits`, in order.
 
-    Parameters
-    ----------
-    bits : numpy.random.Philox
-        Where the bits are drawn, the same on every machine and in every version of NumPy.
-    shape : tuple of int
-        Shape of the result.
-
-    Returns
-    -------
-    ndarray of float64
-        The quantiles of the next numbers of `bits`, in order.
+    The bits are the same on every machine and in every version of NumPy.
     """
     cells = bits.random_raw(math.prod(shape)) >> np.uint64(12)
     return _native.normal_quantile((cells.astype(np.float64) + 0.5) * 2.0**-52).reshape(shape)

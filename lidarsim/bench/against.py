@@ -140,19 +140,7 @@ class _Worker:
 
 
 def compare(before: Path, now: Path, these: Sequence[Cast], levels: Sequence[str], rounds: int) -> Iterator[Comparison]:
-    """Compare two builds on each cast with each instruction set, in turns.
-
-    Parameters
-    ----------
-    before, now : Path
-        Folders that hold the package `lidarsim`.
-    these : sequence of Cast
-        Casts to measure.
-    levels : sequence of str
-        Instruction sets of the machine.
-    rounds : int
-        Turns of each build.
-    """
+    """Compare two builds, in folders with the package, on each cast with each instruction set, in `rounds` turns."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "casts"
         plain = [

@@ -123,21 +123,10 @@ def _down(x: float, y: float) -> tuple[Floats, Floats]:
 
 
 def calls(casters: Collection[str], threads: int, side: int = SIDE) -> motion.Calls:
-    """Return the calls to time.
+    """Return the calls to time, each of which returns t of a ray.
 
-    Parameters
-    ----------
-    casters : collection of str
-        Names of the installed ray casters.
-    threads : int
-        Threads to build with.
-    side : int
-        Vertices of the body along a side.
-
-    Returns
-    -------
-    Calls
-        The calls, each of which returns t of a ray.
+    `casters` are the names of the installed ray casters, which build with some threads; `side` is the number of
+    vertices of the body along a side.
     """
     crowd, moving = (motion.instances(INSTANCES, moving=moving) for moving in (False, True))
     ids = [item.id for item in crowd][1:]  # without the ground

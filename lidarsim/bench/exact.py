@@ -99,17 +99,8 @@ def _first_triangle(world: World, origin: Floats, direction: Floats) -> tuple[Fr
 def solid_hit(spec: Spec, origin: Vector, direction: Vector) -> Fraction | None:
     """Return the least t ≥ 0 at which a ray meets the surface of a plane or solid, or None.
 
-    Parameters
-    ----------
-    spec : Spec
-        A plane through a point, a sphere, an ellipsoid, a box, or a capped cylinder, without a transform.
-    origin, direction : tuple of 3 Fraction
-        The ray.
-
-    Returns
-    -------
-    Fraction or None
-        The exact t, except for square roots, which have 255 bits.
+    The plane through a point, sphere, ellipsoid, box or capped cylinder has no transform. The t is exact, except for
+    square roots, which have 255 bits.
     """
     entry, leave = EVERYWHERE
     for low, high in _intervals(spec, origin, direction):

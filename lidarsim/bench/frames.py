@@ -50,18 +50,7 @@ def street() -> ls.Scene:
 
 
 def calls(files: ExitStack) -> Calls:
-    """Return the calls to time.
-
-    Parameters
-    ----------
-    files : contextlib.ExitStack
-        Removes the written files when it is closed.
-
-    Returns
-    -------
-    Calls
-        The calls; each takes the next of some frames.
-    """
+    """Return the calls to time, each of which takes the next of some frames; `files` removes what they write."""
     scene, lidar, start = street(), ls.Lidar.preset("velodyne-hdl64e-s3"), np.eye(4)
     start[2, 3] = 1.73
     drive, turn = ls.Trajectory.from_twist(start, (8, 0, 0), (0, 0, 0.1)), itertools.cycle(range(4))

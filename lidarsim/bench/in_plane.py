@@ -98,17 +98,9 @@ def calls() -> dict[str, Callable[[], Any]]:
 
 
 def over(times: dict[str, float]) -> list[dict[str, Any]]:
-    """Return a row per scene.
+    """Return a row per scene, of the times of the calls, s.
 
-    Parameters
-    ----------
-    times : dict of str to float
-        The time of each call of `calls`, s.
-
-    Returns
-    -------
-    list of dict
-        The time of the rays above the plane, s, and the times of those in it and next to it divided by that.
+    It has the time of the rays above the plane, s, and the times of those in it and next to it divided by that.
     """
     names = dict.fromkeys(name.split("; ")[0] for name in times)
     return [

@@ -28,19 +28,9 @@ PERIOD = 0.1
 
 
 def instances(count: int, *, moving: bool) -> ls.Scene:
-    """Return instances of one mesh around the origin, at rest or each with its own motion.
+    """Return a ground plane and instances of one mesh around the origin, at rest or each with its own motion.
 
-    Parameters
-    ----------
-    count : int
-        Number of instances.
-    moving : bool
-        Whether they move. In the middle of the first frame, they are at the poses of the instances at rest.
-
-    Returns
-    -------
-    Scene
-        The instances and a ground plane.
+    In the middle of the first frame, moving ones are at the poses of those at rest.
     """
     import trimesh
 
@@ -60,22 +50,7 @@ def instances(count: int, *, moving: bool) -> ls.Scene:
 
 
 def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> Calls:
-    """Return the calls to time.
-
-    Parameters
-    ----------
-    scene : Scene
-        Static scene that the sensor drives through.
-    place : ndarray of float64, shape (3,)
-        Start of the sensor, m.
-    pattern : Pattern
-        Pattern of the sensor.
-
-    Returns
-    -------
-    Calls
-        The calls.
-    """
+    """Return the calls to time: the sensor starts at `place` and drives through a static scene."""
     lidar, still = ls.Lidar(pattern), np.eye(4)
     still[:3, 3] = place
     drive = ls.Trajectory.from_twist(still, (SPEED, 0, 0), (0, 0, 0.2))

@@ -33,20 +33,10 @@ FRAMES = 4
 
 
 def calls(scene: ls.Scene, place: Floats) -> dict[str, Callable[[], Any]]:
-    """Return the calls to time.
+    """Return the calls to time: by the name of the preset and the step, ``pulses``, ``cast`` or ``scan``.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene to scan.
-    place : ndarray of float64, shape (3,)
-        Position of the sensor, m.
-
-    Returns
-    -------
-    dict of str to callable
-        By the name of the preset and the step: ``pulses``, ``cast`` or ``scan``. Each call takes the next frame,
-        since a processor learns the branches of rays that are cast again; ``cast`` repeats after `FRAMES` frames.
+    Each call takes the next frame, since a processor learns the branches of rays that are cast again; ``cast`` repeats
+    after `FRAMES` frames. The sensors are at `place`.
     """
     pose = np.eye(4)
     pose[:3, 3] = place
@@ -68,17 +58,10 @@ def _calls(lidar: ls.Lidar, scene: ls.Scene, pose: Floats) -> dict[str, Callable
 
 
 def over(times: dict[str, float]) -> list[dict[str, Any]]:
-    """Return a row per preset.
+    """Return a row per preset, of the times of the calls, s.
 
-    Parameters
-    ----------
-    times : dict of str to float
-        The time of each call of `calls`, s.
-
-    Returns
-    -------
-    list of dict
-        Sensor, pattern, number of pulses; the times of a pulse, s; the time of a scan divided by that of a cast.
+    It has the sensor, the pattern and the number of pulses; the times of a pulse, s; and the time of a scan divided by
+    that of a cast.
     """
     rows = []
     for name in PRESETS:

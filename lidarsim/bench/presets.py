@@ -29,42 +29,14 @@ SENSORS = (
 
 
 def rays(sensor: str, world: World) -> Rays:
-    """Return the rays of a frame of a sensor that stands at the world's.
-
-    Parameters
-    ----------
-    sensor : str
-        Name of a preset.
-    world : World
-        The scene.
-
-    Returns
-    -------
-    Rays
-        In firing order; their origins differ as those of the sensor's beams do.
-    """
+    """Return the rays of a frame of a preset at the world's sensor, in firing order, from the origins of its beams."""
     pulses = ls.Lidar.preset(sensor).pattern.pulses(0)
     origins, directions = pulses.origins + world.sensor, np.ascontiguousarray(pulses.directions)
     return Rays(sensor, origins, directions, one_origin=bool((origins == origins[0]).all()))
 
 
 def calls(world: World, casters: Mapping[str, Caster], threads: int) -> dict[str, Callable[[], Any]]:
-    """Return the casts to time.
-
-    Parameters
-    ----------
-    world : World
-        The scene.
-    casters : dict of str to Caster
-        Casters that hold it, by name.
-    threads : int
-        Threads to cast with.
-
-    Returns
-    -------
-    dict of str to callable
-        By the names of the sensor and the caster.
-    """
+    """Return the casts to time, by the names of the sensor and of the caster that holds the world."""
     what: dict[str, Callable[[], Any]] = {}
     for sensor in SENSORS:
         given = rays(sensor, world)
@@ -74,20 +46,10 @@ def calls(world: World, casters: Mapping[str, Caster], threads: int) -> dict[str
 
 
 def over(times: Mapping[str, float], world: World) -> list[dict[str, Any]]:
-    """Return a row per sensor.
+    """Return a row per sensor, of the times of the calls, s.
 
-    Parameters
-    ----------
-    times : dict of str to float
-        The time of each call of `calls`, s.
-    world : World
-        The scene.
-
-    Returns
-    -------
-    list of dict
-        Scene, sensor, number of rays; times of a ray, s; and that of Open3D over that of lidarsim. Without Open3D the
-        last two are None.
+    It has the scene, the sensor and the number of rays; the times of a ray, s; and that of Open3D over that of
+    lidarsim. Without Open3D the last two are None.
     """
     rows = []
     for sensor in SENSORS:

@@ -34,21 +34,9 @@ NOISE: dict[str, Literal["datasheet", "measured"] | None] = {
 
 
 def sub_rays(lidar: ls.Lidar, beam: ls.Beam, world: World) -> Rays:
-    """Return the sub-rays of a frame as rays of their own, as a caster without beams gets them.
+    """Return the sub-rays of a frame of a sensor at the world's as rays of their own, for casters without beams.
 
-    Parameters
-    ----------
-    lidar : Lidar
-        The sensor.
-    beam : Beam
-        Its beam.
-    world : World
-        The scene, at whose sensor it stands.
-
-    Returns
-    -------
-    Rays
-        Pulse by pulse: the axis, then the others on a ring of half the beam's radius.
+    Pulse by pulse, these are the axis, then the others on a ring of half the beam's radius.
     """
     pulses = lidar.pattern.pulses(0)
     along = pulses.directions
@@ -67,22 +55,8 @@ def sub_rays(lidar: ls.Lidar, beam: ls.Beam, world: World) -> Rays:
 def calls(world: World, scene: ls.Scene, casters: Mapping[str, Caster], threads: int) -> dict[str, Callable[[], Any]]:
     """Return the calls to time.
 
-    Parameters
-    ----------
-    world : World
-        The scene.
-    scene : Scene
-        The scene of lidarsim.
-    casters : dict of str to Caster
-        Other casters that hold it, by name.
-    threads : int
-        Threads to cast with.
-
-    Returns
-    -------
-    dict of str to callable
-        By the names of the sensor and of its noise, for scans of new frames, or of the caster, for casts of all
-        sub-rays.
+    They are scans of new frames, by the names of the sensor and of its noise, and casts of all sub-rays by other
+    casters that hold the world, by the names of the sensor and of the caster.
     """
     pose = np.eye(4)
     pose[:3, 3] = world.sensor
@@ -103,19 +77,11 @@ def _scan(lidar: ls.Lidar, scene: ls.Scene, pose: Any, frames: itertools.count[i
 
 
 def over(times: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return a row per sensor.
+    """Return a row per sensor, of the times of the calls, s.
 
-    Parameters
-    ----------
-    times : dict of str to float
-        The time of each call of `calls`, s.
-
-    Returns
-    -------
-    list of dict
-        Sensor, pulses, sub-rays of a pulse; the times of a pulse, s, without noise, with the data sheet's and as
-        measured, and the last divided by the first; the time of Open3D for the sub-rays of a pulse, s, and that divided
-        by the time of the measured scan. Without Open3D or a beam the last two are None.
+    It has the sensor, the pulses and the sub-rays of a pulse; the times of a pulse, s, without noise, with the data
+    sheet's and as measured, and the last divided by the first; the time of Open3D for the sub-rays of a pulse, s, and
+    that divided by the time of the measured scan. Without Open3D or a beam the last two are None.
     """
     rows = []
     for name in SENSORS:

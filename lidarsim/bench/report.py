@@ -330,19 +330,9 @@ def to_markdown(results: Results) -> str:
 
 
 def overview(results: Results, pictures: str = "") -> str:
-    """Return the summary tables: meshes beside Open3D, every method on analytic shapes, scans with noise of real units.
+    """Return the summary tables in Markdown: meshes beside Open3D, analytic shapes, scans with the noise of real units.
 
-    Parameters
-    ----------
-    results : dict
-        The figures.
-    pictures : str
-        Prefix of the pictures' names, such as ``"../images/"``.
-
-    Returns
-    -------
-    str
-        Markdown.
+    `pictures` is the prefix of the pictures' names, such as ``"../images/"``.
     """
     cells: dict[tuple[str, str], dict[str, Row]] = {}
     for row in _most_threads(results):

@@ -66,22 +66,7 @@ def poses(rows: int, step: int) -> Floats:
 
 
 def calls(casters: Collection[str], threads: int, rows: int = ROWS) -> motion.Calls:
-    """Return the calls to time.
-
-    Parameters
-    ----------
-    casters : collection of str
-        Names of the installed ray casters; those of MuJoCo geoms are among the calls.
-    threads : int
-        Threads to cast with.
-    rows : int
-        Number of robots.
-
-    Returns
-    -------
-    Calls
-        The calls.
-    """
+    """Return the calls to time, for as many robots as `rows`, among them those of installed casters of MuJoCo geoms."""
     scene, lidar = world(), ls.Lidar(ls.patterns.Grid(np.linspace(-math.pi, math.pi, BEAMS), [0.0], rate=20.0))
     noisy = ls.Lidar(lidar.pattern, measurement=ls.Measurement(range_sigma=0.01), name="noisy")
     steps = [poses(rows, step) for step in range(STEPS)]

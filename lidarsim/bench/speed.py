@@ -191,23 +191,9 @@ def interleave(
     seconds: float,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, float]:
-    """Run the calls in turns, and return the median time of each.
+    """Run the calls in turns, as many as `rounds`, and return the median time of each, s.
 
-    Parameters
-    ----------
-    calls : dict of str to callable
-        The calls to time.
-    rounds : int
-        Turns of each call.
-    seconds : float
-        A call that has taken this long in total skips its further turns.
-    clock : callable
-        The clock, s.
-
-    Returns
-    -------
-    dict of str to float
-        Median time of a call, s.
+    A call that has taken `seconds` in total skips its further turns.
     """
     times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(rounds):
@@ -672,19 +658,9 @@ def _pages() -> int:
 
 
 def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
-    """Measure everything.
+    """Measure everything, and return the figures in the format of `lidarsim.bench.report`.
 
-    Parameters
-    ----------
-    plan : Plan
-        The size of the measurement, such as `QUICK` or `FULL`.
-    progress : callable
-        Called with a line of text at each step.
-
-    Returns
-    -------
-    dict
-        The figures, in the format of `lidarsim.bench.report`.
+    `progress` is called with a line of text at each step.
     """
     with threads_kept():
         bench = _Run(plan, progress)

@@ -76,17 +76,7 @@ def read_lidar(path: str | Path, *, mode: str | None = None, noise: str | None =
 
 
 def read_scene(path: Path) -> Scene:
-    """Return the scene that a YAML file describes; called by `Scene.from_file`.
-
-    Parameters
-    ----------
-    path : Path
-        A YAML file: a list of objects, or a configuration with a ``scene``.
-
-    Returns
-    -------
-    Scene
-        The scene.
+    """Return the scene that a YAML file describes, a list of objects or a configuration; called by `Scene.from_file`.
 
     Raises
     ------

@@ -80,15 +80,7 @@ def rotation_steps(lengths: Floats, turns: Floats) -> Floats:
 def angular_accelerations(turns: Floats, rates: Floats, bends: Floats) -> Floats:
     """Return the angular accelerations J(φ)φ̈ + N(φ, φ̇) in the rotating frame.
 
-    Parameters
-    ----------
-    turns, rates, bends : ndarray of float64, shape (n, 3)
-        Rotation vectors φ and their first and second derivatives.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        The angular accelerations.
+    The arguments are φ and its first and second derivatives, all of shape (n, 3).
     """
     b, c, _, _ = _factors(turns)
     once = np.cross(turns, bends)

@@ -685,19 +685,9 @@ def _build(recipe: _Recipe) -> _native.Path:
 
 
 def sensor_pose(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
-    """Return the pose of a sensor that is mounted on a static or moving body.
+    """Return the pose, sensor to world, of a sensor that is mounted on a static or moving body.
 
-    Parameters
-    ----------
-    pose : ndarray of float64, shape (4, 4), or Trajectory
-        Body to world.
-    mount : ndarray of float64, shape (4, 4)
-        Sensor to body.
-
-    Returns
-    -------
-    ndarray of float64, shape (4, 4), or Trajectory
-        Sensor to world, with the same bits on every processor, unlike a matrix product in NumPy.
+    It has the same bits on every processor, unlike a matrix product in NumPy.
     """
     if isinstance(pose, Trajectory):
         return pose @ mount

@@ -222,15 +222,10 @@ class ScanPattern(Value):
 def check_pattern(pattern: object) -> None:
     """Check that an object is a scan pattern. The pulses of a frame are checked when they are fired.
 
-    Parameters
-    ----------
-    pattern : object
-        Anything that has `rate`, `shape` and `pulses`.
-
     Raises
     ------
     TypeError, ValueError
-        If it lacks one of them, its rate is not a number > 0, or its shape not two integers >= 0.
+        If it has no `rate`, `shape` or `pulses`, its rate is not a number > 0, or its shape not two integers >= 0.
     """
     if not isinstance(pattern, Pattern) or isinstance(pattern, type):
         hint = "Lidar.preset(name) makes a sensor" if isinstance(pattern, str) else ""
@@ -244,19 +239,7 @@ def check_pattern(pattern: object) -> None:
 
 
 def pulses_of(pattern: Pattern, frame: int) -> Pulses:
-    """Return the pulses of a frame of any pattern.
-
-    Parameters
-    ----------
-    pattern : Pattern
-        Its `pulses` may return anything that has the attributes of `Pulses`.
-    frame : int
-        Number of the frame.
-
-    Returns
-    -------
-    Pulses
-        What the pattern returns, checked and converted.
+    """Return the pulses of a frame of any pattern, checked and converted from any object with the same attributes.
 
     Raises
     ------

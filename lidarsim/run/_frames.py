@@ -194,17 +194,7 @@ class Frames:
         return _Numbers([leg.frames for leg in self.legs]) if self.legs else self.frames
 
     def only(self, frame: int) -> Self:
-        """Return the run of one frame.
-
-        Parameters
-        ----------
-        frame : int
-            Its number; with `legs`, one of theirs.
-
-        Returns
-        -------
-        Frames
-            A run without legs, at the pose of the frame.
+        """Return the run of one frame, without legs, at the pose of the frame.
 
         Raises
         ------
@@ -274,27 +264,11 @@ class Frames:
         return self.time(self.frames.start), self.time(self.frames.stop)
 
     def time(self, frame: int) -> float:
-        """Return the time at which a frame starts.
-
-        Parameters
-        ----------
-        frame : int
-            Number of the frame.
-
-        Returns
-        -------
-        float
-            Time since the start of frame 0, s.
-        """
+        """Return the time at which a frame starts, s since the start of frame 0."""
         return frame / self.rate
 
     def inertial(self) -> dict[str, ImuSamples]:
-        """Return the samples of the IMUs from the start of the first frame to the end of the last.
-
-        Returns
-        -------
-        dict of str to ImuSamples
-            The samples by name of the IMU.
+        """Return the samples of the IMUs, by name, from the start of the first frame to the end of the last.
 
         Raises
         ------
@@ -307,12 +281,7 @@ class Frames:
         return self.sensor.inertial(body, **between)
 
     def fixes(self) -> dict[str, GnssFixes]:
-        """Return the fixes of the GNSS receivers from the start of the first frame to the end of the last.
-
-        Returns
-        -------
-        dict of str to GnssFixes
-            The fixes by name of the receiver.
+        """Return the fixes of the GNSS receivers, by name, from the start of the first frame to the end of the last.
 
         Raises
         ------
@@ -339,18 +308,7 @@ class Frames:
         return body, {"start": max(start, first), "end": min(end, last), "seed": self.seed}
 
     def body_pose(self, moment: float) -> Floats:
-        """Return the pose of the rig's body, or of the sensor without a rig.
-
-        Parameters
-        ----------
-        moment : float
-            Time within the span of the trajectory, s.
-
-        Returns
-        -------
-        ndarray of float64, shape (4, 4)
-            Body to world.
-        """
+        """Return the pose of the rig's body, or of the sensor without a rig, at a time within the trajectory, s."""
         return affine("pose", self.pose.at(moment) if isinstance(self.pose, Trajectory) else self.pose)
 
     def check_coverage(self) -> None:
@@ -412,11 +370,6 @@ class Frames:
 
     def measured(self) -> Iterator[RunFrame]:
         """Scan all frames in order, and compute the points in the configured coordinates.
-
-        Returns
-        -------
-        iterator of RunFrame
-            The frames in order.
 
         Raises
         ------

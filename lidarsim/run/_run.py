@@ -164,18 +164,7 @@ class Run(Frames):
             taken[_place(path)] = f"the place of {path}"
 
     def check_unread(self, *paths: Path) -> None:
-        """Check that no file that the caller writes is one of `sources`, also by way of links.
-
-        Parameters
-        ----------
-        *paths : Path
-            The files to write.
-
-        Raises
-        ------
-        LidarsimError
-            If a file is.
-        """
+        """Raise `LidarsimError` if a file that the caller writes is one of `sources`, also by way of links."""
         for path in paths:
             if got := self._read.get(_place(path)):
                 raise LidarsimError(f"{path}: expected a file of its own, got {got}")

@@ -27,24 +27,7 @@ __all__ = ["bag"]
 def bag(run: Frames, path: PathLike, **options: Any) -> rosbag.Writer:
     """Return a writer of a ROS 2 bag for scans of a run, with its sensors, its trajectory and its `clock`.
 
-    Parameters
-    ----------
-    run : Frames
-        The run.
-    path : path-like
-        The file, ``.mcap`` or ``.db3``, or a folder, whose name has no dot.
-    **options
-        `layout`, `cut`, `max_size` and `max_duration`, as in `lidarsim.io.rosbag.Writer`.
-
-    Returns
-    -------
-    rosbag.Writer
-        A context manager.
-
-    Raises
-    ------
-    FileFormatError, MissingExtraError, TypeError, ValueError
-        As in `lidarsim.io.rosbag.Writer`.
+    The options, and the errors, are those of `lidarsim.io.rosbag.Writer`.
     """
     sensors = run.sensor if isinstance(run.sensor, Rig) else None
     return rosbag.Writer(path, sensors=sensors, trajectory=run.pose, start=run.clock, **options)

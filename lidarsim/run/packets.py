@@ -21,24 +21,7 @@ __all__ = ["pcap"]
 def pcap(run: Frames, path: PathLike, **options: Any) -> packets.Writer:
     """Return a writer of the packets that the sensors of a run send, with its `clock`.
 
-    Parameters
-    ----------
-    run : Frames
-        The run.
-    path : path-like
-        The file, ``.pcap``.
-    **options
-        `variant`, as in `lidarsim.io.packets.Writer`.
-
-    Returns
-    -------
-    packets.Writer
-        A context manager.
-
-    Raises
-    ------
-    FileFormatError, TypeError, ValueError
-        As in `lidarsim.io.packets.Writer`.
+    The options, and the errors, are those of `lidarsim.io.packets.Writer`.
     """
     sensors = run.lidars if isinstance(run.sensor, Rig) else run.sensor
     return packets.Writer(path, sensors, start=run.clock, **options)

@@ -704,41 +704,9 @@ def scan(
     indices: npt.ArrayLike | None = None,
     ignore: Instances = (),
 ) -> Scan:
-    """Fire the pulses of a frame at a scene and measure the returns.
+    """Fire the pulses of a frame at a scene and measure the returns; see `lidarsim.Lidar.scan`.
 
-    Parameters
-    ----------
-    lidar : Lidar
-        The sensor.
-    scene : Scene
-        The scene to scan.
-    pose : RigidTransform, array_like of shape (4, 4), or Trajectory, optional
-        Sensor to world; default the identity. With a trajectory, each pulse is fired from the pose at its own time, and
-        moving objects are at their poses at that time.
-    time : float
-        Start of the frame, s; a pulse at time t of the pattern is fired at `time` + t.
-    frame : int
-        Number of the frame, 0 to 2³² − 1.
-    seed : int
-        Seed of all noise, 0 to 2⁶⁴ − 1. The same seed, sensor name and frame give the same bits.
-    indices : array_like of int, shape (m,), optional
-        Fire only these pulses of the frame, in this order. Their noise is the same as in the whole frame.
-    ignore : collection of int
-        Instances that the sensor does not see, as in `Lidar.scan`.
-
-    Returns
-    -------
-    Scan
-        One entry per pulse.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument is of the wrong type or out of its range, if the trajectory or the motion of an object does not
-        cover all pulses, if a pulse of the pattern is not finite or its direction is not of unit length, or if no
-        object is of an instance to ignore.
-    MemoryError
-        If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
+    `indices` fires only these pulses of the frame, in this order. Their noise is the same as in the whole frame.
     """
     if not isinstance(scene, Scene):
         raise ArgumentTypeError(
@@ -864,19 +832,7 @@ def _round_on(end: float) -> float:
 
 
 def moment_of(deskew: object, rate: float) -> float | None:
-    """Return the moment of `deskew`, as in `Scan.point_cloud`.
-
-    Parameters
-    ----------
-    deskew : object
-        The argument to check.
-    rate : float
-        Frame rate of the sensor, Hz.
-
-    Returns
-    -------
-    float or None
-        Time after the start of the scan, s; None for raw points.
+    """Return the moment of `deskew`, as in `Scan.point_cloud`: s after the start of the scan, or None for raw points.
 
     Raises
     ------

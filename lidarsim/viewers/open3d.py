@@ -36,16 +36,6 @@ def import_open3d() -> ModuleType:
 
     Open3D's wheel links to ``libusb-1.0.so.0`` for its camera drivers, which servers lack. The package `libusb-package`
     contains that library; once it is loaded, the dynamic linker uses it.
-
-    Returns
-    -------
-    module
-        `open3d`.
-
-    Raises
-    ------
-    MissingExtraError
-        If Open3D is not installed or cannot be imported.
     """
     with suppress(ImportError, OSError):  # the import of Open3D reports what is missing
         import libusb_package

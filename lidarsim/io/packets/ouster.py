@@ -346,21 +346,11 @@ _POLYNOMIAL = np.uint64(0xC96C5795D7870F42)
 
 
 def crc64(words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    """Return the CRC-64 of ECMA-182, bits reversed, begun and ended with ones, as XZ files have it.
+    """Return the CRC-64 of each row of words: that of ECMA-182, bits reversed, begun and ended with ones, as in XZ.
 
-    With A the step of the checksum by eight bytes of zeros, which is linear in bits, that of words w0, w1, …, wn is
-    A(…A(A(w0 + 1…1) + w1)… + wn) + 1…1, where + is exclusive or. Neighbours are combined in pairs, with the steps A,
-    A², A⁴, … .
-
-    Parameters
-    ----------
-    words : ndarray of uint64, shape (messages, words)
-        The messages, in little-endian words.
-
-    Returns
-    -------
-    ndarray of uint64, shape (messages,)
-        Their checksums.
+    The words are little-endian. With A the step of the checksum by eight bytes of zeros, which is linear in bits, that
+    of words w0, w1, …, wn is A(…A(A(w0 + 1…1) + w1)… + wn) + 1…1, where + is exclusive or. Neighbours are combined in
+    pairs, with the steps A, A², A⁴, … .
     """
     ones = np.uint64(0xFFFFFFFFFFFFFFFF)
     left = words.copy()
