@@ -50,9 +50,9 @@ def quantity(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
-def format_size(lengths: npt.NDArray[Any], *, digits: int = 6) -> str:
+def format_size(lengths: npt.NDArray[Any]) -> str:
     """Return the edges of a box: "4.2 × 1.8 × 1.5"."""
-    return " × ".join(f"{round(length, 6):,.{digits}g}" for length in lengths.tolist())
+    return " × ".join(f"{round(length, 6):,.6g}" for length in lengths.tolist())
 
 
 def html_table(title: str, rows: Iterable[Sequence[str]]) -> str:

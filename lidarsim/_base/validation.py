@@ -202,34 +202,31 @@ def angle(
     name: str, value: object, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float = math.inf
 ) -> float:
     """Return an angle, rad, as a float within the bounds; the error for one beyond `at_most` suggests degrees."""
-    try:
-        return real(name, value, at_least=at_least, above=above, at_most=at_most)
-    except ArgumentValueError as error:
-        raise ArgumentValueError(name, error.expected, error.got, _hint_unit(value, at_most, "degrees?")) from None
+    return _real_in_unit(name, value, "degrees?", at_least=at_least, above=above, at_most=at_most)
 
 
 def beam_angle(name: str, value: object) -> float:
     """Return the divergence of a beam, rad, as a float; the error for one beyond `WIDEST_BEAM` suggests mrad."""
-    try:
-        return real(name, value, at_least=0.0, at_most=WIDEST_BEAM)
-    except ArgumentValueError as error:
-        raise ArgumentValueError(name, error.expected, error.got, _hint_unit(value, WIDEST_BEAM, "mrad?")) from None
+    return _real_in_unit(name, value, "mrad?", at_least=0.0, at_most=WIDEST_BEAM)
 
 
 def share(name: str, value: object) -> float:
     """Return a number > 0 and <= 1 as a float; the error for a greater one suggests percent."""
+    return _real_in_unit(name, value, "percent?", above=0.0, at_most=1.0)
+
+
+def _real_in_unit(
+    name: str, value: Any, other: str, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float
+) -> float:
+    """Return `value` as a float within the bounds; the error for one beyond `at_most` suggests the `other` unit."""
     try:
-        return real(name, value, above=0.0, at_most=1.0)
+        return real(name, value, at_least=at_least, above=above, at_most=at_most)
     except ArgumentValueError as error:
-        raise ArgumentValueError(name, error.expected, error.got, _hint_unit(value, 1.0, "percent?")) from None
-
-
-def _hint_unit(value: Any, at_most: float, unit: str) -> str:
-    """Return the hint that a finite number beyond `at_most` may be in another unit."""
-    try:
-        return unit if at_most < abs(float(value)) < math.inf else ""
-    except OverflowError:
-        return ""
+        try:
+            hint = other if at_most < abs(float(value)) < math.inf else ""
+        except OverflowError:
+            hint = ""
+        raise ArgumentValueError(name, error.expected, error.got, hint) from None
 
 
 def angles(name: str, values: Floats, *, at_most: float) -> Floats:

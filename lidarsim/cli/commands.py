@@ -200,7 +200,10 @@ def scan(
     for note in filter(None, notes):
         paragraph(note)
     files = ", ".join(
-        map(str, [*run.output(place).pattern(run), *([run.path_of(screenshot, "*", "*")] if screenshot else [])])
+        map(
+            str,
+            [*outputs.output_of(place, run).pattern(run), *([run.path_of(screenshot, "*", "*")] if screenshot else [])],
+        )
     )
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
     paragraph(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")

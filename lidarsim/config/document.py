@@ -221,17 +221,6 @@ def merge(base: Node, difference: Node) -> Node:
     return _mapping(old, difference)
 
 
-def override(node: Node, assignment: str) -> Node:
-    """Return `node` with one value replaced or added by an assignment such as ``scene.0.radius_m=2``.
-
-    Raises
-    ------
-    ConfigError
-        If the assignment cannot be parsed, or its path enters a value without keys.
-    """
-    return replace(node, *parse_assignment(assignment))
-
-
 def parse_assignment(assignment: str) -> tuple[list[str], Node]:
     """Return path and value of an assignment, ``scene.0.radius_m=2``: keys and list indices, then YAML.
 

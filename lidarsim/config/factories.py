@@ -157,6 +157,11 @@ def either(first: Any, second: Any, is_second: Callable[[object], bool]) -> Any:
     return Annotated[Annotated[first, Tag("first")] | Annotated[second, Tag("second")], tag]
 
 
+def has(key: str) -> Callable[[object], bool]:
+    """Return a function that tells whether a value is a mapping with a key."""
+    return lambda value: isinstance(value, dict) and key in value
+
+
 def is_list(value: object) -> bool:
     """Return whether a value is a list."""
     return isinstance(value, list)

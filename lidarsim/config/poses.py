@@ -10,7 +10,7 @@ from pydantic import Field
 
 from lidarsim import worlds
 from lidarsim._base.validation import pose as rigid
-from lidarsim.config.factories import Area, Finite, Matrix, Model, Vector, construct, either, is_list
+from lidarsim.config.factories import Area, Finite, Matrix, Model, Vector, construct, either, has, is_list
 from lidarsim.lidar import Lidar
 from lidarsim.motion.trajectory import Trajectory, sensor_pose
 from lidarsim.rig import Rig
@@ -19,23 +19,6 @@ from lidarsim.run import Leg
 if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
     from lidarsim.config.document import Place
-
-
-def has_file(value: object) -> bool:
-    """Return whether a value names a file."""
-    return isinstance(value, dict) and "file" in value
-
-
-def _has_strips(value: object) -> bool:
-    return isinstance(value, dict) and "strips" in value
-
-
-def _has_way(value: object) -> bool:
-    return isinstance(value, dict) and "way" in value
-
-
-def _has_stations(value: object) -> bool:
-    return isinstance(value, dict) and "stations" in value
 
 
 class Turn(Model):
@@ -260,6 +243,8 @@ if TYPE_CHECKING:
     Motion = Twist | list[Waypoint] | TrajectoryFile
     PoseOfRun = PoseOverTime | Strips | Stations | Drive
 else:
-    PoseOverTime = either(either(Pose, TrajectoryFile, has_file), list[Waypoint], is_list)
-    Motion = either(either(Twist, TrajectoryFile, has_file), list[Waypoint], is_list)
-    PoseOfRun = either(either(either(PoseOverTime, Strips, _has_strips), Stations, _has_stations), Drive, _has_way)
+    PoseOverTime = either(either(Pose, TrajectoryFile, has("file")), list[Waypoint], is_list)
+    Motion = either(either(Twist, TrajectoryFile, has("file")), list[Waypoint], is_list)
+    PoseOfRun = either(
+        either(either(PoseOverTime, Strips, has("strips")), Stations, has("stations")), Drive, has("way")
+    )

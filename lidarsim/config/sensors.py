@@ -20,11 +20,12 @@ from lidarsim.config.factories import (
     Vector,
     construct,
     either,
+    has,
     model_of,
     models_of,
     public,
 )
-from lidarsim.config.poses import Placement, build_rigid, has_file
+from lidarsim.config.poses import Placement, build_rigid
 from lidarsim.lidar import Lidar
 from lidarsim.rig import Rig
 from lidarsim.sensor.gnss import Gnss
@@ -174,10 +175,18 @@ class VendorSensor(_Limits):
 if TYPE_CHECKING:
     AnySensor = Sensor | VendorSensor
 else:
-    AnySensor = either(Sensor, VendorSensor, has_file)
+    AnySensor = either(Sensor, VendorSensor, has("file"))
 
 
-class Gyroscope(Model):
+class _Errors(Model):
+    """Errors of the gyroscopes or accelerometers of an IMU."""
+
+    def build(self, place: Place) -> ImuErrors:
+        """Return the errors."""
+        return construct(ImuErrors, self, type(self).model_fields, place)
+
+
+class Gyroscope(_Errors):
     """Errors of the gyroscopes of an IMU."""
 
     noise_density_deg_per_s_per_sqrt_hz: float = 0.0
@@ -188,12 +197,8 @@ class Gyroscope(Model):
     misalignment_deg: float = 0.0
     range_deg_per_s: float = float("inf")
 
-    def build(self, place: Place) -> ImuErrors:
-        """Return the errors."""
-        return construct(ImuErrors, self, type(self).model_fields, place)
 
-
-class Accelerometer(Model):
+class Accelerometer(_Errors):
     """Errors of the accelerometers of an IMU."""
 
     noise_density_m_per_s2_per_sqrt_hz: float = 0.0
@@ -203,10 +208,6 @@ class Accelerometer(Model):
     scale_factor: float = 0.0
     misalignment_deg: float = 0.0
     range_m_per_s2: float = float("inf")
-
-    def build(self, place: Place) -> ImuErrors:
-        """Return the errors."""
-        return construct(ImuErrors, self, type(self).model_fields, place)
 
 
 class InertialUnit(Model):

@@ -155,13 +155,12 @@ def only(roots: list[Path]) -> str:
     )
 
 
-def point_files(folder: Path, suffix: str = "") -> list[Path]:
+def point_files(folder: Path) -> list[Path]:
     """Return the point clouds in a folder, sorted as people count; ``.label`` and ``.txt`` files are none."""
     found = [
         path
         for path in folder.iterdir()
-        if path.name.lower().endswith(suffix)
-        and is_point_cloud(path)
+        if is_point_cloud(path)
         and path.suffix.lower() not in {".label", ".txt"}
         and not path.name.startswith(".")
         and path.is_file()

@@ -196,15 +196,15 @@ def _check_number(records: npt.NDArray[np.float32], size: int) -> None:
     )
 
 
-def parse_lines(lines: Iterable[str], dtype: np.dtype[np.void], points: int, size: int = BLOCK) -> Iterator[Fields]:
-    """Yield the columns of `points` lines of text, one point each, `size` at a time; later lines are not read.
+def parse_lines(lines: Iterable[str], dtype: np.dtype[np.void], points: int) -> Iterator[Fields]:
+    """Yield the columns of `points` lines of text, one point each, `BLOCK` at a time; later lines are not read.
 
     In a block where a number does not fit an integer column of `dtype`, that column is float64.
     """
     lines = itertools.islice((line for line in lines if line and not line.isspace()), min(points, sys.maxsize))
     read = 0
     yield columns_of(np.empty(0, dtype))
-    while part := list(itertools.islice(lines, size)):
+    while part := list(itertools.islice(lines, BLOCK)):
         yield parse_block(part, dtype, read)
         read += len(part)
     if read < points:

@@ -16,7 +16,7 @@ from lidarsim._base.files import Place, atomic_writer, check_folder
 from lidarsim.errors import LidarsimError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.run._frames import Frames, RunFrame, insert
-from lidarsim.run._output import Output, checked_output, output_of
+from lidarsim.run._output import checked_output, output_of
 
 if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
@@ -104,28 +104,6 @@ class Run(Frames):
                 for name, track_of_it in tracks.items():
                     written.update(dict.fromkeys(_save_track(place.path, name, track_of_it)))
         return [place.as_given(file) for file in written]
-
-    def output(self, path: Path, **options: Any) -> Output:
-        """Return where the run is written to.
-
-        Parameters
-        ----------
-        path : Path
-            The path, as from `checked_output`.
-        **options
-            As in `write`.
-
-        Returns
-        -------
-        Output
-            Its kind, with its options.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If an option is not one of this kind of output.
-        """
-        return output_of(path, self, **options)
 
     def check_places(self, output: Path, pictures: Path | None = None) -> None:
         """Check, before any work, that each file of the run can be written, in a place of its own.

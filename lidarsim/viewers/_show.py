@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -49,6 +49,8 @@ from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Frame, Picture, check_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
 from lidarsim.world.scene import Scene
+
+Item = TypeVar("Item")
 
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan] | Mapping[str, PointCloud]
 """A frame: a cloud, a scan, or the scans or clouds of a rig by sensor name."""
@@ -252,12 +254,17 @@ def _titles(
             for place, (number, time) in enumerate(zip(numbers, times, strict=True), 1)
         ]
     titles = [title or ""] * count if title is None or isinstance(title, str) else items("title", title, "texts")
-    if len(titles) != count:
-        raise ArgumentValueError("title", f"one for each of the {count} frames", len(titles))
-    for text in titles:
+    for text in _one_each("title", titles, count):
         if not isinstance(text, str):
             raise ArgumentTypeError("title", "text", type(text).__name__)
     return [replace(frame, title=plain(text, most=80)) for frame, text in zip(frames, titles, strict=True)]
+
+
+def _one_each(name: str, values: list[Item], count: int) -> list[Item]:
+    """Return the values of an argument after checking that there is one for each frame."""
+    if len(values) != count:
+        raise ArgumentValueError(name, f"one for each of the {count} frames", len(values))
+    return values
 
 
 def _accumulate(picture: Picture) -> Picture:
@@ -338,9 +345,7 @@ def _boxes(boxes: Boxes | Sequence[Boxes | None] | None, count: int) -> Sequence
     for i, given in enumerate(several):
         if not isinstance(given, Boxes | None):
             raise ArgumentTypeError(f"boxes[{i}]", "Boxes or None", type(given).__name__)
-    if len(several) != count:
-        raise ArgumentValueError("boxes", f"one for each of the {count} frames", len(several))
-    return several
+    return _one_each("boxes", several, count)
 
 
 def _sensor_names(given: Sequence[Shown]) -> Iterator[str]:
@@ -389,9 +394,7 @@ def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence
     if hasattr(pose, "as_matrix") or dimensions(several) == 2:
         return [validation.pose("pose", several)] * count
     poses = [validation.pose(f"pose[{i}]", where) for i, where in enumerate(items("pose", several, "poses"))]
-    if len(poses) != count:
-        raise ArgumentValueError("pose", f"one for each of the {count} frames", len(poses))
-    return poses
+    return _one_each("pose", poses, count)
 
 
 def _rate(what: Shown) -> float:
@@ -409,9 +412,7 @@ def _starts(time: float | Sequence[float] | None, given: Sequence[Shown]) -> lis
     if dimensions(time) == 0:
         return [real("time", time)] * len(given)
     times = [real(f"time[{i}]", moment) for i, moment in enumerate(time)]  # type: ignore[arg-type]
-    if len(times) != len(given):
-        raise ArgumentValueError("time", f"one for each of the {len(given)} frames", len(times))
-    return times
+    return _one_each("time", times, len(given))
 
 
 def _picture(

@@ -13,8 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarsim.config import document
-from lidarsim.config.document import Place, argument, dump, merge, override, parse, plain, read
+from lidarsim.config.document import Node, Place, argument, dump, merge, parse, parse_assignment, plain, read, replace
 from lidarsim.errors import ConfigError
+
+
+def override(node: Node, assignment: str) -> Node:
+    return replace(node, *parse_assignment(assignment))
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,46 @@
-"""Rows of numbers of the shapes that hold many in one."""
+"""Shapes that hold many in one, and the rows of their numbers."""
 
 from __future__ import annotations
+
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, array, nonzero_vectors, one_or_each
+from lidarsim._base.validation import Floats, array, freeze, nonzero_vectors, one_or_each
 from lidarsim.errors import ArgumentValueError
+from lidarsim.world.shapes._shape import Shape
+
+
+class Primitives(Shape):
+    """Base of the shapes that hold many in one, of which each row of numbers is one."""
+
+    __slots__ = ()
+
+    _width: ClassVar[int]
+    """Numbers of a row."""
+
+    @property
+    def centers(self) -> Floats:
+        """The centres before any transform, m: read-only ndarray of float64, shape (n, 3), a copy."""
+        return freeze(self._rows[:, :3])
+
+    @property
+    def radii(self) -> Floats:
+        """The radii before any transform, m: read-only ndarray of float64, shape (n,), a copy."""
+        return freeze(self._rows[:, 3])
+
+    @property
+    def _rows(self) -> Floats:
+        return self._native.rows().reshape(-1, self._width)
+
+    def __len__(self) -> int:
+        return self._native.primitives()
+
+    def __repr__(self) -> str:
+        """Return the number of shapes."""
+        kind = type(self).__name__
+        return f"{kind}({len(self):,} {kind.lower()}{'' if self.transform is None else ', transform=…'})"
 
 
 def rows(centers: npt.ArrayLike, radii: npt.ArrayLike, normals: npt.ArrayLike | None = None) -> Floats:

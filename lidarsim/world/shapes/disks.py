@@ -10,13 +10,12 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base.validation import Floats, Transform, Vector, array, flag, freeze, integer
-from lidarsim.world.shapes._primitives import frames, repeat, rows
-from lidarsim.world.shapes._shape import Shape
+from lidarsim.world.shapes._primitives import Primitives, frames, repeat, rows
 from lidarsim.world.shapes._surfels import surfels
 from lidarsim.world.shapes._tessellation import COARSE, Triangles, circle
 
 
-class Disks(Shape):
+class Disks(Primitives):
     """Many flat disks in one shape, such as the surfels that `from_points` makes of a scan.
 
     Parameters
@@ -53,6 +52,7 @@ class Disks(Shape):
     __slots__ = ()
     __match_args__ = ("centers", "normals", "radii")
 
+    _width: ClassVar = 7
     configuration: ClassVar = {
         "centers_m": list[Vector],
         "normals": list[Vector],
@@ -179,23 +179,9 @@ class Disks(Shape):
         return (disks, made.points) if wants_index else disks
 
     @property
-    def centers(self) -> Floats:
-        """The centres before any transform, m: read-only ndarray of float64, shape (n, 3), a copy."""
-        return freeze(self._rows[:, :3])
-
-    @property
     def normals(self) -> Floats:
         """The normals before any transform, as given: read-only ndarray of float64, shape (n, 3), a copy."""
         return freeze(self._rows[:, 4:])
-
-    @property
-    def radii(self) -> Floats:
-        """The radii before any transform, m: read-only ndarray of float64, shape (n,), a copy."""
-        return freeze(self._rows[:, 3])
-
-    @property
-    def _rows(self) -> Floats:
-        return self._native.rows().reshape(-1, 7)
 
     def _reach(self, directions: Floats, /) -> Floats:
         rows = self._rows
@@ -216,10 +202,3 @@ class Disks(Shape):
         last = np.arange(2, len(rim), dtype=np.uint32)
         faces = np.stack([np.zeros_like(last), last - np.uint32(1), last], axis=-1)  # a fan from the first vertex
         return points.reshape(-1, 3), repeat(rim, faces, len(all_rows))
-
-    def __len__(self) -> int:
-        return self._native.primitives()
-
-    def __repr__(self) -> str:
-        """Return the number of disks."""
-        return f"Disks({len(self):,} disks{'' if self.transform is None else ', transform=…'})"

@@ -8,13 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.validation import Floats, Transform, Vector, freeze
-from lidarsim.world.shapes._primitives import repeat, rows
-from lidarsim.world.shapes._shape import Shape
+from lidarsim._base.validation import Floats, Transform, Vector
+from lidarsim.world.shapes._primitives import Primitives, repeat, rows
 from lidarsim.world.shapes._tessellation import COARSE, Triangles, unit_sphere
 
 
-class Spheres(Shape):
+class Spheres(Primitives):
     """Many spheres in one shape, such as the foliage of a tree or a model of particles.
 
     Parameters
@@ -49,24 +48,11 @@ class Spheres(Shape):
     __slots__ = ()
     __match_args__ = ("centers", "radii")
 
+    _width: ClassVar = 4
     configuration: ClassVar = {"centers_m": list[Vector], "radii_m": float | list[float]}
 
     def __init__(self, centers: npt.ArrayLike, radii: npt.ArrayLike, *, transform: Transform | None = None) -> None:
         super().__init__(_native.Shape.spheres(rows(centers, radii)), transform)
-
-    @property
-    def centers(self) -> Floats:
-        """The centres before any transform, m: read-only ndarray of float64, shape (n, 3), a copy."""
-        return freeze(self._rows[:, :3])
-
-    @property
-    def radii(self) -> Floats:
-        """The radii before any transform, m: read-only ndarray of float64, shape (n,), a copy."""
-        return freeze(self._rows[:, 3])
-
-    @property
-    def _rows(self) -> Floats:
-        return self._native.rows().reshape(-1, 4)
 
     def _reach(self, directions: Floats, /) -> Floats:
         rows = self._rows
@@ -81,10 +67,3 @@ class Spheres(Shape):
         vertices, faces = unit_sphere(COARSE if chord_error is None else chord_error / float(all_rows[:, 3].max()))
         points = all_rows[:, None, :3] + all_rows[:, None, 3:] * vertices
         return points.reshape(-1, 3), repeat(vertices, faces, len(all_rows))
-
-    def __len__(self) -> int:
-        return self._native.primitives()
-
-    def __repr__(self) -> str:
-        """Return the number of spheres."""
-        return f"Spheres({len(self):,} spheres{'' if self.transform is None else ', transform=…'})"
