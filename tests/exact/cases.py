@@ -278,6 +278,61 @@ def _boxes() -> Iterator[Case]:
         yield Case(f"{name}-edges-corners", group, spec, origins[exact:] + shift, directions[exact:], 20)
 
 
+def _across(r: float, heights: Sequence[float]) -> list[tuple[Any, Any]]:
+    """Rays across the z axis at some heights: through a wall of radius r, along its tangents and past it."""
+    pairs: list[tuple[Any, Any]] = []
+    for z, impact in itertools.product(heights, IMPACTS.values()):
+        pairs += [
+            ((-3 * r, impact(r), z), (1.0, 0, 0)),
+            ((impact(r), 7 * r, z), (0, -3.0, 0)),
+            ((-impact(r), 0, z), (0, 1.0, 0)),
+        ]
+    return pairs
+
+
+def _through_rims(r: float, h: float) -> list[tuple[Any, Any]]:
+    """Rays through the circles of radius r at the heights 0 and h."""
+    pairs: list[tuple[Any, Any]] = []
+    for (x, y), z in itertools.product(((1, 0), (-0.6, 0.8), (0.6, -0.8)), (0.0, h)):
+        rim = np.array((x * r, y * r, z))  # (3, 4)/5 of r = 5 is on the rim exactly
+        for towards in (
+            (x * r, y * r, h),
+            (x * r, y * r, -h),
+            (-y * r, x * r, h),
+            (-y * r, x * r, 0),
+            (r, 2 * r, 0.5 * h),
+            (r, -r, -3 * h),
+        ):
+            step = np.array(towards)
+            pairs += [(rim - step, step), (rim + 2 * step, step), (rim + 2 * step, -step), (rim, step)]
+    return pairs
+
+
+def _grazing(r: float, h: float, angle: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Points of a wall of radius r and height h, and directions at an angle to it."""
+    around = rng.uniform(0, 6.28, 24)
+    wall = np.stack([r * np.cos(around), r * np.sin(around), h * rng.uniform(0, 1, 24)], axis=1)
+    inward = -wall * (1, 1, 0) / r
+    d = inward * angle * rng.choice([-1, 1], (24, 1)) + np.array((0, 0, 1.0)) * rng.choice([-1, 1], (24, 1))
+    return wall, d
+
+
+def _to_tangents(
+    radius: float, shift: float, heights: Sequence[float], rng: np.random.Generator
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Start and axis of a tilted wall, and points of it at some heights with directions, most nearly tangent."""
+    start = shift + rng.normal(size=3)
+    axis = rng.normal(size=3)
+    u = np.cross(axis, rng.normal(size=(60, 3)))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(axis, u)
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    z = rng.choice(heights, (60, 1))
+    b = radius * rng.choice([0.3, 1 - 1e-9, 1 - 1e-15, 1], (60, 1))
+    target = start + z * axis + u * np.sqrt(radius * radius - b * b) + v * b
+    return start, axis, target, u + rng.normal(size=(60, 1)) * axis
+
+
 def _cylinders() -> Iterator[Case]:
     sizes = {
         "unit": (5.0, 10.0),
@@ -303,36 +358,14 @@ def _cylinders() -> Iterator[Case]:
             20 * capped,
             12,
         )
-        pairs = []
-        for z, impact in itertools.product((0.0, 0.5 * h, h, np.nextafter(h, 9 * h), -5e-324), IMPACTS.values()):
-            pairs += [
-                ((-3 * r, impact(r), z), (1.0, 0, 0)),
-                ((impact(r), 7 * r, z), (0, -3.0, 0)),
-                ((-impact(r), 0, z), (0, 1.0, 0)),
-            ]
+        pairs = _across(r, (0.0, 0.5 * h, h, np.nextafter(h, 9 * h), -5e-324))
         yield Case(
             f"cylinder-{where}-{label}-across", f"{group}, tangent and at the rim's height", spec, *_rays(pairs), 30, 30
         )
-        pairs = []
-        for (x, y), z in itertools.product(((1, 0), (-0.6, 0.8), (0.6, -0.8)), (0.0, h)):
-            rim = np.array((x * r, y * r, z))  # (3, 4)/5 of r = 5 is on the rim exactly
-            for towards in (
-                (x * r, y * r, h),
-                (x * r, y * r, -h),
-                (-y * r, x * r, h),
-                (-y * r, x * r, 0),
-                (r, 2 * r, 0.5 * h),
-                (r, -r, -3 * h),
-            ):
-                step = np.array(towards)
-                pairs += [(rim - step, step), (rim + 2 * step, step), (rim + 2 * step, -step), (rim, step)]
+        pairs = _through_rims(r, h)
         yield Case(f"cylinder-{where}-{label}-through-rim", f"{group}, through the rim", spec, *_rays(pairs), 20)
         for angle in GRAZING:
-            rng = np.random.default_rng(7)
-            around = rng.uniform(0, 6.28, 24)
-            wall = np.stack([r * np.cos(around), r * np.sin(around), h * rng.uniform(0, 1, 24)], axis=1)
-            inward = -wall * (1, 1, 0) / r
-            d = inward * angle * rng.choice([-1, 1], (24, 1)) + np.array((0, 0, 1.0)) * rng.choice([-1, 1], (24, 1))
+            wall, d = _grazing(r, h, angle, np.random.default_rng(7))
             yield Case(
                 f"cylinder-{where}-{label}-grazing-{angle:g}",
                 f"{group}, grazing the wall",
@@ -343,17 +376,8 @@ def _cylinders() -> Iterator[Case]:
             )
     rng = np.random.default_rng(8)
     for (offset, shift), capped in itertools.product(OFFSETS.items(), (True, False)):
-        start = shift + rng.normal(size=3)
-        axis = rng.normal(size=3)
         radius = 0.37
-        u = np.cross(axis, rng.normal(size=(60, 3)))
-        u /= np.linalg.norm(u, axis=1, keepdims=True)
-        v = np.cross(axis, u)
-        v /= np.linalg.norm(v, axis=1, keepdims=True)
-        z = rng.choice([0, 1e-17, 0.3, 0.99999, 1, 1 + 1e-16], (60, 1))
-        b = radius * rng.choice([0.3, 1 - 1e-9, 1 - 1e-15, 1], (60, 1))
-        target = start + z * axis + u * np.sqrt(radius * radius - b * b) + v * b
-        d = u + rng.normal(size=(60, 1)) * axis
+        start, axis, target, d = _to_tangents(radius, shift, (0, 1e-17, 0.3, 0.99999, 1, 1 + 1e-16), rng)
         where = "capped" if capped else "open"
         spec = Spec("Cylinder", (start, start + axis, radius, capped))
         origins = target + d * rng.choice([1e-9, 1.0, 100.0], (60, 1))
@@ -385,13 +409,7 @@ def _capsules() -> Iterator[Case]:
         yield Case(
             f"capsule-{label}-along-axis", "capsule, along the axis and in the wall", spec, *_rays(pairs), 20, 12
         )
-        pairs = []
-        for z, impact in itertools.product((-5e-324, 0.0, 0.5 * h, h, np.nextafter(h, 9 * h)), IMPACTS.values()):
-            pairs += [
-                ((-3 * r, impact(r), z), (1.0, 0, 0)),
-                ((impact(r), 7 * r, z), (0, -3.0, 0)),
-                ((-impact(r), 0, z), (0, 1.0, 0)),
-            ]
+        pairs = _across(r, (-5e-324, 0.0, 0.5 * h, h, np.nextafter(h, 9 * h)))
         yield Case(f"capsule-{label}-across", "capsule, tangent and at the seams' height", spec, *_rays(pairs), 30, 15)
         pairs = []
         for beyond, impact in itertools.product((-1, 1), IMPACTS.values()):  # impact(r) beyond an end; 5² = 3² + 4²
@@ -399,41 +417,17 @@ def _capsules() -> Iterator[Case]:
             pairs += [((-3 * r, 0, z), (1.0, 0, 0)), ((0, 2 * r, z), (0, -0.25, 0)), ((0, 0, z), (3.0, -4.0, 0))]
             pairs += [((-0.6 * r, -3 * r, beyond * impact(0.8 * r) + h * (beyond > 0)), (0, 2.0, 0))]
         yield Case(f"capsule-{label}-over-the-ends", "capsule, tangent to the ends", spec, *_rays(pairs), 20, 4)
-        pairs = []
-        for (x, y), z in itertools.product(((1, 0), (-0.6, 0.8), (0.6, -0.8)), (0.0, h)):
-            seam = np.array((x * r, y * r, z))  # (3, 4)/5 of r = 5 is on the seam exactly
-            for towards in (
-                (x * r, y * r, h),
-                (x * r, y * r, -h),
-                (-y * r, x * r, h),
-                (-y * r, x * r, 0),
-                (r, 2 * r, 0.5 * h),
-                (r, -r, -3 * h),
-            ):
-                step = np.array(towards)
-                pairs += [(seam - step, step), (seam + 2 * step, step), (seam + 2 * step, -step), (seam, step)]
+        pairs = _through_rims(r, h)
         yield Case(f"capsule-{label}-through-seam", "capsule, through the seams", spec, *_rays(pairs), 20)
         for angle in GRAZING:
-            rng = np.random.default_rng(9)
-            around = rng.uniform(0, 6.28, 24)
-            wall = np.stack([r * np.cos(around), r * np.sin(around), h * rng.uniform(0, 1, 24)], axis=1)
-            inward = -wall * (1, 1, 0) / r
-            d = inward * angle * rng.choice([-1, 1], (24, 1)) + np.array((0, 0, 1.0)) * rng.choice([-1, 1], (24, 1))
+            wall, d = _grazing(r, h, angle, np.random.default_rng(9))
             yield Case(
                 f"capsule-{label}-grazing-{angle:g}", "capsule, grazing the wall", spec, wall - d * 2 * (h + r), d, 0
             )
     rng = np.random.default_rng(10)
     for offset, shift in OFFSETS.items():
-        start = shift + rng.normal(size=3)
-        axis = rng.normal(size=3)
-        u = np.cross(axis, rng.normal(size=(60, 3)))
-        u /= np.linalg.norm(u, axis=1, keepdims=True)
-        v = np.cross(axis, u)
-        v /= np.linalg.norm(v, axis=1, keepdims=True)
-        radius, z = 0.37, rng.choice([-0.2, 0, 1e-17, 0.3, 0.99999, 1, 1 + 1e-16, 1.2], (60, 1))
-        b = radius * rng.choice([0.3, 1 - 1e-9, 1 - 1e-15, 1], (60, 1))
-        target = start + z * axis + u * np.sqrt(radius * radius - b * b) + v * b
-        d = u + rng.normal(size=(60, 1)) * axis
+        radius, heights = 0.37, (-0.2, 0, 1e-17, 0.3, 0.99999, 1, 1 + 1e-16, 1.2)
+        start, axis, target, d = _to_tangents(radius, shift, heights, rng)
         yield Case(
             f"capsule-tilted-at-{offset}",
             "capsule, tilted, to tangents and seams",
