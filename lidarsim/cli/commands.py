@@ -199,14 +199,9 @@ def scan(
     paragraph(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     for note in filter(None, notes):
         paragraph(note)
-    files = ", ".join(
-        map(
-            str,
-            [*outputs.output_of(place, run).pattern(run), *([run.path_of(screenshot, "*", "*")] if screenshot else [])],
-        )
-    )
+    files = outputs.output_of(place, run).pattern(run) + ([run.path_of(screenshot, "*", "*")] if screenshot else [])
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
-    paragraph(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
+    paragraph(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {', '.join(map(str, files))}")
 
 
 @app.command()
@@ -491,10 +486,7 @@ def _check_live(path: Path, pictures: list[str], rrd: Path | None) -> None:
 def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: Any) -> None:
     """Show a run while it is scanned, and tell where and how much."""
     count = len(run.numbers)
-    with (
-        without_native_logs(),
-        progress_bar() as progress,
-    ):
+    with without_native_logs(), progress_bar() as progress:
         task = progress.add_task("scanning", total=count)
         start = time.perf_counter()
         shown = ls.stream(run, to, class_names=names, each=lambda done: progress.update(task, completed=done), **looks)
@@ -608,10 +600,7 @@ def fit(
     if preset is None:
         frames, preset = recognise(frames)
     start, noise = sensor_of(preset)
-    with (
-        without_native_logs(),
-        progress_bar() as progress,
-    ):
+    with without_native_logs(), progress_bar() as progress:
         task = progress.add_task("fitting", total=frames.count)
         counting = dataclasses.replace(frames, frames=_count(frames.frames, lambda: progress.advance(task)))
         lidar, comparison = fit_source(counting, start, material)
@@ -821,8 +810,12 @@ def bench(context: typer.Context) -> None:
 
 
 def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> Run:
-    given = [f"{key}={value}" for key, value in settings.items() if value is not None]
-    return ls.config.load(config, [*(overrides or []), *given])
+    return ls.config.load(config, _assignments(overrides, settings))
+
+
+def _assignments(overrides: list[str] | None, settings: Mapping[str, int | None]) -> list[str]:
+    """Return the overrides, and those that options of the command stand for."""
+    return [*(overrides or []), *(f"{key}={value}" for key, value in settings.items() if value is not None)]
 
 
 def _is_recipe(path: Path) -> bool:
@@ -838,8 +831,7 @@ def _describe(path: Path, overrides: list[str] | None, **settings: int | None) -
         return _load(path, overrides, **settings), None
     from lidarsim.datasets import recipe
 
-    given = [f"{key}={value}" for key, value in settings.items() if value is not None]
-    made = recipe.load(path, [*(overrides or []), *given])
+    made = recipe.load(path, _assignments(overrides, settings))
     return made.source.run(0), made.class_names
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
+from lidarsim.io.packets._format import Packet
 from lidarsim.scan.scan import Scan
 
 Records = npt.NDArray[Any]
@@ -68,6 +70,26 @@ class Cycles:
     def _group(self, parts: list[Part]) -> Part:
         cycles, starts = _join(parts)
         return cycles.reshape(-1, self._size, *cycles.shape[1:]), starts.reshape(-1, self._size)
+
+
+class CycleEncoder(ABC):
+    """Base of the encoders whose packets hold cycles, which `_cycles` cuts and `_encode` turns into packets."""
+
+    _cycles: Cycles
+
+    def rest(self) -> Iterator[Packet]:
+        """Yield the last packet, filled with cycles without returns."""
+        last = self._cycles.rest()
+        if last is not None:
+            yield from self._encode(*last)
+
+    def companions(self) -> Mapping[str, bytes]:
+        """Return no files: the packets, and the calibration of the model, hold all that decoders need."""
+        return {}
+
+    @abstractmethod
+    def _encode(self, cycles: Records, starts: Times, /) -> Iterator[Packet]:
+        """Yield packets of cycles, shape (packets, size, ...), that start at `starts`, ns, shape (packets, size)."""
 
 
 def _join(parts: list[Part]) -> Part:

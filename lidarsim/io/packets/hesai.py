@@ -49,7 +49,7 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
-from lidarsim.io.packets._cycles import Cycles, moments, payloads
+from lidarsim.io.packets._cycles import CycleEncoder, Cycles, moments, payloads
 from lidarsim.io.packets._format import Packet, PacketFormat, mode_of, register
 from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning, Table
@@ -231,7 +231,7 @@ class _Rotor(NamedTuple):
     start_azimuth: float
 
 
-class _Encoder:
+class _Encoder(CycleEncoder):
     """The packets of one sensor; see `lidarsim.io.packets.Encoder`."""
 
     def __init__(self, lidar: Lidar, *, start: int, port: int, variant: str | None = None) -> None:
@@ -277,12 +277,6 @@ class _Encoder:
         head = -np.degrees(rotor.start_azimuth) + self._speed * (since * 1e9 - self._layout.first * 1e3)
         cycles["blocks"]["azimuth"] = _hundredths(head)[:, None]
         yield from self._encode(*self._cycles.add(cycles, starts))
-
-    def rest(self) -> Iterator[Packet]:
-        """Yield the last packet, filled up with columns without returns."""
-        last = self._cycles.rest()
-        if last is not None:
-            yield from self._encode(*last)
 
     def companions(self) -> Mapping[str, bytes]:
         """Return the angle correction file and the firetime correction file."""
@@ -355,7 +349,7 @@ class _Encoder:
                 values[1] ^= differ * both
         return distances, brightness
 
-    def _encode(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
+    def _encode(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64], /) -> Iterator[Packet]:
         """Yield packets of columns of shape (packets, columns) that start at `starts`, ns."""
         layout = self._layout
         packets = np.repeat(self._template, len(cycles))

@@ -34,7 +34,7 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
-from lidarsim.io.packets._cycles import Cycles, moments, payloads
+from lidarsim.io.packets._cycles import CycleEncoder, Cycles, moments, payloads
 from lidarsim.io.packets._format import Packet, PacketFormat, register
 from lidarsim.lidar import Lidar
 from lidarsim.patterns import Pulses
@@ -127,7 +127,7 @@ MODELS = {
 }
 
 
-class _Encoder:
+class _Encoder(CycleEncoder):
     """The packets of one sensor; see `lidarsim.io.packets.Encoder`."""
 
     def __init__(self, lidar: Lidar, *, start: int, port: int, variant: str | None = None) -> None:
@@ -155,16 +155,6 @@ class _Encoder:
         starts = moments(scan, self._start, scan.pulses.time[::lines])
         self._count = 0
         yield from self._encode(*self._cycles.add(self._points(scan).reshape(-1, lines), starts))
-
-    def rest(self) -> Iterator[Packet]:
-        """Yield the last packet, filled up with points of zeros."""
-        last = self._cycles.rest()
-        if last is not None:
-            yield from self._encode(*last)
-
-    def companions(self) -> Mapping[str, bytes]:
-        """Return no files: the packets hold all that decoders need."""
-        return {}
 
     def _check(self, pulses: Pulses) -> None:
         """Check that the pulses of a frame come as the packets have them."""
@@ -235,7 +225,7 @@ class _Encoder:
             )
         return steps
 
-    def _encode(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
+    def _encode(self, cycles: npt.NDArray[np.void], starts: npt.NDArray[np.int64], /) -> Iterator[Packet]:
         """Yield packets of points of shape (packets, cycles, lines) that are fired at `starts`, ns."""
         packets = np.repeat(self._template, len(cycles))
         packets["points"] = cycles.reshape(len(cycles), self._layout.points)

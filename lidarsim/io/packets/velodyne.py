@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from functools import cache, lru_cache, reduce
 from operator import xor
@@ -36,7 +36,7 @@ import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import reflectivity
-from lidarsim.io.packets._cycles import Cycles, payloads
+from lidarsim.io.packets._cycles import CycleEncoder, Cycles, payloads
 from lidarsim.io.packets._format import Packet, PacketFormat, mode_of, register
 from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning
@@ -81,7 +81,7 @@ MODELS = {
 }
 
 
-class _Encoder:
+class _Encoder(CycleEncoder):
     """Packs whole firing cycles, here columns, and keeps those that fill no packet."""
 
     def __init__(self, lidar: Lidar, *, start: int, port: int, variant: str | None = None) -> None:
@@ -128,15 +128,6 @@ class _Encoder:
         self._end = int(starts[-1])
         yield from self._encode(*self._cycles.add(columns, starts))
 
-    def rest(self) -> Iterator[Packet]:
-        """Yield the last packet: the head turns on, and the lasers that are still to fire return nothing."""
-        last = self._cycles.rest()
-        if last is not None:
-            yield from self._encode(*last)
-
-    def companions(self) -> Mapping[str, bytes]:
-        return {}
-
     def _empty(self, last: Any, number: int) -> npt.NDArray[np.void]:
         columns, after = np.zeros(number, self._type), np.arange(1, number + 1) * self._cycle
         columns["azimuth"] = last["azimuth"] + 36000 * self._pattern.rate * after
@@ -179,7 +170,7 @@ class _Encoder:
         expected = f"{nearest} to {farthest:.2f} m for {self._lidar.model} packets"
         raise FileFormatError(f"range: expected {expected}, got {metres} m; give the sensor a {limit} m")
 
-    def _encode(self, columns: npt.NDArray[np.void], starts: npt.NDArray[np.int64]) -> Iterator[Packet]:
+    def _encode(self, columns: npt.NDArray[np.void], starts: npt.NDArray[np.int64], /) -> Iterator[Packet]:
         """Yield data packets of columns of shape (packets, columns) that start at `starts`, and position packets."""
         banks, returns = self._model.banks, self._returns
         packets = np.zeros(len(columns), DATA)
