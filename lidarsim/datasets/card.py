@@ -122,10 +122,10 @@ def _splits(recipe: Recipe, summary: Summary) -> str:
     if not summary.splits:
         return ""
     rows = [
-        f"| {escape(name)} | {len(numbers):,} | {len(numbers) * recipe.frames:,} | {_list_ranges(numbers)} |\n"
+        (escape(name), f"{len(numbers):,}", f"{len(numbers) * recipe.frames:,}", _list_ranges(numbers))
         for name, numbers in summary.splits.items()
     ]
-    return "## Splits\n\n| split | sequences | frames | which |\n|---|---:|---:|---|\n" + "".join(rows) + "\n"
+    return "## Splits\n\n" + _rows("split | sequences | frames | which", "lrrl", rows) + "\n"
 
 
 def _list_ranges(numbers: Sequence[int]) -> str:
@@ -155,7 +155,8 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary, box_filter: BoxFilter) ->
     head = "boxes", "share", "a frame", "length", "width", "height", "distance", "points"
     text = f"## Boxes\n\n{count:,} box{'es' * (count != 1)}, {_describe(box_filter)}."
     text += " Means: length, width, height and distance from the sensor in m, and points on an instance.\n\n"
-    text += _rows((f"class{split}", *head), mean)
+    left = "ll" if split else "l"
+    text += _rows(" | ".join([f"class{split}", *head]), left + "r" * len(head), mean)
     *few, (most, _) = itertools.pairwise(POINTS)
     whole = [*(f"{low:g}" if high - low == 1 else f"{low:g} – {high - 1:g}" for low, high in few), f"{most:g} or more"]
     spans = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
@@ -170,7 +171,9 @@ def _boxes(recipe: Recipe, run: Run, summary: Summary, box_filter: BoxFilter) ->
         used = [index for index in range(len(bins)) if any(row[index] for row in table.values())] or [0]
         kept = range(used[0], used[-1] + 1)
         rows = [(names[key], *(f"{row[index]:,}" for index in kept)) for key, row in table.items()]
-        text += f"\nBoxes by {title}:\n\n" + _rows((f"class{split}", *(bins[index] for index in kept)), rows)
+        text += f"\nBoxes by {title}:\n\n" + _rows(
+            " | ".join([f"class{split}", *(bins[index] for index in kept)]), left + "r" * len(kept), rows
+        )
     return text
 
 
@@ -190,12 +193,11 @@ def _describe_scattered(recipe: Recipe, scattered: Scattered) -> str:
         return ""
     given = recipe.to_dict()["scatter"]
     rows = [
-        f"| {escape(name)} | {_members(**given[name])} | {tally.asked} | {tally.placed} | {escape(tally.rules)} |\n"
+        (escape(name), _members(**given[name]), str(tally.asked), str(tally.placed), escape(tally.rules))
         for name, tally in scattered.groups.items()
     ]
     text = "\n## Scattered objects\n\nObjects without room are left out; shares are of the places tried for these.\n"
-    text += "\n| group | objects, with their weights | asked | placed | places refused by |\n|---|---|---:|---:|---|\n"
-    text += "".join(rows)
+    text += "\n" + _rows("group | objects, with their weights | asked | placed | places refused by", "llrrl", rows)
     return text + "".join(f"\nWarning: {escape(line)}.\n" for line in scattered.warnings())
 
 
@@ -206,10 +208,10 @@ def _members(objects: list[dict[str, Any]], weights: list[float] | None = None, 
     return ", ".join(texts[:LISTED]) + (", …" if len(texts) > LISTED else "")
 
 
-def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of numbers with a name per row, which may have several cells."""
-    lines = ["| " + " | ".join(head) + " |", "|---" * (1 + head[0].count("|")) + "|---:" * (len(head) - 1) + "|"]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+def _rows(head: str, sides: str, rows: Iterable[Sequence[str]]) -> str:
+    """Return a table, whose columns are aligned left (l) or right (r); a string may have several cells, ``a | b``."""
+    line = "".join({"l": "|---", "r": "|---:"}[side] for side in sides)
+    return "".join(f"{text}\n" for text in (f"| {head} |", f"{line}|", *(f"| {' | '.join(row)} |" for row in rows)))
 
 
 def _sensor(lidar: Lidar) -> str:
@@ -222,11 +224,11 @@ def _sensor(lidar: Lidar) -> str:
 def _table(head: str, rows: Sequence[tuple[str, int]], points: int) -> str:
     """Return a table of points; `head` and the first item of a row may have several cells, ``a | b``."""
     most = max((count for _, count in rows), default=1)
-    lines = [f"| {head} | points | share | |", "|---" * (head.count("|") + 1) + "|---:|---:|---|"]
-    for what, count in rows:
-        bar = "█" * round(BAR * count / max(most, 1))
-        lines.append(f"| {what} | {count:,} | {count / max(points, 1):.2%} | {bar} |")
-    return "\n".join(lines) + "\n"
+    cells = (
+        (what, f"{count:,}", f"{count / max(points, 1):.2%}", "█" * round(BAR * count / max(most, 1)))
+        for what, count in rows
+    )
+    return _rows(f"{head} | points | share |", "l" * (head.count("|") + 1) + "rrl", cells)
 
 
 def _pictures(plan: Plan, files: Files, count: int) -> list[tuple[str, str]]:

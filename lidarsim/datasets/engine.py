@@ -22,6 +22,7 @@ from lidarsim.datasets.layouts import Files
 from lidarsim.datasets.samples import RANGES, Record
 from lidarsim.datasets.sampling import samples
 from lidarsim.datasets.scattered import Scattered
+from lidarsim.datasets.store import causes
 from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
@@ -133,13 +134,9 @@ def _describe(error: BaseException) -> str:
     return str(error) if isinstance(error, LidarsimError) else f"{type(error).__name__}: {error}"
 
 
-def _full(error: BaseException | None) -> bool:
+def _full(error: BaseException) -> bool:
     """Return whether an error is, or was caused by, a full disk."""
-    while error is not None:
-        if isinstance(error, OSError) and error.errno in FULL:
-            return True
-        error = error.__cause__
-    return False
+    return any(isinstance(one, OSError) and one.errno in FULL for one in causes(error))
 
 
 def make(

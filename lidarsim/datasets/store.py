@@ -31,7 +31,7 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-__all__ = ["Store", "check_path", "open_store"]
+__all__ = ["Store", "causes", "check_path", "open_store"]
 
 TEMPORARY = ".lidarsim-set-", ".tmp"
 """Prefix and suffix of the temporary folders at the top of a data set, in which files are written."""
@@ -461,27 +461,30 @@ class Remote:
         return self.url
 
 
-def _is_unmet(error: BaseException | None) -> bool:
-    """Return whether a store reports that the condition of a put is not met, as S3's clients do."""
+def causes(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and what caused it, one after the other."""
     while error is not None:
-        response = getattr(error, "response", None)
-        code = response.get("Error", {}).get("Code") if isinstance(response, dict) else None
-        if code in {"PreconditionFailed", "ConditionalRequestConflict"} or getattr(error, "errno", 0) == errno.EEXIST:
-            return True
+        yield error
         error = error.__cause__
-    return False
 
 
-def _is_unknown(error: BaseException | None) -> bool:
+def _code(error: BaseException) -> str | None:
+    """Return the code by which S3's clients tell what is wrong."""
+    response = getattr(error, "response", None)
+    return response.get("Error", {}).get("Code") if isinstance(response, dict) else None
+
+
+def _is_unmet(error: BaseException) -> bool:
+    """Return whether a store reports that the condition of a put is not met."""
+    codes = {"PreconditionFailed", "ConditionalRequestConflict"}
+    return any(_code(one) in codes or getattr(one, "errno", 0) == errno.EEXIST for one in causes(error))
+
+
+def _is_unknown(error: BaseException) -> bool:
     """Return whether a store reports that it does not support conditional puts."""
-    while error is not None:
-        if isinstance(error, NotImplementedError | TypeError):
-            return True
-        response = getattr(error, "response", None)
-        if isinstance(response, dict) and response.get("Error", {}).get("Code") == "NotImplemented":
-            return True
-        error = error.__cause__
-    return False
+    return any(
+        isinstance(one, NotImplementedError | TypeError) or _code(one) == "NotImplemented" for one in causes(error)
+    )
 
 
 def open_store(output: PathLike, argument: str = "output") -> Store:
