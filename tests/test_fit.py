@@ -84,14 +84,11 @@ def check_intervals(seed: int) -> list[tuple[str, bool]]:
     """Names of the values that frames of a unit tell, one for each row of a table, and whether each interval holds."""
     of = unit(seed)
     fitted, comparison = ls.fit(clouds(of, seed), start(of), ground=GROUND)
-    unknown_fade = of.measurement.detection is not None and comparison["detection.sigma"].verdict == "not measured"
     found = []
     for measure in comparison:
         if measure.verdict == "not measured":
             assert measure.why
             assert true_value(fitted, measure.name) == true_value(start(of), measure.name)
-            continue
-        if measure.name == "dropout" and unknown_fade:  # it rests on what the sheet says of it
             continue
         value = true_value(of, measure.name)
         if measure.by == "range":
@@ -242,6 +239,23 @@ def test_drop_out_is_that_beyond_the_near_field() -> None:
         seen.append(cloud[~near | (rng.random(len(cloud)) < 0.8)])
     low, high = ls.fit(seen, of)[1]["dropout"].real_interval
     assert low <= of.measurement.dropout <= high
+
+
+@pytest.mark.parametrize(
+    ("returned", "why"),
+    [
+        (lambda away: 1.0 - 0.1 / away**2, "the share of lost pulses depends on range: 0.0"),
+        (lambda away: away < 1.5, "too few pulses at smooth surfaces at several ranges beyond 1 m"),
+    ],
+    ids=["oftener near", "one range"],
+)
+def test_what_may_depend_on_range_is_no_drop_out(returned: Callable[[Any], Any], why: str) -> None:
+    of = replace(unit(7), min_range=0.3)
+    rng = np.random.default_rng(0)
+    seen = [cloud[rng.random(len(cloud)) < returned(np.linalg.norm(cloud.xyz, axis=1))] for cloud in clouds(of)]
+    fitted, comparison = ls.fit(seen, of)
+    assert comparison["dropout"].why.startswith(why)
+    assert fitted.measurement.dropout == of.measurement.dropout
 
 
 def test_a_ground_that_fades_too_gradually_tells_no_limit() -> None:

@@ -68,8 +68,7 @@ SUMS: dict[str, tuple[Summary, int]] = {
     "noise": (SIGMA, BY_RANGE),
     "noise at": (Mean(), BY_RANGE),
     "step": (Step(STEPS), 3),
-    "holes": (Rate(), len(POWERS)),
-    "far holes": (Rate(), len(POWERS)),
+    "holes": (Rate(), BY_RANGE * len(POWERS)),
     "ground": (Rate(), len(POWERS)),
     "ground at": (Mean(), len(POWERS)),
     "ground by range": (Rate(), BY_RANGE),
@@ -203,10 +202,11 @@ class Captures:
         # Without intensities, what is near is as bright as a surface of a tenth.
         other = np.log(0.1) - 2.0 * np.log(image.reach[:, 1:-3])
         cell = bin_of(np.where(np.isfinite(near), 0.5 * near, other)[agree], POWERS)
+        ranges = image.reach[:, 1:-3][agree]
+        far = (cell >= 0) & (ranges > NEAR_FIELD)
+        cell = np.where(far, bin_of(ranges, RANGES) * len(POWERS) + cell, -1)
         lost = image.lost[:, 2:-2][agree].astype(np.float64)
-        holes = Samples(cell, image.block[:, 2:-2][agree], lost)
-        self._take("holes", holes)
-        self._take("far holes", replace(holes, cell=np.where(image.reach[:, 1:-3][agree] > NEAR_FIELD, cell, -1)))
+        self._take("holes", Samples(cell, image.block[:, 2:-2][agree], lost))
         self._add_ground(image, self.light(shining))
 
     @property

@@ -15,8 +15,16 @@ from typing import Any
 import numpy as np
 
 from lidarsim._base.validation import Floats
-from lidarsim.comparison._captures import APPROACHES, BY_RANGE, FEWEST_STEPS, POWERS, Captures, UntoldError
-from lidarsim.comparison._measures import STEPS
+from lidarsim.comparison._captures import (
+    APPROACHES,
+    BY_RANGE,
+    FEWEST_STEPS,
+    NEAR_FIELD,
+    POWERS,
+    Captures,
+    UntoldError,
+)
+from lidarsim.comparison._measures import STATISTICS, STEPS
 from lidarsim.comparison._result import Interval
 from lidarsim.comparison._statistics import FEWEST_UNITS, Indices, critical
 from lidarsim.sensor.measurement import Detection, Measurement, Response
@@ -323,7 +331,7 @@ def _power_sigma(_: Fit) -> Found:
 def _dropout(fit: Fit) -> Found:
     """Share of the pulses without a return between four neighbours that agree, where echoes are far above the limit.
 
-    Surfaces nearer than a metre, where sensors lose pulses for other reasons, count if there are too few farther away.
+    Only beyond a metre, and only if that share is the same at all ranges: to chance, and to what `compare` neglects.
     """
     from scipy.special import betaincinv
 
@@ -333,16 +341,21 @@ def _dropout(fit: Fit) -> Found:
     width = math.hypot(errors.power_sigma, detection.sigma)
     bright = limit + 0.5 * width**2 + max(FAINT * width, 0.5)
     enough = bright < POWERS
-    fit.estimate("holes")
+    if not len(fit.units["holes"]):
+        raise UntoldError(fit.reason("holes"))
     if len(fit.units["ground by range"]) and fit.ground_rate < 0.8:
         raise UntoldError("the ground does not return most pulses, so that the detection limit is not known")
-    for name in ("far holes", "holes"):
-        sums = fit.units[name].sums(len(POWERS))[:, enough].sum(axis=1)
-        n, lost = sums[:, 1], sums[:, 2]
-        if n.sum() >= FEWEST_POINTS:
-            break
-    if n.sum() < FEWEST_POINTS:
-        raise UntoldError("too few pulses at smooth surfaces whose echoes are far above the detection limit")
+    sums = fit.units["holes"].sums(BY_RANGE * len(POWERS)).reshape(-1, BY_RANGE, len(POWERS), 3)
+    sums = sums[:, :, enough, 1:].sum(axis=2)
+    cells = np.flatnonzero(sums[..., 0].sum(axis=0) >= FEWEST)
+    sums = sums[:, cells]
+    if len(cells) < 2 or sums[..., 0].sum() < FEWEST_POINTS:
+        raise UntoldError(
+            f"too few pulses at smooth surfaces at several ranges beyond {NEAR_FIELD:g} m "
+            "whose echoes are far above the detection limit"
+        )
+    _check_constant(cells, *sums.sum(axis=0).T)
+    n, lost = sums.sum(axis=1).T
     share = lost.sum() / n.sum()
     # Of blocks: the linearised variance of a ratio (W. G. Cochran, Sampling Techniques, Wiley, 1977, 2.11).
     units = np.count_nonzero(n)
@@ -353,6 +366,16 @@ def _dropout(fit: Fit) -> Found:
         for up, level in ((0, 0.025), (1, 0.975))
     )
     return Found(float(share), (low, high), int(n.sum()), "pulses lost within smooth rings")
+
+
+def _check_constant(cells: Indices, count: Floats, lost: Floats) -> None:
+    """Raise the reason why pulses lost by range are no drop-out, if their share differs by more than counts."""
+    holes = STATISTICS["holes in smooth rings"]
+    rates, share = lost / count, (lost.sum() + 0.5) / (count.sum() + 1.0)
+    apart = np.maximum(np.abs(rates - share) - holes.least, 0.0)
+    if not _agree(apart, np.sqrt(share * (1.0 - share) / count), 0.0):
+        ends = (f"{rates[i]:.2g} at {holes.cells.label(int(cells[i]))}" for i in (rates.argmax(), rates.argmin()))
+        raise UntoldError(f"the share of lost pulses depends on range: {', '.join(ends)}")
 
 
 @value("response.ring_sigma")
