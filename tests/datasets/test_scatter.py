@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim.config.document import Place, parse
@@ -485,6 +486,67 @@ def test_pruned_trees_leave_room(tmp_path: Path) -> None:
     source = load(path).source
     assert isinstance(source, Document)
     assert source.scatter_counts(0).groups == {"boxes": Tally(3, 3, {})}
+
+
+def test_a_tilted_object_leaves_the_room_beside_it(tmp_path: Path) -> None:
+    """A beam askew, and boxes in a square that is within its bounds but beside it."""
+    beam = {"shape": "box", "size_m": [12, 1, 1], "rotation_deg": {"yaw": 45, "pitch": 3}}
+    boxes = {
+        "objects": [{"shape": "box", "size_m": [0.4, 0.4, 1], "center_m": [0, 0, 0.5]}],
+        "on": ["floor"],
+        "count": 6,
+        "area_m": [[0, -3], [3, 0]],
+        "yaw_deg": {"uniform": [0, 360]},
+    }
+    scene = [{"shape": "plane", "normal": [0, 0, 1], "name": "floor"}, beam]
+    run = {"scene": scene, "sensor": {"preset": "velodyne-vlp16"}, "pose": {"position_m": [-9, 9, 1]}}
+    path = tmp_path / "recipe.yaml"
+    path.write_text(yaml.safe_dump({"layout": "shards", "frames": 1, "scatter": {"boxes": boxes}, "run": run}))
+    _, there = scene_and_objects(path, 0)
+    assert len(there) == 6
+    rim = 0.2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    for item in there:
+        pose = poses_of(item)
+        x, y = (rim @ pose[:2, :2].T + pose[:2, 3]).T
+        assert (x - y >= np.sqrt(0.5)).all()  # half a metre to the right of the middle of the beam
+
+
+def test_the_outline_of_a_tilted_object_is_the_upright_box_around_it() -> None:
+    generator = np.random.default_rng(3)
+    corners = np.array(list(np.ndindex(2, 2, 2))) * (4, 2, 1) - (1, 1, 0)
+    smaller = 0
+    for _ in range(100):
+        place = np.eye(4)
+        angles = generator.uniform(-1, 1, 3) * (180, 30, 30)
+        place[:3, :3] = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+        place[:3, 3] = generator.uniform(-9, 9, 3)
+        scene = ls.Scene()
+        scene.add(ls.Box([4, 2, 1], [1, 0, 0.5]), transform=place)
+        outline = scattering._obstacle(scene[0], np.array([0.0, 1.0]))
+        points, plan = corners @ place[:3, :3].T + place[:3, 3], outline.corners[0]
+        sides = np.diff(plan[:3], axis=0)
+        lengths = np.linalg.norm(sides, axis=1)
+        # Fewer than 32 roundings of coordinates below 16, of half an ulp each.
+        rounded = 32 * 2.0**-50
+        assert abs(sides[0] @ sides[1]) < rounded * lengths.sum()
+        for axis in sides / lengths[:, None]:
+            extents = [(along.min(), along.max()) for along in (points[:, :2] @ axis, plan @ axis)]
+            np.testing.assert_allclose(*extents, rtol=0, atol=rounded)
+        heights = points[:, 2].min(), points[:, 2].max()
+        np.testing.assert_allclose((outline.low, outline.high), heights, rtol=0, atol=rounded)
+        smaller += lengths.prod() < 0.8 * np.diff(scene[0].bounds[:, :2], axis=0).prod()
+    assert smaller > 30
+
+
+def test_the_outline_of_a_tilted_speck_is_where_it_is() -> None:
+    place = np.eye(4)
+    place[:3, :3] = 1e-323 * Rotation.from_euler("ZYX", [30, 40, 50], degrees=True).as_matrix()
+    place[:3, 3] = 5, 6, 7
+    scene = ls.Scene()
+    scene.add(ls.Box([1, 1, 1]), transform=place)
+    outline = scattering._obstacle(scene[0], np.array([0.0, 1.0]))
+    # A turn there and back: four products and two sums of numbers below 16, and the rounding of its matrix.
+    np.testing.assert_allclose(outline.corners, np.full((1, 4, 2), (5.0, 6.0)), rtol=0, atol=8 * 2.0**-50)
 
 
 def test_empty_shapes_are_no_obstacles() -> None:
