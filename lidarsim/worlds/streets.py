@@ -345,6 +345,13 @@ class Plan:
         heading = self.heading(s)
         return np.stack([x - d * np.sin(heading), y + d * np.cos(heading), self.height(s, d)], axis=-1)
 
+    def normal(self, s: Floats, d: Floats) -> Floats:
+        """Return normals of the ground, shape (…, 3), of unit length, by its slopes over 1 m."""
+        along, left = self.at(s + 0.5, d) - self.at(s - 0.5, d), self.at(s, d + 0.5) - self.at(s, d - 0.5)
+        normal = np.cross(along, left)
+        unit: Floats = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        return unit
+
     def near(self, s: Floats, d: Floats) -> Iterator[tuple[Junction, Floats]]:
         """Yield junctions, with the distance of places from the middle of each side road, far where it is not."""
         for junction in self.junctions:
@@ -635,6 +642,8 @@ class _Builder:
         places[:, 2, 2], places[:, 3, 3] = scale, 1.0
         places[:, :3, 3] = self.plan.at(s, d)
         places[:, 2, 3] -= sunk
+        parked = np.isin([name for _, name, _ in self.puts], VEHICLES)
+        places[parked, :3, :3] = _tilt(places[parked, :3, :3], self.plan.normal(s[parked], d[parked]))
         indoors = self._find_indoors(places, scale)
         for (asset, name, _), place, inside in zip(self.puts, places, indoors, strict=True):
             if name not in TREES or not inside:
@@ -876,6 +885,15 @@ class _Builder:
                 seated = self._one("seated", partial(pedestrian, posture="sitting"), 4)
                 if not left_out:
                     self._put(seated, "person", (s, d), yaw)
+
+
+def _tilt(axes: Floats, normal: Floats) -> Floats:
+    """Return upright axes, in the columns of (k, 3, 3), tilted so that z is the normal; x keeps its heading."""
+    x = axes[:, :, 0].copy()
+    x[:, 2] = -(x * normal).sum(axis=1) / normal[:, 2]
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    tilted: Floats = np.stack([x, np.cross(normal, x), normal], axis=2)
+    return tilted
 
 
 def _room(asset: Asset) -> Floats:

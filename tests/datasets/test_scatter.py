@@ -413,6 +413,18 @@ def test_each_group_of_each_packaged_recipe_appears(path: Path, slow: bool) -> N
     assert [name for sequence in range(sequences) for name in source.nearby(sequence)] == []
 
 
+def test_vehicles_of_packaged_recipes_tilt_on_streets() -> None:
+    """Generated streets have slopes and camber."""
+    tilts = {
+        (path.stem, name): group.tilt
+        for path in PACKAGED
+        for name, group in load(path).source.settings.scatter.items()
+        if any(item.shape == "vehicle" for item in group.objects)
+    }
+    assert len(tilts) == 5
+    assert all(tilts.values()), tilts
+
+
 def lanes(tmp_path: Path, offset: float, **more: object) -> tuple[list[Placed], Scattered]:
     """Cars 4 m long and 2 m wide on two opposite lanes of a road, a wall beside it, and a sensor that drives along."""
     car = {"shape": "box", "size_m": [4, 2, 1.5], "center_m": [0, 0, 0.75]}
