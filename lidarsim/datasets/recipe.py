@@ -404,9 +404,12 @@ def load(
     with place.refusals({"class_names": ("class_names", "")}):
         settings.layout.check_labels(names, Scene())
     splits = Splits(check_splits(settings.splits, settings.sequences, place / "splits"))
-    if change is None and settings.after_scan is not None:
+    if change is not None:
+        _check_change(change, settings.layout)
+    elif settings.after_scan is not None:
         with (place / "after_scan").refusals({"after_scan": ("", "")}):
             change = after_scan.load(settings.after_scan, str(path.parent))
+            _check_change(change, settings.layout)
     with (place / "run").refusals({key: (key, "") for key in ("class_names", "atmosphere", "scene")}):
         made = _recipe(source, settings, names, splits, change)
     with (place / "layout").refusals():
@@ -502,6 +505,8 @@ def from_function(
     if known.layout.of_scans and moment_of(deskew, 1.0) is not None:
         expected = f"False in {known.layout.type}, which has the messages of the sensors' drivers"
         raise ArgumentValueError("deskew", expected, short_repr(deskew))
+    if change is not None:
+        _check_change(change, known.layout)
     made_of = fingerprint(function)  # before a call, which may change its values
     source = Function(function, known.frames, known.seed, made_of, {"frame": frame, "deskew": deskew})
     made = _recipe(source, known, class_names, splits, change)
@@ -511,13 +516,16 @@ def from_function(
     return made
 
 
+def _check_change(change: AfterScan, layout: Layout) -> None:
+    if layout.of_scans:
+        expected = f"none with {layout.type}, which has the messages of the sensors' drivers"
+        raise ArgumentValueError("after_scan", expected, change.name)
+
+
 def _recipe(
     source: Source, settings: Settings, class_names: dict[int, str], splits: Splits, change: AfterScan | None
 ) -> Recipe:
     """Return the recipe after checking the run of its first frame."""
-    if change is not None and settings.layout.of_scans:
-        expected = f"none with {settings.layout.type}, which has the messages of the sensors' drivers"
-        raise ArgumentValueError("after_scan", expected, change.name)
     run = source.run(0, 0)
     if run.cloud["frame"] == "world" and not settings.layout.in_world:
         kind = settings.layout.type

@@ -250,8 +250,16 @@ def test_bad_arguments(recipe: Path, tmp_path: Path) -> None:
     ]:
         with pytest.raises(TypeError, match=said):
             make(recipe, tmp_path / "out", value)
-    with pytest.raises(ConfigError, match="after_scan: expected none with bags"):
+    with pytest.raises(ValueError, match=r"^after_scan: expected none with bags"):
         make(recipe, tmp_path / "out", keep, "bags")
+
+
+def test_the_layout_bags_refuses_a_function_by_its_key(named: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"^--set after_scan=ray_drop:drop: expected none with bags"):
+        make(named, tmp_path / "out", layout="bags", overrides=["after_scan=ray_drop:drop"])
+    line = named.read_text().splitlines().index("after_scan: ray_drop:drop") + 1
+    with pytest.raises(ConfigError, match=rf"\.yaml:{line}: after_scan: expected none with bags"):
+        make(named, tmp_path / "out", layout="bags")
 
 
 @pytest.mark.parametrize(
