@@ -377,6 +377,10 @@ class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
         ends = [(k.start / rate + offset, k.stop / rate + offset) for offset, rate, k in numbers if k]
         return min(start for start, _ in ends), max(end for _, end in ends)
 
+    def _period(self, frames: range) -> float:
+        """Return the time that frames take without offsets, s: that of the sensor whose frames take longest."""
+        return max(len(self._numbers(s, frames.start, frames.stop)) / s.lidar.pattern.rate for s in self.values())
+
     def _numbers(self, sensor: RigSensor, start: int, stop: int) -> range:
         """Return the exact numbers k of a sensor's frames that begin in frames start to stop - 1 of the rig."""
         rate = Fraction(sensor.lidar.pattern.rate) / Fraction(self.rate)

@@ -323,10 +323,9 @@ def stream(
                 print_line(path)
             if not written:
                 paragraph("--metadata: the decoders of these packets need no file")
-        start, end = run.span
         try:
             if repeat:
-                sender.send(run.scans, repeat=math.inf, period=end - start)
+                sender.send(run.scans, repeat=math.inf, period=run.period)
             else:
                 sender.send(track(run.scans(), len(run.numbers)))
         except KeyboardInterrupt:

@@ -263,6 +263,16 @@ class Frames:
             return self.sensor.span(len(self.frames), first=self.frames.start)
         return self.time(self.frames.start), self.time(self.frames.stop)
 
+    @property
+    def period(self) -> float:
+        """Time from one repetition of the frames to the next, s: how long the sensor fires that takes longest.
+
+        Offsets of sensors do not count, since they shift all repetitions.
+        """
+        if isinstance(self.sensor, Rig):
+            return self.sensor._period(self.frames)
+        return len(self.frames) / self.rate
+
     def time(self, frame: int) -> float:
         """Return the time at which a frame starts, s since the start of frame 0."""
         return frame / self.rate

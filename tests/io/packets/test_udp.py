@@ -426,6 +426,38 @@ def test_mistakes_get_one_line(
     assert error.count("\n") == 1
 
 
+RIG = """\
+frames: 2
+rig:
+  roof: {sensor: {preset: velodyne-vlp16}}
+  front: {sensor: {preset: velodyne-vlp16}, offset_s: 0.03}
+scene: [{shape: sphere, center_m: [0, 0.5, 0], radius_m: 4}]
+"""
+
+
+def test_the_packets_of_a_rig_with_offsets_go_on_where_repetitions_meet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "rig.yaml").write_text(RIG, encoding="utf-8")
+    sent: dict[int, list[int]] = {}
+
+    def collect(_: Sender, packet: Packet) -> None:
+        sent.setdefault(packet.port, []).append(packet.time)
+        if packet.time / 1e9 > START + 0.5:  # in the third repetition
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Sender, "_send", collect)
+    with pytest.raises(SystemExit):
+        main(["stream", str(tmp_path / "rig.yaml"), "--to", "127.0.0.1:9", "--repeat", "--fast"])
+    of_data = [times for times in sent.values() if len(times) > 100]  # those of positions are few
+    assert len(of_data) == 2
+    for times in of_data:
+        steps = np.diff(times) / 1e3
+        # A packet has 24 cycles of 55.296 µs; around a seam, two cycles are less than two periods apart.
+        assert np.abs(steps - 24 * 55.296).max() < 55.296 + 0.004
+        assert times[-1] / 1e9 > START + 0.49
+
+
 def test_interrupting_tells_what_was_sent(
     config: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
