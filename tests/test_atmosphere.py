@@ -567,12 +567,26 @@ def test_a_fluctuation_reveals_drops_that_are_too_dim_on_average(*, soft: bool) 
     assert abs(scan.return_count.mean() - expected) < SIGMAS * math.sqrt(expected / count)
 
 
-def test_rain_needs_a_limit_of_what_is_seen() -> None:
-    for use in (lambda: sensor().scan(scene(RAIN)), lambda: RAIN.particles_seen(sensor())):
-        with pytest.raises(
-            ValueError, match=r"^detection: expected a detection limit in rain or snow, got None; or a "
-        ):
+@pytest.mark.parametrize(
+    ("lidar", "got"),
+    [
+        (sensor(), "None"),
+        (sensor(max_range=1e300), "None"),
+        (sensor(max_range=100.0, detection=ls.Detection(0.1, 1e200)), "Detection(reflectivity=0.1, range=1e+200"),
+    ],
+)
+def test_rain_needs_a_limit_of_what_is_seen(lidar: ls.Lidar, got: str) -> None:
+    for use in (lambda: lidar.scan(scene(RAIN)), lambda: RAIN.particles_seen(lidar)):
+        with pytest.raises(ValueError, match=r"^detection: expected a detection limit below 1e154 m in rain") as caught:
             use()
+        assert f", got {got}" in str(caught.value)
+        assert str(caught.value).count("; or a max_range below that; ") == 1
+
+
+def test_rain_is_seen_up_to_the_farthest_limit() -> None:
+    scan = sensor(max_range=9e153).scan(scene(RAIN))
+    assert scan.source is not None
+    assert scan.source.tolist() == [[ls.Source.atmosphere]]
 
 
 # Draws

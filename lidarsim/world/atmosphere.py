@@ -107,8 +107,8 @@ class Atmosphere(Immutable):
     `reflectance`·(πD²/4)/A(r)·ξ(r)·exp(−2αr), where A(r) is the section of the beam, but no more than a white diffuser.
     Only those are drawn that the `detection` limit and the `near_threshold` let through, and they are drawn exactly.
     Without a limit, these are the ones as bright as a target of reflectivity 0.1 at the `max_range` of the `Lidar`; a
-    scan in rain by a sensor without either is refused. The positions in one frame say nothing about those in the next.
-    At most the 21 845 nearest of a pulse are drawn.
+    scan in rain by a sensor without either, below 1e154 m, is refused. The positions in one frame say nothing about
+    those in the next. At most the 21 845 nearest of a pulse are drawn.
 
     With a `Beam`, an echo of the air and another nearer to it than `separation`, or than 2σ, are one: the stronger.
 
@@ -398,6 +398,8 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor, *, of: str = "") 
             " fog is infinite"
         )
         raise ArgumentValueError(f"min_range{of}", "a number > 0 in fog", 0.0, hint)
-    if atmosphere.intercept > 0.0 and measurement.detection is None and lidar.max_range == math.inf:
-        hint = "or a finite max_range; without either, each of the countless drops in the beam would be an echo"
-        raise ArgumentValueError(f"detection{of}", "a detection limit in rain or snow", None, hint)
+    farthest = lidar.max_range if measurement.detection is None else measurement.detection.range
+    if atmosphere.intercept > 0.0 and farthest * farthest == math.inf:
+        got = measurement.detection and repr(measurement.detection)
+        hint = "or a max_range below that; without either, each of the countless drops in the beam would be an echo"
+        raise ArgumentValueError(f"detection{of}", "a detection limit below 1e154 m in rain or snow", got, hint)
