@@ -27,6 +27,7 @@ WHAT = {
     "intensity": ("road at {x} m, median intensity", ".3f"),
     "scatter": ("{material} at {x} m, scatter of intensities", ".2f"),
 }
+BINS = {0.375: "0.3 to 0.45 m", 4.0: "3 to 5 m"}  # of the jump at an edge
 
 
 @functools.cache
@@ -50,7 +51,8 @@ def simulate(row: dict[str, str], noise: str) -> float:
     if quantity in {"dual returns", "lost returns", "mixed points"}:
         if lidar.measurement.beam is None:
             return 0.0
-        return max(edges(lidar, x, material)[f"{quantity} at edges"].cells, key=lambda cell: cell.n_real).real
+        cells = {cell.label: cell.real for cell in edges(lidar, x, material)[f"{quantity} at edges"].cells}
+        return cells[BINS[x]]
     angles, surface = np.linspace(-0.2, 0.2, 128), ls.Plane((1, 0, 0), x)
     pattern = ls.patterns.Grid(angles, angles, rate=10.0)
     if row["height"]:

@@ -398,8 +398,66 @@ def test_a_slanted_surface_has_no_edges() -> None:
 
 def test_a_gentle_step_is_no_edge() -> None:
     """From side to side it is 0.11 m, but the lines through the sides are 0.07 m apart at the pixel between them."""
-    row = [10.0, 10.02, 10.06, 10.13, 10.15]
+    row = [9.98, 10.0, 10.02, 10.06, 10.13, 10.15, 10.17]
     assert len(measures.mixed_points(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
+
+
+def test_rings_too_short_for_two_sides_have_no_edges() -> None:
+    for row in ([5.0, 5.0, 6.0, 7.0, 7.0], [5.0] * 3 + [7.0] * 3):
+        assert len(measures.mixed_points(Frame.of(rings_of(*[row] * 8), None, 1.0)).cell) == 0
+
+
+@pytest.mark.parametrize(
+    "between",
+    [[5.2, 5.2], [5.2, 5.3], [5.1, 5.2, 5.3], [5.2, 5.35, 5.35], [5.13, 5.13, 5.26, 5.26], [5.06, 5.25, 5.44]],
+    ids=["a tread", "two treads", "three treads", "a narrow and a wide tread", "two wide treads", "a rounded edge"],
+)
+def test_surfaces_between_two_sides_are_no_edges(between: list[float]) -> None:
+    row = [5.0] * 6 + between + [5.5] * 6
+    frame = Frame.of(rings_of(row, row[::-1]), None, 1.0)
+    assert len(measures.mixed_points(frame).cell) == 0
+    one = [5.0] * 6 + [5.2] + [5.5] * 6
+    assert measures.mixed_points(Frame.of(rings_of(one, one), None, 1.0)).value.tolist() == [1.0, 1.0]
+
+
+def arc(radius: float, low: float, high: float) -> ls.TriangleMesh:
+    """A part of a round wall from one azimuth to another."""
+    azimuth = np.linspace(low, high, 9)
+    x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
+    corners = [(x[k], y[k], z) for z in (-5.0, 5.0) for k in range(9)]
+    return ls.TriangleMesh(corners, [face for k in range(8) for face in ((k, k + 1, k + 10), (k, k + 10, k + 9))])
+
+
+def test_mixed_points_are_those_at_edges_of_boards_and_not_those_beside_strips() -> None:
+    """Round boards before a round wall; beside every second stands a strip 2.5 columns wide, half way to the wall."""
+    columns, boards, near, far = 1024, 41, 5.0, 5.4
+    step, half = 2.0 * np.pi / columns, 0.05
+    made = ls.Scene()
+    made.add(ls.Cylinder((0, 0, -5), (0, 0, 5), far, capped=False))
+    edges = []
+    for board in range(boards):
+        low, high = 2.0 * np.pi * board / boards + np.array([-half, half])
+        made.add(arc(near, low, high))
+        edges.append(low)
+        if board % 2:
+            made.add(arc(0.5 * (near + far), high, high + 2.5 * step))
+        else:
+            edges.append(high)
+    beam = ls.Beam(1.3 * step, pulse_length=10e-9, rays=91)  # too long a pulse to tell two echoes apart
+    pattern = ls.patterns.Spinning(np.radians([-1.0, 0.0, 1.0]), columns=columns)
+    frame = Frame.of(ls.Lidar(pattern, measurement=ls.Measurement(beam=beam)).scan(made), None, 1.0)
+
+    # At an edge, the pulse with an echo between the two surfaces is one of the two nearest.
+    azimuth = np.arctan2(frame.xyz[:, 1], frame.xyz[:, 0])
+    away = np.abs(np.angle(np.exp(1j * (azimuth[:, None] - edges))))
+    share = (frame.reach - near) / (far - near)
+    mixed = (away < step)[(share > 0.2) & (share < 0.8)].sum()
+    samples = measures.mixed_points(frame)
+    assert samples.weight.sum() == len(pattern.elevations) * len(edges)
+    assert samples.value.sum() == mixed
+    # The middle three fifths of a Gaussian beam are 0.375 of its width; 41 edges of boards meet columns 1/41 apart.
+    assert abs(mixed / samples.weight.sum() - 0.375 * 1.3) < 1.0 / boards
+    assert set(samples.cell) == {measures.BY_JUMP.labels.index("0.3 to 0.45 m")}
 
 
 def test_runs_of_missing_pixels_are_counted() -> None:

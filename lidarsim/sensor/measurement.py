@@ -114,7 +114,7 @@ class Beam(Immutable):
     pulse_length : float
         Duration of the pulse, full width at half maximum, s, > 0 and at most 1 µs.
     rays : int
-        Number of sub-rays per pulse: 4, 7, 19, 37, 61 or 91. Four give 1.5 times too many mixed points at small edges.
+        Number of sub-rays per pulse: 4, 7, 19, 37, 61 or 91. Four give 1.4 times too many mixed points at small edges.
     separation : float
         Least distance at which the receiver tells two echoes apart, m, >= 0: of two nearer ones only the stronger is
         an echo, decided from the strongest of the pulse on, by the power in clear air. Default: any two peaks of the
