@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import typer
 from typer.main import get_command
 
+from lidarsim import _native
 from lidarsim._base.files import format_error
 from lidarsim._base.terminal import say, standard_streams
 from lidarsim.cli.commands import app
@@ -52,6 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(arguments: list[str]) -> None:
+    _native.isa()  # an error of the environment is none of a line of a configuration
+    _native.threads()
     try:
         with get_command(app).make_context("lidarsim", arguments) as context:
             context.command.invoke(context)

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from hard.children import output
 
+import lidarsim as ls
 from lidarsim import _native
+from lidarsim.cli import main
+from lidarsim.errors import ArgumentValueError
 
 
 @pytest.mark.slow("eight threads share growing scenes, and the environment changes beside them")
@@ -46,9 +52,27 @@ def test_settings_are_those_of_the_environment_at_each_cast(monkeypatch: pytest.
         monkeypatch.setenv("LIDARSIM_THREADS", str(count))
         assert _native.threads() == count
     available = [monkeypatch.delenv("LIDARSIM_THREADS"), _native.threads()][1]
-    for nonsense in ("0", "-1", "many", ""):
-        monkeypatch.setenv("LIDARSIM_THREADS", nonsense)
-        assert _native.threads() == available >= 1
+    monkeypatch.setenv("LIDARSIM_THREADS", "")
+    assert _native.threads() == available >= 1
+
+
+@pytest.mark.parametrize("count", ["0", "-1", "many", "2.0", "1025", "99999999999999999999"])
+def test_a_wrong_number_of_threads_is_refused(count: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIDARSIM_THREADS", count)
+    expected = re.escape(f'LIDARSIM_THREADS: expected an integer from 1 to 1024, got "{count}"')
+    with pytest.raises(ArgumentValueError, match=f"^{expected}$"):
+        ls.Sphere((5, 0, 0), 1.0).cast([(0, 0, 0)], [(1, 0, 0)])
+
+
+@pytest.mark.parametrize("name", ["LIDARSIM_THREADS", "LIDARSIM_ISA"])
+def test_a_wrong_environment_is_no_error_of_a_configuration(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setenv(name, "many")
+    with pytest.raises(SystemExit) as end:
+        main(["scan", "demo", "--output", str(tmp_path / "demo.pcd")])
+    assert end.value.code == 2
+    assert capsys.readouterr().err.startswith(f"lidarsim: {name}: expected ")
 
 
 def test_a_number_of_threads_that_is_set_goes_before_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,9 +81,9 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
 
 /// The number of threads that casts run on.
 #[pyfunction]
-fn threads(py: Python<'_>) -> usize {
-    use_threads(py);
-    lidarsim_core::threads()
+fn threads(py: Python<'_>) -> PyResult<usize> {
+    use_threads(py)?;
+    Ok(lidarsim_core::threads())
 }
 
 /// Sets the number of threads in place of `LIDARSIM_THREADS`; `None` follows that again.
@@ -100,8 +100,8 @@ fn isa(py: Python<'_>) -> PyResult<&'static str> {
 
 /// The instruction set that `LIDARSIM_ISA` requests, or the best.
 ///
-/// Only these two functions read the environment, with the interpreter lock held, as Python writes it with
-/// the lock.
+/// Only this function and [`requested_threads`] read the environment, with the interpreter lock held, as
+/// Python writes it with the lock.
 fn level(_: Python<'_>) -> PyResult<Level> {
     let Some(name) = env::var_os("LIDARSIM_ISA") else { return Ok(Level::best()) };
     let name = name.to_string_lossy();
@@ -126,13 +126,31 @@ pub fn kernels(py: Python<'_>) -> PyResult<&'static dyn Kernels> {
 /// The number of threads that this process has set; 0 for that of `LIDARSIM_THREADS`.
 static THREADS: AtomicUsize = AtomicUsize::new(0);
 
-/// Applies the number of threads that is set, else `LIDARSIM_THREADS`, if it is a number above 0.
-fn use_threads(_: Python<'_>) {
+/// Greatest `LIDARSIM_THREADS`; a cast with thousands of threads only starts and ends them.
+const MOST_THREADS: usize = 1024;
+
+/// Applies the number of threads that is set, else `LIDARSIM_THREADS`, unless that is empty.
+fn use_threads(_: Python<'_>) -> PyResult<()> {
     let asked = match THREADS.load(Ordering::Relaxed) {
-        0 => env::var("LIDARSIM_THREADS").ok().and_then(|n| n.parse().ok()),
+        0 => requested_threads()?,
         set => Some(set),
     };
-    lidarsim_core::use_threads(asked.filter(|&n| n > 0));
+    lidarsim_core::use_threads(asked);
+    Ok(())
+}
+
+/// The number of threads that `LIDARSIM_THREADS` requests, if any.
+fn requested_threads() -> PyResult<Option<usize>> {
+    let Some(text) = env::var_os("LIDARSIM_THREADS").filter(|text| !text.is_empty()) else { return Ok(None) };
+    let text = text.to_string_lossy();
+    match text.parse() {
+        Ok(count @ 1..=MOST_THREADS) => Ok(Some(count)),
+        _ => Err(argument_error(
+            "LIDARSIM_THREADS",
+            &format!("an integer from 1 to {MOST_THREADS}"),
+            format!("{text:?}"),
+        )),
+    }
 }
 
 /// Runs work of the core, and every such call goes through here, with the interpreter lock released.
@@ -149,7 +167,7 @@ pub fn detach<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyRes
 
 /// [`detach`], compiled once for all kinds of work.
 fn run_detached(py: Python<'_>, work: &mut (dyn FnMut() + Send)) -> PyResult<()> {
-    use_threads(py);
+    use_threads(py)?;
     match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, || with_room(work))))) {
         Ok(Some(())) => Ok(()),
         Ok(None) => Err(take_error(py)),
