@@ -113,6 +113,20 @@ def test_updates_change_what_they_name_and_nothing_else() -> None:
     assert (scan.range[0, 0], scan.label[0, 0], scan.instance[0, 0], scan.intensity[0, 0]) == (2.0, 1, 1, 1.0)
 
 
+def test_labels_of_faces_stay_when_the_array_that_gave_them_changes() -> None:
+    scene, given = ls.Scene(), np.array([7, 8], np.uint32)
+    view = given.view()
+    view.setflags(write=False)
+    mesh = ls.TriangleMesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    scene.add(mesh, label=view)
+    scene.update(0, label=view)
+    given[:] = 9
+    assert scene[0].label.tolist() == [7, 8]  # type: ignore[union-attr]
+    own = scene[0].label
+    scene.update(0, transform=at(1))
+    assert scene[0].label is own  # they are not copied for each step
+
+
 def test_a_refused_change_leaves_the_object_as_it_was() -> None:
     scene = row_of_spheres(2)
     before = scene[1]

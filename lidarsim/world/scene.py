@@ -128,7 +128,7 @@ def _check(  # noqa: PLR0917 - the fields, in their order
     if material._per != "object":
         _check_reflectivity(material, shape)
     if type(label) is not int or not 0 <= label <= UINT32:
-        label = _label(label, shape)
+        label = _label(label, shape, None if like is None else like.label)
     number = integer("instance", instance, at_least=0, at_most=UINT32)
     place = None if transform is None else placement(transform)
     return SceneObject(id, shape, name, label, number, material, place, motion, like)
@@ -1022,8 +1022,11 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
     _readers[name] = recognise, read
 
 
-def _label(value: npt.ArrayLike, shape: Shape) -> Label:
-    """Return the label of an object, or the labels of its faces, after checking them."""
+def _label(value: npt.ArrayLike, shape: Shape, own: Label | None) -> Label:
+    """Return the label of an object, or a copy of the labels of its faces, after checking them.
+
+    `own` are the labels that the object has so far: if these are the value, only their number is checked.
+    """
     if isinstance(value, str):
         expected = f"an integer from 0 to {UINT32}"
         raise ArgumentTypeError(
@@ -1041,7 +1044,7 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
         raise ArgumentValueError(
             "label", f"one integer, or {len(shape)}, one {_each(shape)}", f"{given.dtype} of shape {given.shape}"
         )
-    if given.dtype == np.uint32 and not given.flags.writeable:  # already checked here
+    if given is own:
         return given
     wrong = (given < 0) | (given > UINT32)
     if wrong.any():
