@@ -575,6 +575,7 @@ def test_selections_corners_and_copies() -> None:
     assert np.asarray(boxes, np.float32).dtype == np.float32
     assert [len(box) for box in boxes] == [1] * 24
     seen = boxes[boxes.points >= 200]
+    assert len(boxes[[]]) == 0
     assert len(seen) == len(scan.boxes(min_points=200)) < len(boxes)
     corners = boxes[:1].corners[0]
     assert boxes[:1].contain(boxes.center[0] + 0.999 * (corners - boxes.center[0])).all()

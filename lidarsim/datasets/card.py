@@ -97,18 +97,18 @@ def _coordinates(recipe: Recipe, run: Run) -> str:
     """Return in words what the coordinates of the points are."""
     frame, deskew = run.cloud["frame"], run.cloud["deskew"]
     moment = moment_of(deskew, 1.0)
+    when = deskew if isinstance(deskew, str) else f"{moment:g} s after the start" if moment else "start"
     if frame == "world":
-        text = "Points are in world coordinates"
+        text, to = "Points are in world coordinates", f"the {when} of the scan"
     elif moment is None:
         text = "Points are in the sensor frame at the moment of their pulse, not deskewed"
     else:
-        when = deskew if isinstance(deskew, str) else "start" if deskew is True else f"{moment:g} s after the start"
-        text = f"Points are deskewed to the sensor frame at the {when}{' of the scan' if frame == 'sensor' else ''}"
+        text, to = f"Points are deskewed to the sensor frame at the {when} of the scan", "that moment"
     if recipe.layout.box_filter is None:
         return f"{text}."
     if moment is None:
         return f"{text}. Each box is where its points are on average, and points of fast instances may lie outside."
-    return f"{text}, and points of moving instances are moved along to that moment, which is also that of the boxes."
+    return f"{text}, and points of moving instances are moved along to {to}, which is also that of the boxes."
 
 
 def _change(recipe: Recipe) -> str:

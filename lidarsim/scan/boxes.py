@@ -119,6 +119,8 @@ class Boxes(Pickled):
     def __getitem__(self, index: slice | npt.ArrayLike) -> Self:
         """Return the boxes that a slice, a mask or an array of indices selects."""
         which = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
+        if isinstance(which, np.ndarray) and which.shape == (0,) and which.dtype.kind == "f":  # an empty list
+            which = which.astype(np.intp)
         own: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         chosen: dict[str, Any] = {name: value[which] for name, value in own.items() if isinstance(value, np.ndarray)}
         return replace(self, **chosen)

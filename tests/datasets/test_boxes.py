@@ -271,7 +271,11 @@ def test_points_in_the_world(tmp_path: Path) -> None:
     # A matrix and its product with a vector round four times each.
     np.testing.assert_allclose(truck["center"][:2], [25, 7], rtol=0, atol=8 * 25 * 2.0**-53)
     assert (instance == 99).sum() == truck["points"] > 0
-    assert "world coordinates" in (tmp_path / "README.md").read_text()
+    card = (tmp_path / "README.md").read_text()
+    assert (
+        "in world coordinates, and points of moving instances are moved along to the start of the scan, which is"
+        in card
+    )
 
 
 def count(folder: Path) -> dict[str, int]:
