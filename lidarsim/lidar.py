@@ -274,8 +274,8 @@ class Lidar(Sensor):
             One of the sensor's modes, such as "1024x20" for an Ouster. Default: the mode that its file describes.
         noise : {"datasheet", "measured"}, optional
             "datasheet" enables the noise stated in the sensor's datasheet. "measured" replaces it by what captures of
-            real units show, as far as that is known: noise, channel biases, beam, least separation of echoes,
-            fluctuation of power, lost pulses and least range. Most values are from one unit. Default: none.
+            real units show, as far as that is known: noise, channel biases, beam, detection limits, response, lost
+            pulses and least range. Most values are from one unit. Default: none.
         rate : float, optional
             Frames per second, Hz. A frame of a sensor that fires at a fixed rate then has more or fewer pulses.
             Default: that of the file or mode.

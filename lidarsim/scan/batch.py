@@ -51,8 +51,8 @@ class ScanBatch(ScanColumns[Never], Positions, Pickled):
     each C-contiguous in memory of its own: ``torch.from_numpy(batch.range)`` and ``jax.numpy.from_dlpack(batch.range)``
     take it without a copy. Arrays have shape (N, n), or (N, n, k) for sensors of k > 1 returns a pulse, where `status`
     and `return_count` still have shape (N, n). `xyz` is in the sensor frame at the time of the pulse, as in
-    `Scan.point_cloud`. Unused entries of floating-point arrays are nan. If sensors with different numbers of pulses are
-    mixed, n is the largest; the surplus entries of a row are unused, with a `status` of 255.
+    `Scan.point_cloud`. Unused entries of floating-point arrays are nan. If sensors or frames with different numbers of
+    pulses are mixed, n is the largest; the surplus entries of a row are unused, with a `status` of 255.
 
     Where a `Scan` has None, a batch has 0 for the radial velocity of all hits, `Source.surface` for the source and 0
     for the path of all returns, the nominal direction of the pulse, and nan for mirrored points.

@@ -110,7 +110,7 @@ class Beam(Immutable):
     ----------
     divergence_azimuth, divergence_elevation : float
         Full angles, horizontal and vertical, between the directions where the intensity is 1/e² of that on the axis,
-        0 to 0.1 rad. (The full angle at half maximum is 0.589 times that.) If only one is given, the beam is round.
+        0 to 0.1 rad. (The full angle at half maximum is 0.589 times that.) Without the vertical one, the beam is round.
     pulse_length : float
         Duration of the pulse, full width at half maximum, s, > 0 and at most 1 µs.
     rays : int
