@@ -219,6 +219,11 @@ def test_concatenated_clouds_keep_order_fields_and_names() -> None:
     assert (whole.fields, whole.ring.dtype, whole.class_names) == (first.fields, np.uint16, {1: "car", 2: "road"})
     with pytest.raises(ValueError, match="expected one name for each label, got 'car' and 'bus' for 1"):
         PointCloud.concatenate([first, PointCloud(xyz=XYZ, ring=[1, 2], class_names={1: "bus"})])
+    flows = [PointCloud(xyz=XYZ, flow=np.ones((2, columns))) for columns in (2, 3)]
+    with pytest.raises(
+        ValueError, match=r"expected entries of 'flow' of one shape in all, got \(2,\) and, in clouds\[1\]"
+    ):
+        PointCloud.concatenate(flows)
 
 
 def test_a_sum_is_the_concatenation(cloud: PointCloud) -> None:

@@ -325,7 +325,8 @@ class PointCloud(PointColumns, Pickled, Plotted):
         Returns
         -------
         PointCloud
-            The points of all clouds, in order, with the class names of all.
+            The points of all clouds, in order, with the class names of all. Fields of different types get the common
+            type of NumPy, which for int64 and uint64 is float64.
 
         Raises
         ------
@@ -351,6 +352,11 @@ class PointCloud(PointColumns, Pickled, Plotted):
             if odd:
                 has = "has" if odd[0] in cloud.fields else "has no"
                 raise ArgumentValueError("clouds", "the same fields in all", f"clouds[{i}], which {has} {odd[0]!r}")
+            for name in cloud.fields:
+                first, own = (getattr(one, name).shape[1:] for one in (given[0], cloud))
+                if own != first:
+                    expected = f"entries of {name!r} of one shape in all"
+                    raise ArgumentValueError("clouds", expected, f"{first} and, in clouds[{i}], {own}")
             for label, name in cloud.class_names.items():
                 if names.setdefault(label, name) != name:
                     raise ArgumentValueError(
