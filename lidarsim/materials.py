@@ -233,8 +233,8 @@ class Material(Value):
     ------
     TypeError, ValueError
         If a reflectivity is negative or not finite, or is not one number, one-dimensional array or texture, as `per`
-        says, if texture coordinates are not finite, have another shape, lack, or come without a texture, or if another
-        parameter is out of its range.
+        says, if texture coordinates are not finite, have another shape, are missing, or come without a texture, or if
+        another parameter is out of its range.
 
     Notes
     -----

@@ -62,9 +62,9 @@ def generate(
     """Make a data set, resume an incomplete one, or make the lost files of a complete one again.
 
     Existing files of the same data set are kept: after a crash, the same call continues where the last one stopped. Its
-    files that are missing or of another size are made again, with the same bytes.
-    Several calls may make the same data set at once. Nothing is written outside the output, and only files that a data
-    set of the same recipe wrote are replaced or removed.
+    files that are missing or of another size are made again, with the same bytes. Several calls may make the same data
+    set at once. Nothing is written outside the output, and only files that a data set of the same recipe wrote are
+    replaced or removed.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ def generate(
         A function that gets the cloud of each frame of each sensor, with all columns, and a `numpy.random.Generator`
         that is seeded by the recipe's seed, the sequence, the frame and the sensor, and returns the cloud to write,
         such as one without the points that a learned model drops. It replaces that of the recipe, and is compared on
-        resuming as a recipe function is. Boxes count the points that it leaves, and go with their last. Default: that
-        of the recipe; none for a function.
+        resuming as a recipe function is. Boxes count the points that it returns; those with fewer than the `min_points`
+        of the layout are left out. Default: that of the recipe; none for a function.
     part : tuple of int
         ``(i, n)`` makes only part i of n, counting from 0. The call that completes the data set writes its tables.
     overrides : sequence of str
