@@ -576,6 +576,13 @@ def test_selections_corners_and_copies() -> None:
     assert [len(box) for box in boxes] == [1] * 24
     seen = boxes[boxes.points >= 200]
     assert len(boxes[[]]) == 0
+    assert len(boxes[-1]) == 1
+    with pytest.raises(TypeError, match=r"^index: expected indices, a mask or a slice, got 'car'; boxes\[boxes\.label"):
+        _ = boxes["car"]
+    with pytest.raises(
+        IndexError, match=r"^index: expected a mask of shape \(24,\), one entry for each of the boxes, got"
+    ):
+        _ = boxes[boxes.points[1:] > 0]
     assert len(seen) == len(scan.boxes(min_points=200)) < len(boxes)
     corners = boxes[:1].corners[0]
     assert boxes[:1].contain(boxes.center[0] + 0.999 * (corners - boxes.center[0])).all()

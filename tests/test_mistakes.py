@@ -486,7 +486,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "mask of another length": (
         lambda: CLOUD[np.array([True, False])],
         IndexError,
-        "index: expected a mask of shape (3,), one entry per point, got (2,)",
+        "index: expected a mask of shape (3,), one entry for each of the points, got (2,)",
     ),
     "absent field": (
         lambda: CLOUD.intensity,

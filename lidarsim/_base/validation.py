@@ -297,6 +297,28 @@ def dimensions(value: object) -> int | None:
         return None
 
 
+def selection(index: object, count: int, kind: str) -> Any:
+    """Return what NumPy takes as an index of the first axis: a slice, integers or a mask; `kind` names the entries."""
+    chosen: Any = index
+    if isinstance(index, bool) or not isinstance(index, slice | int):
+        expected = "a slice, an integer, or integers or a mask of shape (m,)"
+        chosen = as_array("index", index, expected)
+        if chosen.shape == (0,) and chosen.dtype.kind == "f":  # an empty list
+            chosen = chosen.astype(np.intp)
+        if chosen.ndim > 1 or chosen.dtype.kind not in ("biu" if chosen.ndim else "iu"):
+            got = f"{chosen.dtype} of shape {chosen.shape}" if chosen.ndim else short_repr(index)
+            raise ArgumentTypeError("index", expected, got)
+    if isinstance(chosen, int) or (isinstance(chosen, np.ndarray) and not chosen.ndim):
+        if not -count <= chosen < count:
+            raise IndexError(f"index: expected one of {count} {kind}, got {short_repr(int(chosen))}")
+        return [int(chosen)]
+    if not isinstance(chosen, slice) and chosen.dtype == np.bool_ and chosen.shape != (count,):
+        raise IndexError(
+            f"index: expected a mask of shape ({count},), one entry for each of the {kind}, got {chosen.shape}"
+        )
+    return chosen
+
+
 def vector(name: str, value: object) -> tuple[float, float, float]:
     """Return `value`, an array_like of shape (3,), as floats."""
     plain = _native.plain_vector(value)

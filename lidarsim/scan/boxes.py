@@ -15,7 +15,8 @@ from lidarsim import _native
 from lidarsim._base.labels import Labels
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import html_table, plain, quantity, text_table
-from lidarsim._base.validation import Floats, array
+from lidarsim._base.validation import Floats, array, selection
+from lidarsim.errors import ArgumentTypeError
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.raster import FIXED
 from lidarsim.scan.columns import ScanColumns
@@ -116,11 +117,12 @@ class Boxes(Pickled):
         """Return centre, size and yaw, (m, 7)."""
         return np.array(np.column_stack([self.center, self.size, self.yaw]), dtype, copy=copy)
 
-    def __getitem__(self, index: slice | npt.ArrayLike) -> Self:
-        """Return the boxes that a slice, a mask or an array of indices selects."""
-        which = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
-        if isinstance(which, np.ndarray) and which.shape == (0,) and which.dtype.kind == "f":  # an empty list
-            which = which.astype(np.intp)
+    def __getitem__(self, index: int | slice | npt.ArrayLike) -> Self:
+        """Return the boxes that a slice, a mask, an array of indices or one index selects."""
+        if isinstance(index, str):
+            hint = "boxes[boxes.label == name] are those of a class"
+            raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), hint)
+        which = selection(index, len(self), "boxes")
         own: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         chosen: dict[str, Any] = {name: value[which] for name, value in own.items() if isinstance(value, np.ndarray)}
         return replace(self, **chosen)

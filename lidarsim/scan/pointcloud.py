@@ -198,21 +198,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
             raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), hint)
         if isinstance(index, tuple):
             raise ArgumentTypeError("index", "one index", len(index), "a field such as cloud.xyz takes two")
-        chosen: Any = index
-        if isinstance(index, bool) or not isinstance(index, slice | int):
-            expected = "a slice, an integer, or integers or a mask of shape (m,)"
-            chosen = validation.as_array("index", index, expected)
-            if chosen.shape == (0,) and chosen.dtype.kind == "f":  # an empty list
-                chosen = chosen.astype(np.intp)
-            if chosen.ndim > 1 or chosen.dtype.kind not in ("biu" if chosen.ndim else "iu"):
-                got = f"{chosen.dtype} of shape {chosen.shape}" if chosen.ndim else short_repr(index)
-                raise ArgumentTypeError("index", expected, got)
-        if isinstance(chosen, int) or (isinstance(chosen, np.ndarray) and not chosen.ndim):
-            if not -len(self) <= chosen < len(self):
-                raise IndexError(f"index: expected one of {len(self)} points, got {short_repr(int(chosen))}")
-            chosen = [int(chosen)]
-        elif not isinstance(chosen, slice) and chosen.dtype == np.bool_ and chosen.shape != (len(self),):
-            raise IndexError(f"index: expected a mask of shape ({len(self)},), one entry per point, got {chosen.shape}")
+        chosen = validation.selection(index, len(self), "points")
         arrays = {name: array[chosen] for name, array in self._arrays().items()}
         cloud = PointCloud(arrays, class_names=self._class_names)
         return cloud._place(in_sensor_frame=self._in_sensor_frame)
