@@ -78,7 +78,7 @@ from lidarsim._base.files import (
 )
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, Transform
-from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._cuts import Cut
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
@@ -221,6 +221,7 @@ class Writer:
         given: Mapping[str, Any] = {"lidar": np.eye(4)} if sensors is None else sensors
         if isinstance(given, Rig):
             given = {**given, **given.imus, **given.receivers}
+        _check_type("sensors", given, Mapping, "mounts by name, or a Rig")
         self._mounts = {
             _name("sensors", name): validation.pose(f"sensors[{name!r}]", getattr(mount, "mount", mount))
             for name, mount in given.items()
@@ -283,10 +284,12 @@ class Writer:
         ------
         FileFormatError
             If a ring or a time does not fit in the layout.
-        ValueError
-            If no sensor has that name, the bag is not open, or a LaserScan is asked of a sensor that is no 2D lidar.
+        TypeError, ValueError
+            If these are no scans, no sensor has that name, the bag is not open, or a LaserScan is asked of a sensor
+            that is no 2D lidar.
         """
         for name, scan in (scans if isinstance(scans, Mapping) else {self._only(): scans}).items():
+            _check_type("scans", scan, Scan, "a Scan, or Scans by name")
             if self._layouts.get(name) == _LASER_LAYOUT:
                 self._write_laser(name, scan)
             else:
@@ -347,9 +350,10 @@ class Writer:
         ------
         FileFormatError
             If a ring or a time does not fit in the layout.
-        ValueError
-            If no sensor has that name, the bag is not open, or a cloud to be cut has no times.
+        TypeError, ValueError
+            If this is no cloud, no sensor has that name, the bag is not open, or a cloud to be cut has no times.
         """
+        _check_type("cloud", cloud, PointCloud, "a PointCloud")
         name = self._sensor(sensor)
         stamp = self._stamp(time)
         layout = self._layouts.get(name) or layout_of(lidar)
@@ -382,9 +386,11 @@ class Writer:
 
         Raises
         ------
-        ValueError
-            If no sensor has that name, the bag is not open, or a time is not on the clock of the bag.
+        TypeError, ValueError
+            If these are no samples, no sensor has that name, the bag is not open, or a time is not on the clock of the
+            bag.
         """
+        _check_type("samples", samples, ImuSamples, "ImuSamples")
         imu = samples.imu
         name = self._sensor(sensor, imu)
         unknown = np.zeros(9)
@@ -420,9 +426,11 @@ class Writer:
 
         Raises
         ------
-        ValueError
-            If no sensor has that name, the bag is not open, or a time is not on the clock of the bag.
+        TypeError, ValueError
+            If these are no fixes, no sensor has that name, the bag is not open, or a time is not on the clock of the
+            bag.
         """
+        _check_type("fixes", fixes, GnssFixes, "GnssFixes")
         gnss = fixes.gnss
         name = self._sensor(sensor, gnss)
         variance = np.zeros(3)
@@ -1075,6 +1083,11 @@ def _name(argument: str, name: str) -> str:
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise ArgumentValueError(argument, "a name of letters, digits and _", validation.short(ascii(name)))
     return check_name(argument, name)
+
+
+def _check_type(argument: str, value: object, kind: type, expected: str) -> None:
+    if not isinstance(value, kind):
+        raise ArgumentTypeError(argument, expected, validation.short_repr(value))
 
 
 def _layouts(layout: str | Mapping[str, str] | None, names: Mapping[str, object]) -> dict[str, str]:

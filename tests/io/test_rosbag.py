@@ -758,6 +758,28 @@ def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("use", "message"),
+    [
+        (lambda bag: bag.write(iter([])), "scans: expected a Scan, or Scans by name, got <list_iter"),
+        (
+            lambda bag: bag.write({"lidar": PointCloud(np.zeros((1, 3)))}),
+            "scans: expected a Scan, or Scans by name, got",
+        ),
+        (lambda bag: bag.write_cloud(np.zeros((1, 3))), "cloud: expected a PointCloud, got an array"),
+        (lambda bag: bag.write_imu(ls.Imu(10.0)), "samples: expected ImuSamples, got"),
+        (lambda bag: bag.write_gnss(ls.Gnss(10.0)), "fixes: expected GnssFixes, got"),
+    ],
+)
+def test_what_is_written_has_its_type(use: Callable[[Any], None], message: str, tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match=message), rosbag.Writer(tmp_path / "a.mcap") as bag:
+        use(bag)
+    lidar: Any = ls.Lidar.preset("velodyne-vlp16")
+    with pytest.raises(TypeError, match="sensors: expected mounts by name, or a Rig, got"):
+        rosbag.Writer(tmp_path / "a.mcap", sensors=lidar)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("layout", rosbag.LAYOUTS)
 @pytest.mark.parametrize(
     ("fields", "message"),
