@@ -42,6 +42,11 @@ def test_each_key_has_its_row(name: str) -> None:
     assert keys - rows(section).keys() == set()
 
 
+def test_the_keys_of_all_sensors_have_rows() -> None:
+    assert {*sensors.Sensor.keys()} - rows(keys.page("sensor")).keys() - rows(keys.page("file")).keys() == set()
+    assert "[sensor](#sensor) or [file](#file)" in keys.page("rig")
+
+
 def test_the_reference_is_what_the_command_prints() -> None:
     assert keys.page("all") == REFERENCE  # else: lidarsim check --keys all > configs/REFERENCE.md
     assert f"\n{keys.page('waypoint')}" in REFERENCE

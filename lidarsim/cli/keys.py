@@ -74,6 +74,17 @@ def _model_at(model: type[BaseModel], key: str) -> Section:
     raise AssertionError(key)
 
 
+class Sensor(sensors.Sensor):
+    __doc__ = sensors.Sensor.__doc__
+
+    preset: str = ""
+    """Preset to start from, instead of a `pattern`: one of those that `lidarsim sensors` lists."""
+    mode: str = ""
+    """One of the modes of the preset."""
+    noise: Literal["none", "datasheet", "measured"] = "none"
+    """Noise of the preset: none, that of the data sheet, or that of real units."""
+
+
 GROUPS: dict[str, dict[str, Section]] = {
     "A run": {
         "run": Section(schema.Config),
@@ -101,7 +112,7 @@ GROUPS: dict[str, dict[str, Section]] = {
         "rule": Section(objects.SceneRule),
     },
     "Sensors": {
-        "sensor": Section(sensors.Sensor),
+        "sensor": Section(Sensor),
         "file": Section(sensors.VendorSensor),
         "measurement": Section(sensors.Effects),
         **{name: _model_at(sensors.Effects, name) for name in ("detection", "beam", "response")},
@@ -212,7 +223,7 @@ EXAMPLES = {
 
 NAMES: dict[Any, str] = {bool: "true or false", int: "integer", float: "number", str: "text", NoneType: "null"}
 NAMES |= {section.model: f"[{name}](#{name})" for name, section in SECTIONS.items()}
-NAMES |= {poses.Strips: "[strips](#strips)"}
+NAMES |= {poses.Strips: "[strips](#strips)", sensors.Sensor: "[sensor](#sensor)"}
 UNIONS: dict[frozenset[Any], str] = {
     frozenset(kinds.values()): "[object](#object)" for kinds in (objects.SHAPES, _instances.KINDS)
 }

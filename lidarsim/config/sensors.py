@@ -111,7 +111,7 @@ class Sensor(_Limits):
     """
 
     pattern: AnyPattern
-    """Directions and times of the pulses: `type` and its keys."""
+    """Directions and times of the pulses: `type` and its keys. A preset has one."""
     model: str = ""
     """Selects packets, and the point layout in bags. Default: the preset, else the name."""
     description: str = ""
@@ -145,7 +145,7 @@ class VendorSensor(_Limits):
     """A lidar from a YAML file or a vendor's own, with values that the file lacks and changes to it."""
 
     file: str
-    """Calibration of Velodyne, Hesai or RoboSense, metadata of Ouster, or times of Livox."""
+    """A sensor in YAML, calibration of Velodyne, Hesai or RoboSense, metadata of Ouster, or times of Livox."""
     mode: str | None = None
     """One of the modes of its model."""
     model: str | None = None
