@@ -394,7 +394,7 @@ def view(
     boxes. The viewer can be reached from this machine alone, unless you --expose it. Foxglove opens the bags of
     lidarsim scan (.mcap).
     """
-    path = starter.configuration(path)
+    path = path if path.is_dir() else starter.configuration(path)
     if expose and (rrd or not live):
         raise LidarsimError("--expose: expected only with --live")
     if live or rrd:

@@ -29,16 +29,17 @@ def files() -> list[Path]:
 def configuration(path: Path) -> Path:
     """Return `path`, or the packaged configuration that it names.
 
-    A path is such a name if it is one word without a suffix, and there is no such file or folder.
+    A path is such a name if it is one word without a suffix, and there is no such file. A folder of that name, such as
+    the data set of a packaged recipe, is no configuration.
 
     Raises
     ------
     ConfigError
         If there is no such file, and no packaged configuration of that name.
     """
-    if path.suffix or len(path.parts) != 1 or os.path.lexists(path):
-        return path
     known = names()
+    if path.suffix or len(path.parts) != 1 or (os.path.lexists(path) and not (path.is_dir() and path.name in known)):
+        return path
     if path.name not in known:
         raise ConfigError(f"{plain(path.name, most=60)}: expected a file, or one of the packaged {', '.join(known)}")
     return known[path.name]
