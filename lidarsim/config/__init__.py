@@ -29,7 +29,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Run:
         A YAML file, or the name of a packaged configuration, such as ``"demo"``. Paths in it are relative to its
         folder.
     overrides : sequence of str
-        Values to replace or add, such as ``"scene.0.radius_m=2"``.
+        Values to replace or add, such as ``"scene.0.radius_m=2"``. Paths in them are relative to the working directory.
 
     Returns
     -------
