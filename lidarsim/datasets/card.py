@@ -104,6 +104,8 @@ def _coordinates(recipe: Recipe, run: Run) -> str:
         text = "Points are in the sensor frame at the moment of their pulse, not deskewed"
     else:
         text, to = f"Points are deskewed to the sensor frame at the {when} of the scan", "that moment"
+        if isinstance(run.sensor, Rig) and recipe.layout.shares_stamp(0):
+            text += " (in key frames, of that of the first sensor)"
     if recipe.layout.box_filter is None:
         return f"{text}."
     if moment is None:

@@ -22,8 +22,7 @@ class Palmer(ScanPattern):
     """A beam that moves along a cone about x, from left to up: the circles of a bathymetric scanner looking along x.
 
     Pulse `m` fires at ``m / pulse_rate`` towards ``(cos a, sin a cos h, sin a sin h)`` with ``h = 2 pi scan_rate m /
-    pulse_rate``, and each frame continues where the previous one
-    stopped.
+    pulse_rate``. Each frame continues where the previous one stopped.
 
     Parameters
     ----------

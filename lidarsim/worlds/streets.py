@@ -42,7 +42,7 @@ Bools = npt.NDArray[np.bool_]
 class Ways:
     """Where traffic and people move in a street: lines of points on the ground, shape (k, 3), m, in their direction.
 
-    Points are about a metre apart, at most.
+    Points are at most about a metre apart.
 
     Attributes
     ----------

@@ -356,6 +356,7 @@ def test_the_card_tells_of_boxes(sweeps: Path, tmp_path: Path) -> None:
     layout = {"type": "nuscenes", "boxes": {"classes": ["vehicle.truck"], "max_range_m": 40.0}, "key_every": EVERY}
     ls.generate(drive, tmp_path, frames=FRAMES, layout=layout, pictures=0, splits={"val": [0]})
     text = (tmp_path / "README.md").read_text()
+    assert "at the start of the scan (in key frames, of that of the first sensor), and points of moving" in text
     rows = [*tables(tmp_path)["sample_annotation"].values()]
     points = np.mean([row["num_lidar_pts"] for row in rows])
     assert f"{len(rows)} boxes, of instances with at least 1 point, within 40 m, of the classes vehicle.truck." in text
