@@ -55,7 +55,8 @@ class Boxes(Pickled):
     velocity : ndarray of float64, shape (m, 3)
         Velocity of the centre relative to the world, in the axes of the frame, m/s.
     label : ndarray of uint32, shape (m,)
-        Label of the first object, or of most of its faces; it compares with class names, too: ``boxes.label == "car"``.
+        Label of the first object, or of most of its faces. The array compares with class names, too: ``boxes.label ==
+        "car"``.
     instance : ndarray of uint32, shape (m,)
         Instance number.
     points : ndarray of int64, shape (m,)

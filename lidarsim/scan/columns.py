@@ -103,7 +103,7 @@ class ReturnColumns(HasColumns, Generic[Absent]):
     instance: U32 = declare("Instance of that object, shared by all its parts", unused=0)
     label: U32 = declare(
         "Label of that object, of the face that was hit, or of the `Atmosphere`",
-        more='It compares with class names, too: ``label == "car"``.',
+        more='The array compares with class names, too, ``label == "car"``; a single label is a number.',
         unused=0,
     )
     source: U8 | Absent = declare(
