@@ -535,6 +535,15 @@ def test_drops_behind_a_surface_are_not_seen() -> None:
     assert (wall.range[~drops] == distance).all()
 
 
+def test_drops_behind_a_pane_are_not_seen() -> None:
+    distance, lidar = 2.0, sensor(5000, detection=LIMIT, depth=2, returns=40)
+    behind_glass = scene(RAIN)
+    behind_glass.add(ls.Plane((1, 0, 0), distance), material=ls.Material(reflectivity=0.0, transmission=1.0))
+    sky, glass = lidar.scan(scene(RAIN)).range, lidar.scan(behind_glass).range
+    assert min(np.sum(sky < distance), np.sum(sky > distance)) > 100
+    assert np.array_equal(glass, np.where(sky < distance, sky, np.nan), equal_nan=True)
+
+
 def test_drops_are_in_a_sub_ray_that_nothing_blocks() -> None:
     made = scene(RAIN)
     made.add(ls.Box((0.1, 2.0, 2.0), (0.8, -1.0, 0.0)), material=ls.Material(reflectivity=0.0))  # right of the axis

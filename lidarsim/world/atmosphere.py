@@ -76,7 +76,8 @@ class Atmosphere(Immutable):
     Echoes of the air compete with those of surfaces for the returns of a pulse, with the same effects: fluctuation,
     detection, drop-out, range noise, quantisation and range gate. `Scan.source` is `Source.atmosphere` for them; they
     have `object_id` -1, `instance` 0 and the `label` above. Their `true_range` is the range of the echo before all
-    errors; they have no normal and no incidence.
+    errors; they have no normal and no incidence. Only the air in front of the first surface on a ray has echoes, not
+    that behind panes or in mirrors (`Measurement.depth`).
 
     **The unit.** A slice dr of the air at range r has the intensity π·β·dr, since a white diffuser, whose intensity is
     1, sends 1/π back per steradian. So the receiver gets π·β·ξ(r)·exp(−2αr)/r²·dr of it in the unit in which it gets
