@@ -572,15 +572,15 @@ class Trajectory(Immutable):
         position_sigma : float or array_like, shape (3,)
             Standard deviation of the position, the same or for each axis of the world, m.
         orientation_sigma : float or array_like, shape (3,)
-            Standard deviation of the orientation, a rotation vector in the axes of the body: roll, pitch and yaw, rad,
-            up to pi/8.
+            Standard deviation of the orientation, a rotation vector in the axes of the moving frame: roll, pitch and
+            yaw, rad, up to pi/8.
         correlation_time : float
             Time after which the correlation of these errors has fallen to 1/e, s. Infinite: they are constant.
         boresight : array_like, shape (3,)
             Constant error of the sensor's orientation on the body: roll, pitch and yaw about the fixed axes x, y and z
             in this order, rad, up to pi/8 each.
         lever_arm : array_like, shape (3,)
-            Constant error of the sensor's position, in the axes of the body, m.
+            Constant error of the sensor's position, in the axes of the moving frame, m.
         seed : int
             Seed of the errors, 0 to 2⁶⁴ − 1.
 
@@ -601,6 +601,9 @@ class Trajectory(Immutable):
         -----
         The errors are first-order Gauss-Markov processes, stationary from the start: e(t + Δ) = ρ e(t) + σ √(1 − ρ²) g,
         with ρ = exp(−Δ/τ) and g standard normal (A. Gelb, Applied Optimal Estimation, 1974, section 3.8).
+
+        The moving frame of ``body @ mount`` is that of the sensor: a scanner that is pitched to look down rolls about
+        the nadir. ``body.perturbed(…) @ mount`` has roll, pitch and yaw of the body.
 
         Examples
         --------
