@@ -176,8 +176,8 @@ class Response(Immutable):
 
         I' = min(`limit`, round(h((I · f(R) · c)^`exponent` · (1 + `sigma`·g))))
 
-    with the factor f of `range`, a factor c of the channel, a standard normal g and the function h that is the `curve`.
-    Detection and range noise depend on I itself.
+    with the factor f of `range`, a factor c of the channel, a standard normal g and the function h that is the `curve`;
+    where 1 + `sigma`·g is negative, 0 stands for it. Detection and range noise depend on I itself.
 
     Parameters
     ----------
@@ -303,8 +303,9 @@ class Measurement(Immutable):
         Diverging beam. Default: none; each pulse is a single ray.
     returns : {"strongest", "first", "last", "dual"} or int
         Which echoes of a pulse are reported. "dual": the strongest and the last or, if these are the same echo, the two
-        strongest. A number up to 255: at most that many, the nearest first. Without a `beam`, and with a `depth` of
-        1, a pulse has one echo, so that "dual" and numbers report one return, too.
+        strongest. A number up to 255: at most that many, the nearest first. Echoes are in order of their ranges before
+        errors. Without a `beam`, and with a `depth` of 1, a pulse has one echo, so that "dual" and numbers report one
+        return, too.
     depth : int
         The most surfaces that light meets one after another, 1 to 255. With 1, each ray ends at the first surface. With
         more, light goes on from surfaces whose `Material` has a `transmission` or a `mirror`. See the notes.
