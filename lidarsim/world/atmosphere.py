@@ -109,7 +109,8 @@ class Atmosphere(Immutable):
     Only those are drawn that the `detection` limit and the `near_threshold` let through, and they are drawn exactly.
     Without a limit, these are the ones as bright as a target of reflectivity 0.1 at the `max_range` of the `Lidar`; a
     scan in rain by a sensor without either, below 1e154 m, is refused. The positions in one frame say nothing about
-    those in the next. At most the 21 845 nearest of a pulse are drawn.
+    those in the next. At most the 21 845 nearest of a pulse are drawn. With a `Beam`, each is in a sub-ray that is
+    drawn by energy, and seen if that sub-ray has not met a surface before.
 
     With a `Beam`, an echo of the air and another nearer to it than `separation`, or than 2σ, are one: the stronger.
 
