@@ -721,7 +721,7 @@ MUTANTS = [
     ),
     Mutant(
         "texture: cells of each object",
-        "[x, y, z, object as u32]",
+        "[x, y, z, grain.object]",
         "[x, y, z, 0]",
         ("tests/test_materials.py", "-k", "texture"),
     ),

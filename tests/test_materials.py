@@ -359,6 +359,16 @@ def test_objects_of_one_texture_differ() -> None:
     assert abs(np.corrcoef(first, second)[0, 1]) < 5 / math.sqrt(500)
 
 
+def test_a_texture_stays_when_another_object_is_removed() -> None:
+    scene = ls.Scene()
+    other = scene.add(ls.Sphere((-10, 0, 0), 1.0))
+    scene.add(ls.Plane((1, 0, 0), 5.0), material=ls.Material(variation=0.2))
+    lidar = ls.Lidar(ls.patterns.Grid(np.linspace(-0.5, 0.5, 100), [0.0], rate=10.0))
+    before = lidar.scan(scene, ignore=[scene[other].instance])
+    scene.remove(other)
+    assert np.array_equal(lidar.scan(scene).intensity, before.intensity)
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [

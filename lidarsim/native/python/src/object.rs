@@ -80,7 +80,7 @@ impl PySceneObject {
         }
         let appearance = match like {
             Some(like) => like.appearance.clone(),
-            None => Arc::new(appearance(&label, instance, &material)?),
+            None => Arc::new(appearance(id, &label, instance, &material)?),
         };
         Ok(PySceneObject {
             object,
@@ -155,7 +155,12 @@ fn reflectivity(material: &Bound<'_, PyAny>) -> PyResult<Reflectivity> {
 }
 
 /// The properties of an object that a lidar measures.
-fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAny>) -> PyResult<Appearance> {
+fn appearance(
+    id: u32,
+    label: &Bound<'_, PyAny>,
+    instance: u32,
+    material: &Bound<'_, PyAny>,
+) -> PyResult<Appearance> {
     let py = material.py();
     let labels = match label.extract()? {
         LabelParameter::Object(label) => Labels::Object(label),
@@ -171,7 +176,7 @@ fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAn
         number(intern!(py, "_specular"))?,
         number(intern!(py, "_specular_width"))?,
     );
-    let grain = Grain::new(number(intern!(py, "_variation"))?, number(intern!(py, "_grain"))?);
+    let grain = Grain::new(number(intern!(py, "_variation"))?, number(intern!(py, "_grain"))?, id);
     let [transmission, mirror] = [number(intern!(py, "_transmission"))?, number(intern!(py, "_mirror"))?];
     Ok(Appearance { labels, instance, reflectivity, backscatter, grain, transmission, mirror })
 }

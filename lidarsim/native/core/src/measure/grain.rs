@@ -16,6 +16,8 @@ pub struct Grain {
     sigma: f64,
     /// Edge of a cell, m.
     edge: f64,
+    /// Id of the object in its scene, which stays when other objects are removed.
+    object: u32,
 }
 
 /// Where cells begin, as shares of an edge: faces of objects lie at round coordinates, where rounding would
@@ -27,10 +29,10 @@ const KEY: [u32; 2] = [0, 1];
 
 impl Grain {
     /// `variation`: relative standard deviation of the factor. None: without texture.
-    pub fn new(variation: f64, edge: f64) -> Option<Self> {
+    pub fn new(variation: f64, edge: f64, object: u32) -> Option<Self> {
         // That of a log-normal variable is √(exp(v²) − 1).
         let sigma = ln(1.0 + variation * variation).sqrt();
-        (sigma > 0.0).then_some(Grain { sigma, edge })
+        (sigma > 0.0).then_some(Grain { sigma, edge, object })
     }
 
     /// The cell of a point in the object's own coordinates.
@@ -55,9 +57,9 @@ pub(super) struct GrainHits {
 impl GrainHits {
     /// Adds a hit at a point in the object's own coordinates.
     #[inline(always)]
-    pub(super) fn push(&mut self, index: usize, grain: &Grain, object: i32, point: Point) {
+    pub(super) fn push(&mut self, index: usize, grain: &Grain, point: Point) {
         let [x, y, z] = grain.cell(point);
-        for (column, number) in self.counters.iter_mut().zip([x, y, z, object as u32]) {
+        for (column, number) in self.counters.iter_mut().zip([x, y, z, grain.object]) {
             column.push(number);
         }
         self.indices.push(index);
@@ -110,7 +112,7 @@ mod tests {
     use crate::arith::simd::{Level, dispatch};
 
     /// The factor at a point of an object, the same on each instruction set.
-    fn factor(grain: &Grain, object: i32, point: Point) -> f64 {
+    fn factor(grain: &Grain, point: Point) -> f64 {
         struct Apply<'a>(&'a mut GrainHits, &'a mut [f64]);
         impl Task for Apply<'_> {
             type Output = ();
@@ -120,7 +122,7 @@ mod tests {
         }
         let factors = Level::ALL.into_iter().filter(|level| *level <= Level::best()).map(|level| {
             let (mut hits, mut values) = (GrainHits::default(), [1.0; 9]);
-            (0..9).for_each(|i| hits.push(i, grain, object, point));
+            (0..9).for_each(|i| hits.push(i, grain, point));
             dispatch(level, Apply(&mut hits, &mut values));
             assert!(hits.indices.is_empty() && values == [values[0]; 9]);
             values[0].to_bits()
@@ -132,18 +134,18 @@ mod tests {
 
     #[test]
     fn cells_have_factors_of_mean_1_and_of_the_variation() {
-        assert!(Grain::new(0.0, 0.1).is_none());
-        let grain = Grain::new(0.3, 0.1).unwrap();
+        assert!(Grain::new(0.0, 0.1, 7).is_none());
+        let [grain, other] = [7, 8].map(|object| Grain::new(0.3, 0.1, object).unwrap());
         let centre = |i: i32, shift: f64| (f64::from(i) + 0.5 - shift) * 0.1;
         let mut factors = Vec::new();
         for i in 0..100 {
             for j in 0..100 {
                 let point = [centre(i - 50, SHIFT[0]), centre(j - 50, SHIFT[1]), 0.0];
-                let here = factor(&grain, 7, point);
+                let here = factor(&grain, point);
                 // All of the cell alike.
-                assert_eq!(here, factor(&grain, 7, [point[0] + 0.049, point[1] - 0.049, 0.003]));
-                assert_ne!(here, factor(&grain, 8, point));
-                assert_ne!(here, factor(&grain, 7, [point[0] + 0.1, point[1], 0.0]));
+                assert_eq!(here, factor(&grain, [point[0] + 0.049, point[1] - 0.049, 0.003]));
+                assert_ne!(here, factor(&other, point));
+                assert_ne!(here, factor(&grain, [point[0] + 0.1, point[1], 0.0]));
                 factors.push(here);
             }
         }

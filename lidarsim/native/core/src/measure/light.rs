@@ -65,7 +65,7 @@ impl<C: Caster> Scan<'_, C> {
                     values[k] = appearance.reflectivity.at(hits.primitive[i], hit, self.caster);
                     if let Some(grain) = &appearance.grain {
                         let (hit, ray) = hit();
-                        grain_hits.push(i, grain, *object, self.caster.local(&hit, &ray));
+                        grain_hits.push(i, grain, self.caster.local(&hit, &ray));
                     }
                     all_lambert &= appearance.backscatter.is_none();
                 }
