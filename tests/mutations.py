@@ -673,7 +673,7 @@ MUTANTS = [
     ),
     Mutant(
         "particles: sizes from the least on",
-        "self.sight.least_diameter(range) + excess / self.slope",
+        "sight.least_diameter(range, largest) + excess / self.slope",
         "excess / self.slope",
         ("tests/test_atmosphere.py", "-k", "poisson"),
     ),
@@ -685,9 +685,27 @@ MUTANTS = [
     ),
     Mutant(
         "particles: as they may fluctuate",
-        "self.threshold.at(range) / self.brightest",
-        "self.threshold.at(range)",
+        "layers.mean(sight.visibility(range, slope))",
+        "sight.visibility(range, slope)(1.0)",
         ("tests/test_atmosphere.py", "-k", "fluctuation"),
+    ),
+    Mutant(
+        "fog: as patches may fluctuate",
+        "layers.mean(visibility(threshold.at(range) / mean(range)))",
+        "visibility(threshold.at(range) / mean(range))(1.0)",
+        ("tests/test_atmosphere.py", "-k", "fluctuation"),
+    ),
+    Mutant(
+        "fluctuation: one factor of a spot",
+        "if echoes.number > FIRST_NUMBER {",
+        "if false {",
+        ("tests/test_atmosphere.py", "-k", "fluctuation"),
+    ),
+    Mutant(
+        "shadows: none of near hits",
+        "if self.seen.binary_search(&i).is_err() {",
+        "if true {",
+        ("tests/test_measurement.py", "-k", "nearer_than_its_offset"),
     ),
     Mutant(
         "particles: not behind a surface",

@@ -359,26 +359,27 @@ def test_fog_needs_a_receiver_that_is_dull_near_by() -> None:
         assert (bare.scan(world).status == ls.Status.hit).any()
 
 
+SIGMA = LIGHT / 2 * 5e-9 / math.sqrt(8 * math.log(2))
+"""Standard deviation of the pulse without a beam, m."""
 NEAR = 0.004
 """A threshold that FOG exceeds in one of some pulses."""
 
 
 def patches(begin: float, limit: ls.Detection, near_range: float) -> tuple[Callable[..., float], Callable[..., float]]:
     """The mean intensity of FOG against range, and how many echoes exceed the threshold per length of the beam."""
-    sigma = LIGHT / 2 * 5e-9 / math.sqrt(8 * math.log(2))
 
     def mean(at: float) -> float:
         def light(r: float) -> float:
-            return math.exp(-0.5 * ((at - r) / sigma) ** 2 - 2 * FOG.extinction * r) / r**2
+            return math.exp(-0.5 * ((at - r) / SIGMA) ** 2 - 2 * FOG.extinction * r) / r**2
 
-        low, high = max(begin, at - 8.5 * sigma), at + 8.5 * sigma
+        low, high = max(begin, at - 8.5 * SIGMA), at + 8.5 * SIGMA
         parts = [integrate.quad(light, a, b, epsrel=1e-10)[0] for a, b in itertools.pairwise((low, max(low, at), high))]
         return math.pi * FOG.backscatter * sum(parts) * at**2
 
     def density(at: float) -> float:
         far = limit.reflectivity / limit.range**2 * at**2
         least = max(far, NEAR * min(1.0, (near_range / at) ** 2))
-        return math.exp(-((math.gamma(1 + 1 / 0.7) * least / mean(at)) ** 0.7)) / math.sqrt(2 * math.pi) / sigma
+        return math.exp(-((math.gamma(1 + 1 / 0.7) * least / mean(at)) ** 0.7)) / math.sqrt(2 * math.pi) / SIGMA
 
     return mean, density
 
@@ -411,6 +412,34 @@ def test_patches_of_fog_exceed_the_threshold_as_a_poisson_process() -> None:
     least = np.maximum(0.1 / 60.0**2 * ranges[some] ** 2, NEAR * np.minimum(1, (10.0 / ranges[some]) ** 2))
     excess = [(math.gamma(1 + 1 / 0.7) * x) ** 0.7 for x in (scan.intensity[seen, 0][some] / means, least / means)]
     assert stats.kstest(excess[0] - excess[1], "expon").pvalue > 1e-6
+
+
+def test_a_fluctuation_reveals_patches_that_are_too_dim_on_average() -> None:
+    w, count, limit = 0.6, 20_000, ls.Detection(0.1, 60.0)
+    mean, _ = patches(0.9, limit, 10.0)
+    r = 0.9 + np.linspace(0, 1, 201) ** 2 * 79.1
+    least = np.maximum(0.1 / 60.0**2 * r**2, NEAR * np.minimum(1, (10.0 / r) ** 2)) / [mean(at) for at in r]
+    g = np.linspace(-8, 8, 161)
+    rarity = (math.gamma(1 + 1 / 0.7) * least / np.exp(w * g - w * w / 2)[:, None]) ** 0.7
+    density = stats.norm.pdf(g) * (g[1] - g[0]) @ np.exp(-rarity) / math.sqrt(2 * math.pi) / SIGMA
+    expected = np.trapezoid(density, r)
+    assert abs(expected - np.trapezoid(density[::2], r[::2])) < 0.003 * expected
+    near: dict[str, Any] = {"detection": limit, "near_threshold": NEAR, "near_range": 10.0}
+    assert expected < FOG.patches_seen(sensor(**near, power_sigma=w)) < 2 * expected
+    scan = sensor(count, **near, power_sigma=w, returns=255, depth=2).scan(scene(FOG), seed=4)
+    tolerance = SIGMAS * math.sqrt(expected / count) + 0.003 * expected
+    assert abs(scan.return_count.mean() - expected) < tolerance
+
+
+def test_a_lidar_measures_in_one_air_after_another() -> None:
+    def measure(lidar: ls.Lidar, air: ls.Atmosphere | None) -> npt.NDArray[np.float64]:
+        return lidar.scan(scene(air, 20.0)).range
+
+    airs, lidar = [None, RAIN, FOG], sensor(2000, detection=LIMIT)
+    alone = [measure(sensor(2000, detection=LIMIT), air) for air in airs]
+    assert not any(np.array_equal(a, b, equal_nan=True) for a, b in itertools.combinations(alone, 2))
+    for k in (1, 2, 1, 1, 0, 1):
+        assert np.array_equal(measure(lidar, airs[k]), alone[k], equal_nan=True)
 
 
 def test_patches_are_the_same_with_a_beam_and_behind_no_surface() -> None:
@@ -560,8 +589,6 @@ def test_a_fluctuation_reveals_drops_that_are_too_dim_on_average(*, soft: bool) 
     def effects(w: float) -> dict[str, Any]:
         return {"detection": dataclasses.replace(LIMIT, sigma=w)} if soft else {"detection": LIMIT, "power_sigma": w}
 
-    calm, wild = (sensor(**effects(w)) for w in (0.0, 0.5))
-    assert RAIN.particles_seen(wild) > 2 * RAIN.particles_seen(calm)
     # Each drop has exp(w·g − w²/2) of its power: thinned from the least that may be seen, integrated over g.
     w, g = 0.5, np.linspace(-8, 8, 161)
     weights = stats.norm.pdf(g) * (g[1] - g[0])
@@ -570,6 +597,9 @@ def test_a_fluctuation_reveals_drops_that_are_too_dim_on_average(*, soft: bool) 
         for f in np.exp(w * g - w * w / 2)
     ]
     expected = float(weights @ of_factor)
+    # Half of the factors are below the largest of the first layer, half of the others below that of the second, ...
+    drawn = RAIN.particles_seen(sensor(**effects(0.5)))
+    assert drawn > 2 * expected if soft else expected < drawn < 2 * expected
     count = 20_000
     beam = ls.Beam(3e-3, rays=91, pulse_length=1e-13)
     scan = sensor(count, beam=beam, returns=40, **effects(w)).scan(scene(RAIN), seed=1)

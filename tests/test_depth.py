@@ -600,6 +600,22 @@ def test_a_beam_sees_the_wall_behind_a_pane_as_an_echo_of_its_own() -> None:
     assert in_mirror.intensity[0, seen] == pytest.approx(itself.intensity[0, :1], rel=2 * FLOAT32)
 
 
+@pytest.mark.parametrize("rays", [7, 19])
+def test_the_truth_of_an_echo_is_that_of_the_innermost_sub_ray_behind_a_pane_or_not(rays: int) -> None:
+    scene, sight = ls.Scene(), ls.Beam(5e-3, rays=rays)
+    # The axis alone, or it and some next to it, meet the pane.
+    scene.add(ls.Disk((5, 0, 0), (1, 0, 0), 0.004), material=ls.Material(reflectivity=0.0, transmission=0.99))
+    wall = scene.add(ls.Plane((1, 0, 0.5), 10.0))
+    scan = ahead(2, beam=sight, returns=3).scan(scene)
+    assert scan.path is not None
+    assert scan.true_direction is not None
+    here = scan.object_id[0] == wall
+    assert here.sum() == 1
+    assert scan.path[0, here] == 1
+    assert scan.true_range[0, here] == 10.0
+    assert scan.true_direction[0, here].tolist() == [[1, 0, 0]]
+
+
 def test_boxes_do_not_hold_ghosts() -> None:
     scene = ls.Scene()
     scene.add(ls.Plane((1, 0, 0), 10.0), material=pane(0.0, 0.9))

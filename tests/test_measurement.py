@@ -1112,6 +1112,17 @@ def test_the_receiver_sees_through_panes_and_past_what_is_nearer_than_its_offset
         assert measure(pattern, scene, depth=2, receiver_offset=0.03).status.tolist() == [status], (gap, transmission)
 
 
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.1, rays=91)], ids=["ray", "beam"])
+@pytest.mark.parametrize("x", [0.0, 3e-5, 3e-3])
+def test_the_receiver_sees_what_is_nearer_than_its_offset(x: float, beam: ls.Beam | None) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((1, 0, 0), x))
+    aside, same = (measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, receiver_offset=b) for b in (0.03, 0.0))
+    assert same.status.tolist() == [ls.Status.hit]
+    assert aside.status.tolist() == [ls.Status.hit]
+    assert aside.intensity == same.intensity
+
+
 def slope_normal(around: float, slope: float) -> Floats:
     """Normal of a plane across the x axis, whose distance changes by `slope` a metre towards that angle."""
     normal = np.array([-1.0, slope * math.cos(around), slope * math.sin(around)])

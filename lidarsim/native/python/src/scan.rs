@@ -1,6 +1,6 @@
 //! Scans: one call per frame takes pulses to the arrays of a scan.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
@@ -192,29 +192,54 @@ fn describe<'py, T: Entry>(py: Python<'py>, of_returns: bool, unused: T) -> PyRe
     Ok((numpy::dtype::<T::Number>(py), shape, of_returns, T::array(py, vec![unused], &[])?))
 }
 
-/// The measurement of a `lidarsim.Lidar`, made once from its attributes.
+/// The measurement of a `lidarsim.Lidar`, made once from its attributes, and that in the last atmosphere.
 #[pyclass(frozen, name = "Receiver", module = "lidarsim._native")]
-pub struct PyReceiver(pub Arc<Measurement>);
+pub struct PyReceiver {
+    in_clear_air: Arc<Measurement>,
+    in_air: Mutex<Option<(Py<PyAny>, Arc<Measurement>)>>,
+}
 
 #[pymethods]
 impl PyReceiver {
     #[new]
     fn new(lidar: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(PyReceiver(Arc::new(Measurement::from_parameters(&Attributes(lidar, None))?)))
+        Ok(PyReceiver { in_clear_air: made(lidar, None)?, in_air: Mutex::new(None) })
     }
 }
 
-/// The measurement that a lidar keeps, or one made from its attributes and those of an atmosphere.
+impl PyReceiver {
+    /// The lidar and the atmosphere do not change.
+    fn in_air(&self, lidar: &Bound<'_, PyAny>, air: &Bound<'_, PyAny>) -> PyResult<Arc<Measurement>> {
+        // The mutex is not held while Python runs, which may let another thread come here.
+        let last = || self.in_air.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, kept)) = &*last()
+            && of.is(air)
+        {
+            return Ok(kept.clone());
+        }
+        let measurement = made(lidar, Some(air))?;
+        let before = last().replace((air.clone().unbind(), measurement.clone()));
+        drop(before); // after the lock, as an atmosphere may be deleted with it
+        Ok(measurement)
+    }
+}
+
+fn made(lidar: &Bound<'_, PyAny>, air: Option<&Bound<'_, PyAny>>) -> PyResult<Arc<Measurement>> {
+    Ok(Arc::new(Measurement::from_parameters(&Attributes(lidar, air))?))
+}
+
+/// The measurement that a lidar keeps, in clear air or an atmosphere, or one made from their attributes.
 pub fn measurement_of<'py>(
     lidar: &Bound<'py, PyAny>,
     atmosphere: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Arc<Measurement>> {
-    if atmosphere.is_some() {
-        return Ok(Arc::new(Measurement::from_parameters(&Attributes(lidar, atmosphere))?));
-    }
-    match lidar.getattr_opt(intern!(lidar.py(), "_receiver"))? {
-        Some(kept) => Ok(kept.cast::<PyReceiver>()?.get().0.clone()),
-        None => Ok(PyReceiver::new(lidar)?.0),
+    let Some(kept) = lidar.getattr_opt(intern!(lidar.py(), "_receiver"))? else {
+        return made(lidar, atmosphere);
+    };
+    let kept: &Bound<'_, PyReceiver> = kept.cast()?;
+    match atmosphere {
+        Some(air) => kept.get().in_air(lidar, air),
+        None => Ok(kept.get().in_clear_air.clone()),
     }
 }
 
@@ -348,7 +373,7 @@ pub fn air_echoes<'py>(
     lidar: &Bound<'py, PyAny>,
     atmosphere: &Bound<'py, PyAny>,
 ) -> PyResult<(Option<[f64; 2]>, [f64; 2])> {
-    let measurement = Measurement::from_parameters(&Attributes(lidar, Some(atmosphere)))?;
+    let measurement = measurement_of(lidar, Some(atmosphere))?;
     Ok((measurement.fog_echo(), measurement.spots_seen()))
 }
 

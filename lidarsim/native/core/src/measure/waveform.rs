@@ -228,10 +228,11 @@ impl Scratch {
     /// The echo of one light or more.
     fn merge(&self, lights: &[Light]) -> Echo {
         let object = |light: &Light| self.hits.object[light.ray];
+        let sub_ray = |light: &Light| (self.paths.fired_ray(light.ray), light.ray);
         let share = |of: i32| lights.iter().filter(|l| object(l) == of).map(|l| l.power).sum::<f64>();
         let main = *lights.iter().fold(&lights[0], |best, light| {
             let (a, b) = (object(light), object(best));
-            let better = if a == b { light.ray < best.ray } else { share(a) > share(b) };
+            let better = if a == b { sub_ray(light) < sub_ray(best) } else { share(a) > share(b) };
             if better { light } else { best }
         });
         let power: f64 = lights.iter().map(|l| l.power).sum();

@@ -11,10 +11,6 @@ use crate::arith::elementary::{exp, ln};
 use crate::arith::simd::{Floats, lanes};
 use crate::measure::parameters::Parameters;
 
-/// Echoes of the air draw these numbers of the effects that draw for each echo; those of surfaces draw the
-/// numbers below, so that neither change the other.
-pub(in crate::measure) const FIRST_NUMBER: u16 = 1 << 15;
-
 #[derive(Clone, Debug)]
 pub(super) struct Air {
     /// From here on the receiver sees the air, m.

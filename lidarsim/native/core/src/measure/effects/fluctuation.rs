@@ -1,7 +1,7 @@
 //! Fluctuation of the received power, from echo to echo: a log-normal factor of mean 1, which the intensity
 //! has, too.
 
-use super::{Echoes, Effect, Pulses};
+use super::{Echoes, Effect, FIRST_NUMBER, Pulses, id};
 use crate::arith::elementary::exp;
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::measure::parameters::Parameters;
@@ -14,7 +14,8 @@ pub(super) struct Fluctuation {
 }
 
 impl Effect for Fluctuation {
-    /// Draw i is for the i-th echo of a pulse, from the nearest, counted before any is lost.
+    /// Draw i is for the i-th echo of a pulse, from the nearest, counted before any is lost; those of single
+    /// echoes of the air are uniform.
     const ID: Option<EffectId> = Some(EffectId(5));
     /// Factors of the first echoes. Those of further echoes are drawn as they come.
     type Draws = Vec<f64>;
@@ -37,6 +38,9 @@ impl Effect for Fluctuation {
         factors: &Vec<f64>,
         echoes: &mut Echoes<F, N>,
     ) {
+        if echoes.number > FIRST_NUMBER {
+            return; // a single echo of the air has its factor from `Layers`
+        }
         let factor = factors_of::<Self, F, N>(self.sigma, pulses, factors, echoes);
         echoes.intensity = echoes.intensity.mul(factor);
         echoes.power = echoes.power.mul(factor);
@@ -64,9 +68,91 @@ pub(super) fn factors_of<E: Effect, F: Floats<f64, N>, const N: usize>(
 /// A bound of all factors of this width that are ever drawn.
 pub(super) fn largest_factor(sigma: f64) -> f64 {
     // The uniform numbers that normals are made of are at most 1 − 2⁻⁵³.
-    let mut factor = [normal_quantile(1.0 - 0.5 * f64::EPSILON)];
+    factor(sigma, 1.0 - 0.5 * f64::EPSILON)
+}
+
+/// The factor that a share of all factors are below.
+fn factor(sigma: f64, share: f64) -> f64 {
+    let mut factor = [normal_quantile(share)];
     turn_into_factors(sigma, &mut factor);
     factor[0]
+}
+
+/// The factors of single echoes of the air. They are drawn with the echoes, of which only those are drawn
+/// that may be seen: a bright echo is seen with nearly all factors, a faint one with few.
+///
+/// Layer k has the factors from the quantile of 1 − 2⁻ᵏ to that of 1 − 2⁻⁽ᵏ⁺¹⁾, the last layer all
+/// larger ones. An echo with a factor of a layer is drawn if it would be seen with the largest one there.
+#[derive(Clone, Debug)]
+pub(super) struct Layers {
+    sigma: f64,
+    /// The largest factor of each layer.
+    largest: Vec<f64>,
+}
+
+impl Layers {
+    pub(super) fn from_parameters<P: Parameters>(parameters: &P) -> Result<Self, P::Error> {
+        const COUNT: u32 = 25;
+        let Some(Fluctuation { sigma }) = Fluctuation::from_parameters(parameters)? else {
+            return Ok(Layers { sigma: 0.0, largest: vec![1.0] });
+        };
+        let layers = (1..COUNT).map(|k| factor(sigma, 1.0 - one_in(k)));
+        Ok(Layers { sigma, largest: layers.chain([largest_factor(sigma)]).collect() })
+    }
+
+    /// The largest of all factors.
+    pub(super) fn largest(&self) -> f64 {
+        self.largest[self.largest.len() - 1]
+    }
+
+    /// Each layer's share of all factors, and its largest.
+    fn layers(&self) -> impl Iterator<Item = (f64, f64)> {
+        let last = self.largest.len() as u32 - 1;
+        (1..).zip(&self.largest).map(move |(k, largest)| (one_in(last.min(k)), *largest))
+    }
+
+    /// The mean of a probability that rises with the factor, taken at the largest factor of each layer.
+    pub(super) fn mean(&self, probability: impl Fn(f64) -> f64) -> f64 {
+        self.layers().map(|(share, largest)| share * probability(largest)).sum()
+    }
+
+    /// The layer of an echo, by its largest factor, and its factor.
+    ///
+    /// `spot`: its number among the single echoes of its pulse. `probability`: as for the mean, with which
+    /// echoes are drawn.
+    pub(super) fn draw(
+        &self,
+        batch: &Pulses,
+        pulse: usize,
+        spot: u16,
+        probability: impl Fn(f64) -> f64,
+    ) -> [f64; 2] {
+        if self.sigma == 0.0 {
+            return [1.0; 2];
+        }
+        let (pulse, draw) = (batch.indices[pulse], FIRST_NUMBER + 1 + spot);
+        self.at(batch.stream.uniform(pulse, const { id::<Fluctuation>() }, draw), probability)
+    }
+
+    /// The same for a uniform number.
+    fn at(&self, uniform: f64, probability: impl Fn(f64) -> f64) -> [f64; 2] {
+        let (mut left, mut below, mut found) = (uniform * self.mean(&probability), 0.0, [1.0; 2]);
+        for (share, largest) in self.layers() {
+            let part = share * probability(largest);
+            let within = if part > 0.0 { (left / part).min(1.0) } else { 1.0 };
+            found = [largest, factor(self.sigma, (below + within * share).min(1.0 - 0.5 * f64::EPSILON))];
+            if left < part {
+                break;
+            }
+            (left, below) = (left - part, below + share);
+        }
+        found
+    }
+}
+
+/// 2⁻ᵏ.
+fn one_in(k: u32) -> f64 {
+    1.0 / f64::from(1 << k)
 }
 
 /// exp(w·g − w²/2) of normals g: of mean 1. Written as a product, it has no ∞ − ∞ for any w.
@@ -80,6 +166,31 @@ pub(super) fn turn_into_factors(sigma: f64, normals: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn spots_have_the_factors_with_which_they_are_seen() {
+        let last = largest_factor(0.5);
+        let largest = (1..25).map(|k| factor(0.5, 1.0 - one_in(k))).chain([last]).collect();
+        let layers = Layers { sigma: 0.5, largest };
+        assert!(layers.largest.is_sorted() && layers.largest() == last);
+        assert_eq!(layers.mean(|_| 1.0), 1.0);
+        let numbers = || (0..1000).map(|i| (f64::from(i) + 0.5) / 1000.0);
+        // Shares are rounded by 2⁻⁵³, their quantiles by 2⁻⁵³/φ(3.5), which is below 2·10⁻¹³.
+        for uniform in numbers() {
+            // Of what is seen with every factor, all factors.
+            let [largest, drawn] = layers.at(uniform, |_| 1.0);
+            assert!((drawn / factor(0.5, uniform) - 1.0).abs() < 1e-12 && drawn <= largest * (1.0 + 1e-12));
+        }
+        // Of what is seen with the largest quarter of the factors, these.
+        let least = 1.0001 * factor(0.5, 0.75);
+        let seen = |factor: f64| f64::from(u8::from(factor >= least));
+        assert_eq!(layers.mean(seen), 0.25);
+        let mut found: Vec<f64> = numbers().map(|uniform| layers.at(uniform, seen)[1]).collect();
+        found.sort_by(f64::total_cmp);
+        for (uniform, found) in numbers().zip(found) {
+            assert!((found / factor(0.5, 0.75 + 0.25 * uniform) - 1.0).abs() < 1e-12);
+        }
+    }
 
     #[test]
     fn factors_are_log_normal_of_mean_1() {

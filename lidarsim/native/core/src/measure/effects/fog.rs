@@ -25,6 +25,7 @@
 use std::f64::consts::{LN_2, PI};
 
 use super::air::{Air, Process, Threshold};
+use super::fluctuation::Layers;
 use super::near::Near;
 use super::particles::{self, Particle};
 use super::{Draws, Effect, Pulses};
@@ -55,6 +56,8 @@ pub(in crate::measure) struct Fog {
 struct Patches {
     process: Process,
     threshold: Threshold,
+    /// The factors of their power.
+    layers: Layers,
     /// Ranges, m, and the mean intensity W(R)·R² there.
     means: Vec<[f64; 2]>,
 }
@@ -86,7 +89,10 @@ impl Effect for Fog {
         let strength = PI * backscatter;
         let (power, clear_to) = (strength * peak, range + 2.0 * response.sigma);
         let patches = match Near::from_parameters(parameters)? {
-            Some(_) => Some(Patches::new(&response, strength, Threshold::from_parameters(parameters)?)),
+            Some(_) => {
+                let threshold = Threshold::from_parameters(parameters)?;
+                Some(Patches::new(&response, strength, threshold, Layers::from_parameters(parameters)?))
+            }
             None => None,
         };
         Ok((power > 0.0).then_some(Fog { range, power, clear_to, strength, response, patches }))
@@ -116,11 +122,14 @@ fn of_rarity(rarity: f64) -> f64 {
 }
 
 impl Patches {
-    fn new(response: &Response, strength: f64, threshold: Threshold) -> Self {
-        const CELLS: u32 = 1 << 6;
+    fn new(response: &Response, strength: f64, threshold: Threshold, layers: Layers) -> Self {
+        const CELLS: u32 = 1 << 8;
         let mean = |range: f64| strength * response.at(range) * range * range;
-        let rarity = |range: f64| rarity(threshold.at(range) / mean(range));
-        let density = |range: f64| exp(-rarity(range)) / ((2.0 * PI).sqrt() * response.sigma);
+        let density = |range: f64| {
+            let seen = layers.mean(visibility(threshold.at(range) / mean(range)));
+            seen / ((2.0 * PI).sqrt() * response.sigma)
+        };
+        let rarity = |range: f64| rarity(threshold.at(range) / mean(range) / layers.largest());
         // Beyond this range, less than exp(−32) of all patches are seen. Nearer, they may be rarer at places.
         const FARTHEST: f64 = 1e5;
         const RARE: f64 = 32.0;
@@ -130,8 +139,14 @@ impl Patches {
         }
         let process = Process::new([response.air.begin, end], CELLS, density);
         let means = process.ranges.iter().map(|range| [*range, mean(*range)]).collect();
-        Patches { process, threshold, means }
+        Patches { process, threshold, layers, means }
     }
+}
+
+/// The share of the patches that are seen, by the factor of their power. `least`: the least of their light
+/// that is seen with the factor 1, as a multiple of the mean.
+fn visibility(least: f64) -> impl Fn(f64) -> f64 {
+    move |factor| exp(-rarity(least / factor))
 }
 
 impl Fog {
@@ -157,15 +172,17 @@ impl Fog {
     pub(super) fn of<'a>(&'a self, batch: &'a Pulses, pulse: usize) -> impl Iterator<Item = Particle> + 'a {
         /// Echoes of the air have so many numbers besides those of particles.
         const MOST: u16 = 10_000;
-        self.patches.iter().flat_map(move |Patches { process, threshold, means }| {
+        self.patches.iter().flat_map(move |Patches { process, threshold, layers, means }| {
             process.echoes::<Self>(batch, pulse, MOST).map(move |echo| {
                 let above = means.partition_point(|[range, _]| *range < echo.range).clamp(1, means.len() - 1);
                 let ([r0, m0], [r1, m1]) = (means[above - 1], means[above]);
                 let mean = m0 + (m1 - m0) * ((echo.range - r0) / (r1 - r0));
-                let least = threshold.at(echo.range);
-                // What exceeds the rarity of the least is exponential.
-                let intensity = (mean * of_rarity(rarity(least / mean) + echo.excess)).max(least);
                 let number = particles::MOST + echo.number;
+                let least = threshold.at(echo.range);
+                let [largest, factor] = layers.draw(batch, pulse, number, visibility(least / mean));
+                let least = least / largest;
+                // What exceeds the rarity of the least is exponential.
+                let intensity = (mean * of_rarity(rarity(least / mean) + echo.excess)).max(least) * factor;
                 Particle { number, range: echo.range, intensity, place: echo.place }
             })
         })

@@ -33,7 +33,9 @@ use super::status::Status;
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 
-pub(super) use air::FIRST_NUMBER;
+/// Echoes of the air draw these numbers of the effects that draw for each echo; those of surfaces draw the
+/// numbers below, so that neither change the other.
+pub(super) const FIRST_NUMBER: u16 = 1 << 15;
 
 /// Declares the effects, in the order in which they are applied.
 macro_rules! effects {

@@ -12,7 +12,7 @@ use std::f64::consts::{FRAC_PI_4, PI};
 
 pub(super) use super::air::MOST;
 use super::air::{Air, Event, Process, Threshold};
-use super::fluctuation::{Fluctuation, largest_factor};
+use super::fluctuation::Layers;
 use super::{Draws, Effect, Pulses};
 use crate::arith::elementary::exp;
 use crate::arith::simd::{Floats, Isa};
@@ -25,6 +25,8 @@ pub(in crate::measure) struct Particles {
     sight: Sight,
     /// The rate at which their density falls with diameter: Λ, 1/m.
     slope: f64,
+    /// The factors of their power.
+    layers: Layers,
     /// Those that are seen.
     process: Process,
 }
@@ -39,8 +41,6 @@ struct Sight {
     aperture: f64,
     divergence: [f64; 2],
     threshold: Threshold,
-    /// The largest factor by which a particle's power fluctuates.
-    brightest: f64,
 }
 
 /// A drop or flake in the beam.
@@ -67,8 +67,6 @@ impl Effect for Particles {
         if threshold.power == 0.0 {
             return Err(parameters.unexpected("max_range", Value::Number(f64::INFINITY)));
         }
-        let fluctuation = Fluctuation::from_parameters(parameters)?;
-        let brightest = fluctuation.map_or(1.0, |fluctuation| largest_factor(fluctuation.sigma));
         let divergence = match divergence(parameters)? {
             Some(divergence) => divergence,
             None => [parameters.number("atmosphere.divergence")?; 2],
@@ -79,10 +77,9 @@ impl Effect for Particles {
             aperture: parameters.number("atmosphere.aperture")?,
             divergence,
             threshold,
-            brightest,
         };
         let slope = parameters.number("atmosphere.slope")?;
-        Ok(Some(Particles::new(sight, intercept, slope)))
+        Ok(Some(Particles::new(sight, Layers::from_parameters(parameters)?, intercept, slope)))
     }
 
     #[inline(always)]
@@ -103,18 +100,24 @@ impl Sight {
         self.air.share(range, 0.0) * self.reflectance / self.section(range)
     }
 
-    /// D₀(r), m. Infinite where no light comes back.
-    fn least_diameter(&self, range: f64) -> f64 {
-        (self.threshold.at(range) / self.brightest / self.unit_intensity(range)).sqrt()
+    /// D₀(r), m, of a power that is a factor of the mean. Infinite where no light comes back.
+    fn least_diameter(&self, range: f64, factor: f64) -> f64 {
+        (self.threshold.at(range) / factor / self.unit_intensity(range)).sqrt()
+    }
+
+    /// The share of the particles at a range that are seen, by the factor of their power.
+    fn visibility(&self, range: f64, slope: f64) -> impl Fn(f64) -> f64 {
+        let least = self.least_diameter(range, 1.0);
+        move |factor| exp(-slope * (least / factor.sqrt()))
     }
 
     /// The range from which on no particle is seen: at twice this range, its diameter would be one that
     /// exp(−64) of all exceed.
-    fn end(&self, slope: f64) -> f64 {
+    fn end(&self, layers: &Layers, slope: f64) -> f64 {
         const FARTHEST: f64 = 1e5;
         const RARE: f64 = 64.0;
         let mut range = self.air.overlaps_from().max(1.0);
-        while range < FARTHEST && slope * self.least_diameter(range) < RARE {
+        while range < FARTHEST && slope * self.least_diameter(range, layers.largest()) < RARE {
             range *= 2.0;
         }
         range.min(FARTHEST.max(self.air.begin))
@@ -122,15 +125,15 @@ impl Sight {
 }
 
 impl Particles {
-    fn new(sight: Sight, intercept: f64, slope: f64) -> Self {
+    fn new(sight: Sight, layers: Layers, intercept: f64, slope: f64) -> Self {
         const CELLS: u32 = 1 << 10;
         // Of those seen, per length of the beam, 1/m.
         let density = |range: f64| {
-            let seen = exp(-slope * sight.least_diameter(range));
+            let seen = layers.mean(sight.visibility(range, slope));
             sight.section(range) * intercept / slope * seen
         };
-        let process = Process::new([sight.air.begin, sight.end(slope)], CELLS, density);
-        Particles { sight, slope, process }
+        let process = Process::new([sight.air.begin, sight.end(&layers, slope)], CELLS, density);
+        Particles { sight, slope, layers, process }
     }
 
     /// Particles of a pulse that nothing ends.
@@ -155,11 +158,14 @@ impl Particles {
         batch: &'a Pulses,
         pulse: usize,
     ) -> impl Iterator<Item = Particle> + 'a {
-        self.process.echoes::<Self>(batch, pulse, MOST).map(|Event { number, range, excess, place }| {
-            let diameter = self.sight.least_diameter(range) + excess / self.slope;
-            let intensity = diameter * diameter * self.sight.unit_intensity(range);
+        self.process.echoes::<Self>(batch, pulse, MOST).map(move |Event { number, range, excess, place }| {
+            let sight = &self.sight;
+            let visibility = sight.visibility(range, self.slope);
+            let [largest, factor] = self.layers.draw(batch, pulse, number, visibility);
+            let diameter = sight.least_diameter(range, largest) + excess / self.slope;
+            let intensity = diameter * diameter * sight.unit_intensity(range);
             // At most that of a white diffuser that fills the beam.
-            let intensity = intensity.min(self.sight.air.share(range, 0.0));
+            let intensity = intensity.min(sight.air.share(range, 0.0)) * factor;
             Particle { number, range, intensity, place }
         })
     }
