@@ -122,10 +122,10 @@ class Trajectory(Immutable):
             got = shape or "a ragged sequence"
             hint = "positions are poses[:, :3, 3]" if shape[-1:] == (3,) else ""
             raise ArgumentValueError("poses", f"shape ({len(rising)}, 4, 4), one per time", got, hint)
-        matrices = _rigid(np.array(array("poses", given, ("n", 4, 4))))
+        matrices = validation.poses("poses", given).copy()
         validation.one_of("interpolation", interpolation, INTERPOLATIONS)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            steps = (_spline_steps if interpolation == "spline" else _linear_steps)(rising, matrices)
+            steps = _spline_steps(rising, matrices) if interpolation == "spline" else _linear_steps(matrices)
             # A velocity is at most three times the sum of the coefficients over the duration of the step.
             velocities = np.abs(steps).sum(axis=2) / np.diff(rising)[:, None, None]
             largest = np.max([np.abs(part).max(initial=0.0) for part in (matrices[:, :3, 3], steps, velocities)])
@@ -660,7 +660,7 @@ class Trajectory(Immutable):
     @classmethod
     def _through(cls, times: Floats, poses: Floats) -> list[Self]:
         """Return linear trajectories through rigid poses, of shape (m, n, 4, 4), at the same rising times."""
-        knots = zip(poses.reshape(len(poses), -1, 16), _linear_steps(times, poses), strict=True)
+        knots = zip(poses.reshape(len(poses), -1, 16), _linear_steps(poses), strict=True)
         return [cls._make(times, ("knots", (times, own, steps.reshape(-1, 18)), ())) for own, steps in knots]
 
     def _contents(self) -> dict[str, Any]:
@@ -725,17 +725,6 @@ def _in_range(name: str, values: Floats) -> Floats:
     return values
 
 
-def _rigid(matrices: Floats) -> Floats:
-    """Return `matrices`, of shape (n, 4, 4), after checking that each is rigid in the sense of `validation.pose`."""
-    rotations = matrices[:, :3, :3]
-    with np.errstate(over="ignore", invalid="ignore"):
-        error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-        right = (error <= 1e-6) & (np.linalg.det(rotations) > 0) & (matrices[:, 3] == (0, 0, 0, 1)).all(axis=1)
-    for i in np.flatnonzero(~right):
-        validation.pose(f"poses[{i}]", matrices[i])
-    return matrices
-
-
 def _turns(matrices: Floats) -> Floats:
     """Return the rotation vector from each pose, of shape (…, n, 4, 4), to the next, in the frame of the former."""
     from scipy.spatial.transform import Rotation
@@ -746,9 +735,8 @@ def _turns(matrices: Floats) -> Floats:
     return turns.reshape(*before.shape, 3)
 
 
-def _linear_steps(times: Floats, matrices: Floats) -> Floats:
+def _linear_steps(matrices: Floats) -> Floats:
     """Return, per step, the coefficients of u, u² and u³ of translation and rotation vector: (…, n - 1, 2, 3, 3)."""
-    del times
     turns = _turns(matrices)
     steps = np.zeros((*turns.shape[:-1], 2, 3, 3))
     steps[..., 0, 0, :] = np.diff(matrices[..., :3, 3], axis=-2)
@@ -761,7 +749,7 @@ def _spline_steps(times: Floats, matrices: Floats) -> Floats:
     from scipy.interpolate import CubicSpline
 
     if len(times) < 3:
-        return _linear_steps(times, matrices)  # a spline through two poses is linear
+        return _linear_steps(matrices)  # a spline through two poses is linear
     # Scaling the times by a power of two keeps the bits of the coefficients, and squares do not overflow.
     scaled = np.ldexp(times, -math.frexp(times[-1] - times[0])[1])
     lengths = np.diff(scaled)
