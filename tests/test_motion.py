@@ -599,7 +599,6 @@ class ThreeAhead:
         self.columns = columns
 
     def pulses(self, frame: int = 0) -> ls.patterns.Pulses:
-        del frame
         return ls.patterns.Pulses(
             directions=np.tile([1.0, 0.0, 0.0], (3, 1)),
             origins=np.zeros((3, 3)),

@@ -950,7 +950,6 @@ class Given:
     shape: tuple[int, int] = (1, 3)
 
     def pulses(self, frame: int = 0) -> Pulses:
-        del frame
         n = len(self.directions)
         return Pulses(self.directions, self.origins, self.time, np.zeros(n, np.uint16), np.arange(n, dtype=np.uint32))
 
@@ -1042,7 +1041,6 @@ class Raw:
         }
 
     def pulses(self, frame: int = 0) -> Any:
-        del frame
         return types.SimpleNamespace(**self.arrays)
 
 

@@ -62,7 +62,6 @@ def test_own_pattern_needs_no_base_class() -> None:
         shape = (1, 1)
 
         def pulses(self, frame: int = 0) -> ls.patterns.Pulses:
-            del frame
             return ls.patterns.Table([[1, 0, 0]], rate=self.rate).pulses()
 
     assert len(ls.Lidar(Single()).pattern.pulses()) == 1

@@ -131,7 +131,6 @@ class Source(ABC):
 
     def scatter_counts(self, sequence: int) -> Scattered:
         """Return the counts of the scattered objects of a sequence."""
-        del sequence
         return Scattered()
 
     @abstractmethod
@@ -453,7 +452,6 @@ class Function(Source):
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
         """Return the run of a sequence."""
-        del frame
         parts: Any = self.function(np.random.Generator(Stream(self.seed, "", sequence).bits), sequence)
         if not isinstance(parts, tuple) or len(parts) != 3:
             raise ArgumentTypeError("recipe", "it to return (scene, rig, trajectory)", type(parts).__name__)

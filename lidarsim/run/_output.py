@@ -112,7 +112,6 @@ class Output(ABC):
     @classmethod
     def fits(cls, path: Path, run: Frames) -> bool:
         """Return whether a run is written so to a path that `checked_output` returned."""
-        del run
         return cls.takes(path)
 
     @classmethod

@@ -69,13 +69,11 @@ class Bag(Output):
 
     def files(self, part: Frames, path: Path, frames: Collection[int] | None) -> list[Path]:
         """Return the bag."""
-        del part, frames
         return [path]
 
     @contextmanager
     def open(self, part: Frames, path: Path, number: int, samples: Samples) -> Iterator[Save]:
         """Yield a function that writes a frame into the bag, after all samples."""
-        del number
         with bag(part, path, **self.given) as writer:
             for values in samples.values():
                 if isinstance(values, GnssFixes):
@@ -108,13 +106,11 @@ class BagFolder(Bag):
     @classmethod
     def takes(cls, path: Path) -> bool:
         """Return whether a path is one of this kind: of folders there is no other."""
-        del path
         return True
 
     @classmethod
     def fits(cls, path: Path, run: Frames) -> bool:
         """Return whether a run is written so: the path has no suffix."""
-        del run
         return _storage.is_folder(path)
 
     @classmethod

@@ -50,7 +50,6 @@ class Clouds(Output):
     @classmethod
     def takes(cls, path: Path) -> bool:
         """Return whether a path is one of this kind: what is none of the others."""
-        del path
         return True
 
     @classmethod
@@ -69,7 +68,6 @@ class Clouds(Output):
     @contextmanager
     def open(self, part: Frames, path: Path, number: int, samples: Samples) -> Iterator[Save]:
         """Yield a function that writes the clouds of a frame."""
-        del number, samples
         in_world = part.cloud["frame"] == "world"
 
         def save(frame: RunFrame) -> Iterator[Path]:
@@ -97,13 +95,11 @@ class Strips(Clouds):
 
     def files(self, part: Frames, path: Path, frames: Collection[int] | None) -> list[Path]:
         """Return a file for each sensor."""
-        del frames
         return [*_strip_paths(part, path).values()]
 
     @contextmanager
     def open(self, part: Frames, path: Path, number: int, samples: Samples) -> Iterator[Save]:
         """Yield a function that appends a frame to the files of a strip."""
-        del samples
         if part.cloud["frame"] != "world":
             raise FileFormatError(f"{path}: expected points in the world, with cloud.frame: world, for a strip")
         if self.given.get("float32"):

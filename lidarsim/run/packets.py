@@ -48,13 +48,11 @@ class Packets(Output):
 
     def files(self, part: Frames, path: Path, frames: Collection[int] | None) -> list[Path]:
         """Return the file of packets and those beside it."""
-        del frames
         return pcap(part, path).files
 
     @contextmanager
     def open(self, part: Frames, path: Path, number: int, samples: Samples) -> Iterator[Save]:
         """Yield a function that writes the packets of a frame."""
-        del number, samples
         with pcap(part, path, **self.given) as writer:
 
             def save(frame: RunFrame) -> Iterable[Path]:

@@ -274,7 +274,7 @@ def test_what_cannot_be_hashed_is_named(function: Callable[..., Any], message: s
 class Maker:
     radius: float
 
-    def __call__(self, rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Lidar, None]:  # noqa: ARG002
+    def __call__(self, rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Lidar, None]:
         scene = ls.Scene()
         scene.add(ls.Sphere((5, 0, 0), self.radius), label=1)
         return scene, ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0)), None

@@ -210,7 +210,6 @@ class Layout(Model):
 
     def shares_stamp(self, frame: int) -> bool:
         """Return whether all sensors of a frame have the stamp of the first, to which their points are deskewed."""
-        del frame
         return False
 
     def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
@@ -273,13 +272,11 @@ class SampleFiles(Layout):
 
     def names(self, run: Run, sequences: int) -> set[str]:
         """Return a folder per sensor of a rig, or the names for a single sensor."""
-        del sequences
         return set(run.sensor) if isinstance(run.sensor, Rig) else {*self.top}
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
         """Yield a function that writes the files of a sample."""
-        del shard
 
         def write(sample: Sample) -> Extra:
             extra = self.note(sample)

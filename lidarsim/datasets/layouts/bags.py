@@ -70,13 +70,11 @@ class Bags(Layout):
 
     def names(self, run: Run, sequences: int) -> set[str]:
         """Return a folder per sequence."""
-        del run
         return {_folder(sequence) for sequence in range(sequences)}
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
         """Yield a function that writes samples into the bag of their sequence."""
-        del shard
         bags: dict[int, tuple[rosbag.Writer, dict[str, Any], Mapping[str, ImuSamples | GnssFixes]]] = {}
         begun: set[int] = set()
         written: Counter[str] = Counter()

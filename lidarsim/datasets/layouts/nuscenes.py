@@ -144,7 +144,6 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
 
     def names(self, run: Run, sequences: int) -> set[str]:
         """Return the folders of tables, points, labels and maps, and the colours."""
-        del run, sequences
         return {VERSION, POINTS, LABELS, MAPS, COLORS} | ({SWEEPS} if self.key_every > 1 else set())
 
     def annotations(self, frame: Iterable[Record]) -> Iterator[tuple[Record, Annotation]]:
@@ -163,7 +162,6 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
 
     def note(self, sample: Sample) -> Extra:
         """Return no notes."""
-        del sample
         return {}
 
     def contents(self, record: Record, sample: Sample) -> dict[str, bytes]:

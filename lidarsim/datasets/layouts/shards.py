@@ -86,7 +86,6 @@ class Shards(Layout):
 
     def names(self, run: Run, sequences: int) -> set[str]:
         """Return the folder of shards, and the tables."""
-        del run, sequences
         return {FOLDER, INDEX} | ({BOXES} if self.boxes else set())
 
     @contextmanager

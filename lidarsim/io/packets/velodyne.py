@@ -85,7 +85,6 @@ class _Encoder(CycleEncoder):
     """Packs whole firing cycles, here columns, and keeps those that fill no packet."""
 
     def __init__(self, lidar: Lidar, *, start: int, port: int, variant: str | None = None) -> None:
-        del variant  # there is one
         self._lidar = lidar
         self._model = MODELS[lidar.model]
         returns = mode_of(lidar.measurement)
