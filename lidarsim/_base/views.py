@@ -12,6 +12,15 @@ if TYPE_CHECKING:
 Camera = Literal["behind", "birds-eye", "first-person", "orbit", "top"]
 """Camera position of a picture."""
 
+Viewer = Literal["pyvista", "open3d"]
+"""Library that shows point clouds in a window."""
+
+ColorMap = Literal["magma", "viridis", "cividis", "grey"]
+"""Colours of numbers."""
+
+Background = Literal["dark", "white"]
+"""Colour of the background of a picture."""
+
 
 class Boxed(Protocol):
     """Boxes that a picture shows: `lidarsim.Boxes`."""
@@ -42,11 +51,11 @@ class Looks(TypedDict, total=False):
     camera: Camera | Sequence[Sequence[float]]
     size: tuple[int, int]
     point_size: float | None
-    viewer: Literal["pyvista", "open3d"]
+    viewer: Viewer
     title: str | Sequence[str] | None
     limits: tuple[float, float] | None
-    color_map: Literal["magma", "viridis", "cividis", "grey"] | None
-    background: Literal["dark", "white"]
+    color_map: ColorMap | None
+    background: Background
     accumulate: bool
 
 

@@ -20,11 +20,9 @@ from lidarsim._base.files import atomic_writer, check_folder, check_suffix
 from lidarsim._base.shown import format_size, plain, quantity
 from lidarsim._base.terminal import paragraph, print_line, print_markdown, progress_bar, table, without_native_logs
 from lidarsim._base.validation import integer
+from lidarsim._base.views import Background, ColorMap, Viewer
 from lidarsim.cli.options import (
-    Background,
-    Camera,
     ColorBy,
-    ColorMap,
     Configuration,
     Frame,
     Frames,
@@ -35,7 +33,7 @@ from lidarsim.cli.options import (
     Surfaces,
     Variant,
     View,
-    Viewer,
+    make_choice,
     make_file_option,
     make_option,
     parse_integer,
@@ -147,7 +145,7 @@ def scan(
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
-    camera: View = Camera.BEHIND,
+    camera: View = "behind",
     size: Size = "1600x1000",
     **options: Any,
 ) -> None:
@@ -163,7 +161,7 @@ def scan(
     place = checked_output(output)
     given = {name: outputs.options()[name].parse(value) for name, value in options.items() if value is not None}
     _check_screenshot(screenshot)
-    looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": parse_size(size)}
+    looks: dict[str, Any] = {"color_by": color_by, "camera": camera, "size": parse_size(size)}
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     run.check_places(place, screenshot)
@@ -346,10 +344,7 @@ def view(
         ),
     ],
     *,
-    viewer: Annotated[
-        Viewer | None,
-        make_option("--with", "|".join(Viewer), "Library of the window; default: pyvista."),
-    ] = None,
+    viewer: Annotated[Viewer | None, make_choice("--with", Viewer, "Library of the window; default: pyvista.")] = None,
     live: Annotated[
         bool, typer.Option("--live", help="Show the frames of a configuration in Rerun while they are scanned.")
     ] = False,
@@ -366,14 +361,14 @@ def view(
     mp4: Annotated[Path | None, make_file_option("--mp4", "MP4", "Same as --gif, but as a video.")] = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
-    camera: View = Camera.BEHIND,
+    camera: View = "behind",
     size: Size = "1600x1000",
     limits: Annotated[
         str | None,
         make_option("--limits", "LOW,HIGH", "Values at the ends of the colours; default: those of the points."),
     ] = None,
-    color_map: Annotated[ColorMap | None, make_option("--color-map", "|".join(ColorMap), "Colours of numbers.")] = None,
-    background: Annotated[Background, make_option("--background", "|".join(Background), "Colour.")] = Background.DARK,
+    color_map: Annotated[ColorMap | None, make_choice("--color-map", ColorMap, "Colours of numbers.")] = None,
+    background: Annotated[Background, make_choice("--background", Background, "Colour.")] = "dark",
     title: Annotated[
         str | None, make_option("--title", "TEXT", "Title; default: number and time of the frame.")
     ] = None,
@@ -412,11 +407,11 @@ def view(
         return
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
-    viewer = viewer or Viewer.PYVISTA
+    viewer = viewer or "pyvista"
     saves = _check_saves({"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}, viewer)
     looks: dict[str, Any] = {
-        "color_by": color_by, "camera": camera.value, "size": parse_size(size), "viewer": viewer.value,
-        "limits": parse_limits(limits), "color_map": color_map and color_map.value, "background": background.value,
+        "color_by": color_by, "camera": camera, "size": parse_size(size), "viewer": viewer,
+        "limits": parse_limits(limits), "color_map": color_map, "background": background,
         "title": title,
     }  # fmt: skip
     wanted = 1 if saves == [screenshot] and not accumulate else None
@@ -462,7 +457,7 @@ def _check_saves(saves: Mapping[str, Path | None], viewer: Viewer) -> list[Path]
         check_suffix(save, pyvista.STILLS if option == "screenshot" else {f".{option}"})
         check_save(save)
         import_extra(*_DRAWN[option], f"--{option}")
-    if wanted and viewer is Viewer.OPEN3D:
+    if wanted and viewer == "open3d":
         raise LidarsimError(
             "--with open3d: Open3D only opens windows; leave it out with --screenshot, --html, --gif or --mp4"
         )
@@ -495,7 +490,7 @@ def _stream(run: Run, to: str | Path, names: Mapping[int, str] | None, **looks: 
 def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> None:
     """Show a scene file without points; terrain from all around, since there is no sensor, coloured by height."""
     if raster.recognise(path):
-        camera = Camera.ORBIT.value if looks["camera"] == Camera.BEHIND else looks["camera"]
+        camera = "orbit" if looks["camera"] == "behind" else looks["camera"]
         looks = {**looks, "color_by": looks["color_by"] or "height", "camera": camera}
     scene = ls.Scene.from_file(path)
     for save in saves or (None,):

@@ -5,49 +5,16 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 
 from lidarsim._base.validation import short_repr
+from lidarsim._base.views import Camera
 from lidarsim.errors import LidarsimError
 from lidarsim.run import _output as outputs
 from lidarsim.viewers._show import check_size
-
-
-class Viewer(StrEnum):
-    """A library that shows point clouds."""
-
-    PYVISTA = "pyvista"
-    OPEN3D = "open3d"
-
-
-class Camera(StrEnum):
-    """Camera position of a picture."""
-
-    BEHIND = "behind"
-    BIRDS_EYE = "birds-eye"
-    FIRST_PERSON = "first-person"
-    ORBIT = "orbit"
-    TOP = "top"
-
-
-class ColorMap(StrEnum):
-    """Colours of numbers."""
-
-    MAGMA = "magma"
-    VIRIDIS = "viridis"
-    CIVIDIS = "cividis"
-    GREY = "grey"
-
-
-class Background(StrEnum):
-    """Colour of the background of a picture."""
-
-    DARK = "dark"
-    WHITE = "white"
 
 
 def parse_path(text: str) -> Path:
@@ -81,6 +48,11 @@ def parse_real(text: str) -> float:
 def make_option(names: str, metavar: str, text: str, **more: Any) -> Any:
     """Return an option; `names`: long and short, separated by a space."""
     return typer.Option(*names.split(), metavar=metavar, help=text, show_default=False, **more)
+
+
+def make_choice(names: str, kind: object, text: str) -> Any:
+    """Return an option that takes one of the values of a `Literal`."""
+    return make_option(names, "|".join(get_args(kind)), text)
 
 
 def make_file_option(names: str, metavar: str, text: str) -> Any:
@@ -125,7 +97,7 @@ ColorBy = Annotated[str | None, make_option("--color-by", "FIELD", "Colour the p
 Surfaces = Annotated[
     bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene with the points.")
 ]
-View = Annotated[Camera, make_option("--camera", "|".join(Camera), "Camera position.")]
+View = Annotated[Camera, make_choice("--camera", Camera, "Camera position.")]
 Size = Annotated[
     str, make_option("--size", "WIDTHxHEIGHT", "Size of windows and pictures in pixels; default 1600x1000.")
 ]

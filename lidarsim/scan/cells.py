@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.validation import array, one_of, real
-from lidarsim._base.views import view
+from lidarsim._base.views import ColorMap, view
 from lidarsim.errors import ArgumentValueError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["STATISTICS", "Cells", "Statistic", "cells_of"]
 
 Statistic = Literal["count", "density", "min", "max", "mean", "std"]
-STATISTICS = ("count", "density", "min", "max", "mean", "std")
+STATISTICS = get_args(Statistic)
 
 MOST = 1 << 28
 """Most cells of a grid: 2 GiB."""
@@ -91,7 +91,7 @@ class Cells(Pickled):
         hillshade: bool = False,
         title: str = "",
         limits: Sequence[float] | None = None,
-        color_map: Literal["magma", "viridis", "cividis", "grey"] = "viridis",
+        color_map: ColorMap = "viridis",
         size: tuple[int, int] = (1000, 700),
     ) -> None:
         """Draw a map with a colour bar.

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from lidarsim._base.validation import (
     real,
     short_repr,
 )
-from lidarsim._base.views import Camera, Plotted, register_view
+from lidarsim._base.views import Background, Camera, ColorMap, Plotted, Viewer, register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.scan.boxes import Boxes
@@ -36,7 +36,6 @@ from lidarsim.scan.scan import Scan
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._boxes import transform_boxes
 from lidarsim.viewers._colors import (
-    MAPS,
     THEMES,
     Known,
     Style,
@@ -77,11 +76,11 @@ def show(
     camera: Camera | Sequence[Sequence[float]] = "behind",
     size: tuple[int, int] = (1600, 1000),
     point_size: float | None = None,
-    viewer: Literal["pyvista", "open3d"] = "pyvista",
+    viewer: Viewer = "pyvista",
     title: str | Sequence[str] | None = None,
     limits: tuple[float, float] | None = None,
-    color_map: Literal["magma", "viridis", "cividis", "grey"] | None = None,
-    background: Literal["dark", "white"] = "dark",
+    color_map: ColorMap | None = None,
+    background: Background = "dark",
     accumulate: bool = False,
 ) -> html.Page | None:
     """Show a point cloud, a scan, a scene or a sequence of frames in a window or a notebook, or write it to a file.
@@ -161,7 +160,7 @@ def show(
         points in the sensor frame are to be shown in the world without a `pose`, or an argument is not one of the
         values above.
     """
-    one_of("viewer", viewer, ("pyvista", "open3d"))
+    one_of("viewer", viewer, get_args(Viewer))
     if save is not None:
         check_save(save)
         place = Place(save)
@@ -222,9 +221,9 @@ def _list_frames(what: Shown | Iterable[Shown]) -> list[Shown]:
 
 
 def _style(limits: tuple[float, float] | None, color_map: str | None, background: str) -> Style:
-    one_of("background", background, tuple(THEMES))
+    one_of("background", background, get_args(Background))
     if color_map is not None:
-        one_of("color_map", color_map, tuple(MAPS))
+        one_of("color_map", color_map, get_args(ColorMap))
     return Style(THEMES[background], color_map, check_limits(limits))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from lidarsim._base.extras import import_extra
 from lidarsim._base.files import PathLike, check_folder, check_suffix
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, one_of
-from lidarsim._base.views import register_view
+from lidarsim._base.views import ColorMap, register_view
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.scan.cells import Cells
 from lidarsim.viewers import _plots as plots
@@ -42,7 +43,7 @@ def plot(
     check_folder(path)
     if not isinstance(title, str):
         raise ArgumentTypeError("title", "text", type(title).__name__)
-    one_of("color_map", color_map, tuple(MAPS))
+    one_of("color_map", color_map, get_args(ColorMap))
     validation.flag("hillshade", hillshade)
     width, height = check_size(size)
     figures = import_extra("matplotlib.figure", "pyvista", "this picture")
