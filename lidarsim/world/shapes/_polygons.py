@@ -102,6 +102,15 @@ def _normals(points: Floats) -> tuple[Floats, Floats]:
     return np.cross(local, following).sum(axis=1), np.cross(np.roll(edges, 1, axis=1), edges)
 
 
+def flattened(points: Floats, normal: Floats) -> Floats:
+    """Return `points` along the axis nearest to `normal`, seen from where the outline turns left: shape (n, 2)."""
+    drop = int(np.argmax(np.abs(normal)))
+    axes = [(drop + 1) % 3, (drop + 2) % 3]
+    if normal[drop] < 0:
+        axes.reverse()
+    return np.ascontiguousarray(points[:, axes])
+
+
 def _convex(vertices: Floats, outlines: Indices) -> npt.NDArray[np.bool_]:
     """Return of which outlines no corner turns against the whole; an outline in doubt may be called not convex."""
     normal, turns = _normals(vertices[outlines])
@@ -115,11 +124,7 @@ def _clip(points: Floats) -> Indices:
 
     n = len(points)
     normal = _normals(points[None])[0][0]
-    drop = int(np.argmax(np.abs(normal)))
-    axes = [(drop + 1) % 3, (drop + 2) % 3]
-    if normal[drop] < 0:  # seen from the side on which the outline turns left
-        axes.reverse()
-    outline = np.ascontiguousarray((points - points[0])[:, axes])
+    outline = flattened(points - points[0], normal)
     ears = mapbox_earcut.triangulate_float64(outline, np.array([n], np.uint32)).reshape(-1, 3).astype(np.int64)
     ears = np.concatenate([ears, _slivers(ears, n)])
     if len(ears) != n - 2:  # of an outline that crosses itself
@@ -140,11 +145,7 @@ def with_holes(points: Floats, ends: Indices) -> Indices:
     import mapbox_earcut
 
     normal = _normals(points[None, : ends[0]])[0][0]
-    drop = int(np.argmax(np.abs(normal)))
-    axes = [(drop + 1) % 3, (drop + 2) % 3]
-    if normal[drop] < 0:
-        axes.reverse()
-    flat = np.ascontiguousarray((points - points[0])[:, axes])
+    flat = flattened(points - points[0], normal)
     triangles = mapbox_earcut.triangulate_float64(flat, ends.astype(np.uint32)).reshape(-1, 3).astype(np.int64)
     first, second = (flat[triangles[:, k]] - flat[triangles[:, 0]] for k in (1, 2))
     backwards = first[:, 0] * second[:, 1] < first[:, 1] * second[:, 0]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base.validation import Floats, Transform, Vector, array
 from lidarsim.errors import ArgumentValueError
+from lidarsim.world.shapes._polygons import flattened
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -104,12 +105,7 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
             f"points of one plane to within rounding ({np.ldexp(allowed, exponent):.3g} m)",
             f"a deviation of {np.ldexp(deviation, exponent):.3g} m",
         )
-    # Project along the axis nearest to the normal, keeping the orientation.
-    drop = int(np.argmax(np.abs(normal)))
-    axes = [(drop + 1) % 3, (drop + 2) % 3]
-    if normal[drop] < 0:
-        axes.reverse()
-    outline = np.ascontiguousarray(points[:, axes])
+    outline = flattened(points, normal)
     crossing = _native.self_crossing(outline)
     if crossing is not None:
         i, j = crossing
