@@ -281,7 +281,7 @@ def _head(store: Store, name: str) -> Head | None:
 
 def finished_shards(store: Store) -> set[int]:
     """Return the shards that have a part, without reading it."""
-    numbers = (_shard_of(f"{PARTS}/{name}") for name in store.names(PARTS))
+    numbers = (_shard_of(f"{PARTS}/{name}") for name in store.sizes(PARTS))
     return {number for number in numbers if number is not None}
 
 

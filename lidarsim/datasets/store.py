@@ -69,9 +69,6 @@ class Store(Protocol):
     def reading(self, name: str) -> AbstractContextManager[Path]:
         """Yield the path of a local file with the content of a regular file; `FileNotFoundError` as in `open`."""
 
-    def names(self, folder: str) -> set[str]:
-        """Return the names of the files in a folder; empty if it does not exist."""
-
     def sizes(self, folder: str) -> dict[str, int]:
         """Return the sizes of the files in a folder by name, in bytes; empty if it does not exist. "" is the top."""
 
@@ -209,10 +206,6 @@ class Folder:
         """Yield the path of a file, with its links resolved."""
         self.open(name).close()
         yield self._inside(self.root / name)
-
-    def names(self, folder: str) -> set[str]:
-        """Return the names of the files in a folder."""
-        return set(self.sizes(check_path(folder)))
 
     def sizes(self, folder: str) -> dict[str, int]:
         """Return the sizes of the files in a folder; a link counts as its file, unless it leads outside."""
@@ -423,10 +416,6 @@ class Remote:
             with local.open("wb") as copy:
                 shutil.copyfileobj(file, copy)
             yield local
-
-    def names(self, folder: str) -> set[str]:
-        """Return the names of the files in a folder."""
-        return set(self.sizes(check_path(folder)))
 
     def sizes(self, folder: str) -> dict[str, int]:
         """Return the sizes of the files in a folder."""
