@@ -384,7 +384,6 @@ class Place:
         path = folder_of(mark) / name
         try:
             check_regular(path)
-            path.open("rb").close()
         except FileFormatError as error:
             raise self.error(error) from None
         except (OSError, ValueError) as error:  # a name with a null character

@@ -313,7 +313,7 @@ class SceneFile(Object):
             options = Options.from_arguments(
                 self.up, self.unit_m, rules, "color" if self.reflectivity == "color" else None
             )
-        return (place / "file").load(self.file, scenes.Load(options))
+        return (place / "file").load(self.file, lambda path: scenes.objects_of(path, options), options)
 
 
 LONGEST, TALLEST, SHORTEST = 20e3, 1e3, 0.1

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from lidarsim.io.meshes import SUFFIXES
 from lidarsim.io.scenes import mjcf
-from lidarsim.io.scenes._build import Imported, Reader, import_file, mesh_of, scene_of
+from lidarsim.io.scenes._build import Imported, Reader, import_file, mesh_of, scene_with
 from lidarsim.io.scenes.others import CONVERTERS
 from lidarsim.world.rules import Appearance, Options, Rule
 from lidarsim.world.scene import Scene, register_scene_reader
 from lidarsim.world.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
-__all__ = ["Imported", "Load"]
+__all__ = ["Imported", "objects_of"]
 
 MODULES = {
     **dict.fromkeys((".glb", ".gltf"), "gltf"),
@@ -45,20 +44,14 @@ def _read(
     reflectivity: Appearance = None,
 ) -> Scene:
     """Read a file as documented in `lidarsim.Scene.from_file`, which checks the options."""
-    return scene_of(path, _reader(path), Options(up, unit, rules, reflectivity))
+    return scene_with(import_file(path, _reader(path), Options(up, unit, rules, reflectivity)))
 
 
-@dataclass(frozen=True)
-class Load:
-    """A reader with options: ``Load(options)(path)`` returns the objects of a file and what became of its parts."""
-
-    options: Options
-
-    def __call__(self, path: Path) -> Imported:
-        """Read a file."""
-        if mjcf.recognise(path):
-            return mjcf.import_file(path, self.options)
-        return import_file(path, _reader(path), self.options)
+def objects_of(path: Path, options: Options) -> Imported:
+    """Return the objects of a file and what became of its parts."""
+    if mjcf.recognise(path):
+        return mjcf.import_file(path, options)
+    return import_file(path, _reader(path), options)
 
 
 def _read_mesh(path: Path) -> MeshFile:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarsim._base.files import check_regular, reading_as
+from lidarsim._base.files import reading_as
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import Floats, placement
 from lidarsim.errors import FileFormatError
@@ -112,10 +112,7 @@ class Imported:
     @property
     def bounds(self) -> Floats:
         """Lowest and highest corner of the objects, m, shape (2, 3); nan if there are none."""
-        scene = Scene()
-        for item in self.objects:
-            scene.add(item.shape, transform=item.transform)
-        return scene.bounds
+        return scene_with(self).bounds
 
     def instances(self, first: int) -> Iterator[tuple[Placed, int]]:
         """Yield the objects with the numbers of their instances, if the first object has the id `first`."""
@@ -134,7 +131,6 @@ UNTOUCHED = Rule()
 
 def import_file(path: Path, read: Reader, options: Options) -> Imported:
     """Return what a file holds: at least one object, unless rules leave all out."""
-    check_regular(path)
     with reading_as(path, "a scene"):
         result = _build(path, read(path), options)
     report(path, result.left_out)
@@ -145,11 +141,6 @@ def report(path: Path, left_out: list[str]) -> None:
     """Log what of a file was left out."""
     if left_out:
         logging.getLogger("lidarsim").warning("%s: left out: %s", path, ", ".join(left_out))
-
-
-def scene_of(path: Path, read: Reader, options: Options) -> Scene:
-    """Return the scene that a file holds."""
-    return scene_with(import_file(path, read, options))
 
 
 def scene_with(found: Imported) -> Scene:
@@ -232,7 +223,7 @@ def _build(path: Path, file: SceneFile, options: Options) -> Imported:
                 continue
             if not len(meshes.cuts(part)):
                 continue
-            shape, place = meshes.place(part, transform)
+            shape, place = _set_at(meshes.mesh(part), transform)
             source = None
             if file.figure is not None and file.figure.moves(node.key[0], part.bend):
                 source = Source(node.key[0], node.copy, meshes.mesh(part), part.bend)
@@ -298,10 +289,6 @@ class _Meshes:
         if part not in self._shapes:
             self._shapes[part] = TriangleMesh(part.vertices, part.corners[self.cuts(part)])
         return self._shapes[part]
-
-    def place(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
-        """Return the mesh of a part and its transform."""
-        return _set_at(self.mesh(part), transform)
 
     def material(self, part: Part, appearance: Appearance) -> Material | None:
         """Return the material of a part."""
