@@ -44,6 +44,7 @@ https://github.com/HesaiTechnology/HesaiLidar_ROS_2.0, https://github.com/autowa
 
 from __future__ import annotations
 
+import dataclasses
 import heapq
 import itertools
 import re
@@ -78,6 +79,7 @@ from lidarsim._base.files import (
 )
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, Transform
+from lidarsim._base.vectors import transforms
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _cuts, _mcap, _storage
 from lidarsim.io._cuts import Cut
@@ -300,18 +302,8 @@ class Writer:
         self._check_open()
         found = scan.laser_scan()
         stamp = self._stamp(found.time)
-        message = self._ros.types[_LASER](
-            header=self._header(stamp, name),
-            angle_min=found.angle_min,
-            angle_max=found.angle_max,
-            angle_increment=found.angle_increment,
-            time_increment=found.time_increment,
-            scan_time=found.scan_time,
-            range_min=found.range_min,
-            range_max=found.range_max,
-            ranges=found.ranges,
-            intensities=found.intensities,
-        )
+        parts = {field.name: getattr(found, field.name) for field in dataclasses.fields(found) if field.name != "time"}
+        message = self._ros.types[_LASER](header=self._header(stamp, name), **parts)
         first = self._stamp(scan.time + float(scan.pulses.time[0]))
         last = self._stamp(scan.time + float(scan.pulses.time[-1]))
         with lost_writes():
@@ -832,8 +824,7 @@ def _static_transforms(path: Path) -> dict[str, tuple[str, npt.NDArray[np.float6
                 numbers = np.array([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w])
                 if not np.isfinite(numbers).all() or not numbers[3:].any():
                     raise FileFormatError(f"its transform of {stamped.child_frame_id!r} is not rigid and finite")
-                pose = np.eye(4)
-                pose[:3, :3], pose[:3, 3] = Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3]
+                pose = transforms(Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3])
                 found[stamped.child_frame_id] = stamped.header.frame_id, pose
         elif kind in _PARSERS:
             if found and name in seen:
