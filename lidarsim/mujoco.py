@@ -15,6 +15,7 @@ import numpy.typing as npt
 from lidarsim._base.files import PathLike
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.validation import Floats, Transform, array, as_array, flag, integer, pose, short, short_repr
+from lidarsim._base.vectors import transforms
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._build import report, scene_with
@@ -335,9 +336,8 @@ class World(Pickled):
         mount = None if offset is None else pose("offset", offset)
         name = "site_" if kind == "site" else ""
         self._check(data, f"{name}xpos")
-        found = np.eye(4)
-        found[:3, :3] = np.reshape(getattr(data, f"{name}xmat")[number], (3, 3))
-        found[:3, 3] = getattr(data, f"{name}xpos")[number]
+        turned = np.reshape(getattr(data, f"{name}xmat")[number], (3, 3))
+        found = transforms(turned, getattr(data, f"{name}xpos")[number])
         return found if mount is None else found @ mount
 
     def _mount_on(self, site: object, body: str | int | None) -> tuple[Literal["site", "body"], int]:
@@ -422,11 +422,8 @@ def _place(positions: Floats, turns: Floats, position: Floats, turn: Floats) -> 
     shape = positions.shape[:-1]
     bodies = Rotation.from_quat(turns.reshape(-1, 4), scalar_first=True)
     locals_ = Rotation.from_quat(turn, scalar_first=True)
-    placed = np.zeros((*shape, 4, 4))
-    placed[..., :3, :3] = (bodies * locals_).as_matrix().reshape(*shape, 3, 3)
-    placed[..., :3, 3] = positions + bodies.apply(position).reshape(*shape, 3)
-    placed[..., 3, 3] = 1.0
-    return placed
+    turned = (bodies * locals_).as_matrix().reshape(*shape, 3, 3)
+    return transforms(turned, positions + bodies.apply(position).reshape(*shape, 3))
 
 
 def _moves(model: mujoco.MjModel, body: int) -> bool:

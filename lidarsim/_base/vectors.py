@@ -12,7 +12,7 @@ from lidarsim._base import validation
 from lidarsim._base.validation import Floats
 from lidarsim.errors import ArgumentValueError
 
-__all__ = ["gauss_markov", "normals", "product", "sigmas_of_axes"]
+__all__ = ["gauss_markov", "normals", "product", "sigmas_of_axes", "transforms"]
 
 
 def sigmas_of_axes(name: str, value: npt.ArrayLike) -> Floats:
@@ -53,3 +53,11 @@ def product(left: Floats, right: Floats) -> Floats:
     for k in range(1, terms.shape[-2]):
         total = total + terms[..., k, :]
     return total
+
+
+def transforms(linear: npt.ArrayLike, shift: npt.ArrayLike) -> Floats:
+    """Return the transforms of a linear part, of shape (…, 3, 3), and a shift, of shape (…, 3): shape (…, 4, 4)."""
+    linear = np.asarray(linear)
+    matrices = np.zeros((*linear.shape[:-2], 4, 4))
+    matrices[..., :3, :3], matrices[..., :3, 3], matrices[..., 3, 3] = linear, shift, 1.0
+    return matrices

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from lidarsim import worlds
 from lidarsim._base.validation import pose as rigid
+from lidarsim._base.vectors import transforms
 from lidarsim.config.factories import Area, Finite, Matrix, Model, Vector, construct, either, has, is_list
 from lidarsim.lidar import Lidar
 from lidarsim.motion.trajectory import Trajectory, sensor_pose
@@ -52,13 +53,9 @@ class Placement(Model):
             if others:
                 raise (place / "matrix").error(f"expected the matrix alone, got {others[0]} beside it")
             return np.array(self.matrix)
-        matrix = np.eye(4)
         turn = self.rotation_deg
-        if turn != Turn():
-            matrix[:3, :3] = _rotations("ZYX", np.radians([turn.yaw, turn.pitch, turn.roll]))
-        matrix[:3, :3] *= scale  # R diag(scale)
-        matrix[:3, 3] = self.position_m
-        return matrix
+        turned = np.eye(3) if turn == Turn() else _rotations("ZYX", np.radians([turn.yaw, turn.pitch, turn.roll]))
+        return transforms(turned * scale, self.position_m)  # R diag(scale)
 
 
 PLACING = frozenset(Placement.model_fields)
@@ -191,9 +188,7 @@ class Drive(Placement):
         at = np.concatenate([[self.start_m], along[along > self.start_m]])
         points, ahead = (np.stack([np.interp(at, along, row) for row in rows.T], axis=1) for rows in (points, ahead))
         turns = [np.arctan2(ahead[:, 1], ahead[:, 0]), -np.arctan2(ahead[:, 2], np.hypot(ahead[:, 0], ahead[:, 1]))]
-        poses = np.tile(np.eye(4), (len(at), 1, 1))
-        poses[:, :3, :3] = _rotations("ZY", np.stack(turns, axis=1))
-        poses[:, :3, 3] = points
+        poses = transforms(_rotations("ZY", np.stack(turns, axis=1)), points)
         drive = Trajectory((at - self.start_m) / self.speed_m_per_s, poses, interpolation=self.interpolation)
         return drive @ build_rigid(self, place)
 

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field
 
 from lidarsim._base.files import check_name
 from lidarsim._base.validation import UINT32, Floats
+from lidarsim._base.vectors import transforms
 
 if TYPE_CHECKING:
     from lidarsim.run import Run
@@ -74,9 +75,7 @@ class Annotation:
     @property
     def matrix(self) -> Floats:
         """Pose of the box, shape (4, 4)."""
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = np.reshape(self.rotation, (3, 3)), self.center
-        return matrix
+        return transforms(np.reshape(self.rotation, (3, 3)), self.center)
 
 
 @dataclass(frozen=True)

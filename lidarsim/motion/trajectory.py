@@ -14,7 +14,7 @@ from lidarsim._base.files import PathLike, atomic_writer
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import Floats, Transform, angles, array, ask_above
-from lidarsim._base.vectors import gauss_markov, product, sigmas_of_axes
+from lidarsim._base.vectors import gauss_markov, product, sigmas_of_axes, transforms
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.motion import strips
 from lidarsim.motion._rotation_spline import NoSplineError, angular_accelerations, rotation_steps
@@ -624,15 +624,14 @@ class Trajectory(Immutable):
         turn = angles("boresight", array("boresight", boresight, (3,)), at_most=LARGEST_TILT)
         arm = array("lever_arm", lever_arm, (3,))
         seed = validation.integer("seed", seed, at_least=0, at_most=2**64 - 1)
-        mount = np.eye(4)
-        mount[:3, :3], mount[:3, 3] = Rotation.from_euler("xyz", turn).as_matrix(), arm
+        mount = transforms(Rotation.from_euler("xyz", turn).as_matrix(), arm)
         sigmas = np.concatenate([position, orientation])
         if not sigmas.any():
             return self @ mount
         if math.isinf(scale):
-            error, before, after = sigmas * gauss_markov(np.zeros(1), scale, seed)[0], np.eye(4), np.eye(4)
-            before[:3, 3], after[:3, :3] = error[:3], Rotation.from_rotvec(error[3:]).as_matrix()
-            return before @ self @ after @ mount
+            error = sigmas * gauss_markov(np.zeros(1), scale, seed)[0]
+            turned = transforms(Rotation.from_rotvec(error[3:]).as_matrix(), 0.0)
+            return transforms(np.eye(3), error[:3]) @ self @ turned @ mount
         kind, arguments, mounts = self._recipe
         if kind == "twist":
             hint = "give it poses at times"

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from lidarsim._base.files import beside, check_regular, parsing
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import transforms
 from lidarsim.datasets.frames import Frame, Frames, Row, boxes_at, folders, name_classes, text_of, validate
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.boxes import Boxes
@@ -236,9 +237,6 @@ class _Tables:
 def _matrix(row: Placed) -> Floats:
     from scipy.spatial.transform import Rotation
 
-    matrix = np.eye(4)
     if not any(row.rotation):
         raise FileFormatError(f"{row.token[:40]!a}: expected a rotation, got a quaternion of zeros")
-    matrix[:3, :3] = Rotation.from_quat(row.rotation, scalar_first=True).as_matrix()
-    matrix[:3, 3] = row.translation
-    return matrix
+    return transforms(Rotation.from_quat(row.rotation, scalar_first=True).as_matrix(), row.translation)

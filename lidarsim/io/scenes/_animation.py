@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import transforms
 from lidarsim.errors import FileFormatError
 
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
@@ -190,10 +191,7 @@ class Figure:
 
 def local_matrix(translation: Floats, rotation: Floats, scale: Floats, where: str) -> Floats:
     """Return the transform of a node, shape (4, 4)."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotations(rotation[None], where)[0] * scale
-    matrix[:3, 3] = translation
-    return matrix
+    return transforms(rotations(rotation[None], where)[0] * scale, translation)
 
 
 def rotations(quaternions: Floats, where: str) -> Floats:

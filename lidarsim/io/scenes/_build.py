@@ -13,6 +13,7 @@ import numpy as np
 from lidarsim._base.files import reading_as
 from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import Floats, placement
+from lidarsim._base.vectors import transforms
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._animation import Bend, Figure
 from lidarsim.io.scenes._model import Indices, Node, Part, SceneFile, mean_of_corners
@@ -188,10 +189,8 @@ def mesh_of(read: Reader, path: Path) -> MeshFile:
 
 def _upright(file: SceneFile, options: Options) -> Floats:
     """Return the map from the units and axes of a file to metres and z up, shape (4, 4)."""
-    matrix = np.eye(4)
     unit = file.unit if options.unit is None else options.unit
-    matrix[:3, :3] = UPRIGHT[options.up or file.up] * unit
-    return matrix
+    return transforms(UPRIGHT[options.up or file.up] * unit, 0.0)
 
 
 def _move(points: Floats, transform: Floats) -> Floats:

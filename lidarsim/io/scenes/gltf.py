@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import transforms
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
 from lidarsim.io.scenes._animation import Bend, Pose, Skin, rotations, total_of
@@ -219,10 +220,7 @@ class _Reader:
         for name, values in found.items():
             check_finite(values, f"{where}.{name}")
         turns = rotations(found.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), where)
-        placed = np.tile(np.eye(4), (count, 1, 1))
-        placed[:, :3, :3] = turns * found.get("SCALE", np.ones((count, 3)))[:, None, :]
-        placed[:, :3, 3] = found.get("TRANSLATION", 0.0)
-        return placed
+        return transforms(turns * found.get("SCALE", np.ones((count, 3)))[:, None, :], found.get("TRANSLATION", 0.0))
 
     def _mesh(self, number: int, index: int) -> tuple[Part, ...]:
         """Return the parts of the mesh of a node, which nodes without their own weights or skin share."""

@@ -27,6 +27,7 @@ import numpy.typing as npt
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import LONGEST, PathLike, check_regular
 from lidarsim._base.validation import Floats, integer, short_repr
+from lidarsim._base.vectors import transforms
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.scenes._build import UNTOUCHED, Imported, Placed, report, scene_with
 from lidarsim.io.scenes._mjcf import collect, root_of
@@ -204,11 +205,7 @@ def body_name(model: MjModel, body: int) -> str:
 def poses(data: MjData, geoms: Sequence[int] | npt.NDArray[np.intp]) -> Floats:
     """Return the poses of geoms, geom to world: shape (n, 4, 4)."""
     index = np.asarray(geoms, np.intp)
-    found = np.zeros((len(index), 4, 4))
-    found[:, :3, :3] = np.reshape(data.geom_xmat[index], (-1, 3, 3))
-    found[:, :3, 3] = data.geom_xpos[index]
-    found[:, 3, 3] = 1.0
-    return found
+    return transforms(np.reshape(data.geom_xmat[index], (-1, 3, 3)), data.geom_xpos[index])
 
 
 def _groups(groups: object) -> set[int]:

@@ -10,6 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import transforms
 
 ROUNDED = 0.01
 """Greatest deviation of a quaternion's length from 1, reached by rounding its four numbers to two decimals."""
@@ -28,10 +29,7 @@ def poses_of(rows: Iterable[Sequence[float]]) -> tuple[Floats, Floats]:
     if not values:
         raise ValueError("expected poses, got none")
     table = np.frombuffer(values).reshape(-1, 8)
-    poses = np.tile(np.eye(4), (len(table), 1, 1))
-    poses[:, :3, 3] = table[:, 1:4]
-    poses[:, :3, :3] = Rotation.from_quat(table[:, 4:]).as_matrix()
-    return table[:, 0].copy(), poses
+    return table[:, 0].copy(), transforms(Rotation.from_quat(table[:, 4:]).as_matrix(), table[:, 1:4])
 
 
 def write_poses(times: Floats, poses: Floats, file: BinaryIO, between: str) -> None:
