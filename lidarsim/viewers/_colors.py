@@ -16,6 +16,7 @@ import numpy.typing as npt
 from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats, array, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.materials import LUMINANCE, linear_light
 from lidarsim.scan.fields import with_unit
 from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Source
@@ -371,9 +372,7 @@ def legible(color: str, background: str = BACKGROUND) -> str:
 
 def luminance(color: str) -> float:
     """Return the relative luminance of a colour (WCAG 2.1): 0 for black, 1 for white."""
-    part = _channels([color])[0] / 255
-    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
+    return float(linear_light(_channels([color])[0] / 255) @ LUMINANCE)
 
 
 def _limits(finite: Floats) -> tuple[tuple[float, float], tuple[float, float]]:

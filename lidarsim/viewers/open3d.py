@@ -15,6 +15,7 @@ from lidarsim._base.shown import plain
 from lidarsim._base.validation import Floats
 from lidarsim._base.views import register_view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
+from lidarsim.materials import linear_light
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.fields import Fields, narrow
 from lidarsim.scan.pointcloud import PointCloud
@@ -146,8 +147,7 @@ def _wireframe(o3d: ModuleType, boxes: Boxes, picture: Picture, middle: Floats) 
 
 def _linear(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """Return colours in linear light, 0 to 1, which Open3D's viewer expects for points (IEC 61966-2-1)."""
-    srgb = rgb / np.float32(255)
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return linear_light(rgb / np.float32(255)).astype(np.float32)
 
 
 def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -> None:
