@@ -32,8 +32,6 @@ from lidarsim.sensor.sensor import Sensor
 Cut: TypeAlias = Literal["pattern", "driver"] | float
 """Where messages begin: with each frame of the pattern, where the layout's driver cuts, or at an azimuth, rad."""
 
-WORDS: tuple[Literal["pattern", "driver"], ...] = ("pattern", "driver")
-
 DRIVERS = {"velodyne": 0.0, "ouster": math.pi, "hesai": 0.0, "autoware": 0.0}
 """Azimuth at which the driver of a layout cuts, rad; the other drivers do not cut at an azimuth."""
 
@@ -43,11 +41,11 @@ TURN = 2.0 * math.pi
 def check_cut(cut: object) -> Cut:
     """Return `cut` after checking it."""
     expected = "'pattern', 'driver' or an azimuth in rad"
-    if isinstance(cut, str):
-        for word in WORDS:
-            if cut == word:
-                return word
-        raise ArgumentValueError("cut", expected, short_repr(cut))
+    match cut:
+        case "pattern" | "driver":
+            return cut
+        case str():
+            raise ArgumentValueError("cut", expected, short_repr(cut))
     try:
         return angle("cut", cut, at_least=-TURN, at_most=TURN)
     except TypeError:

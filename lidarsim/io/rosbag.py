@@ -1058,16 +1058,14 @@ def _limits(path: PathLike, size: int | None, duration: float | None) -> dict[st
     """Validate and return the limits of the files of a bag, which only a folder has."""
     if is_folder(path):
         check_folder(path)
-    limits: dict[str, int | None] = {"max_size": None, "max_duration": None}
     for name, value in {"max_size": size, "max_duration": duration}.items():
         if value is not None and not is_folder(path):
             raise ArgumentValueError(name, "a folder as the path, with a name that has no dot", f"the file {path}")
-    if size is not None:
-        limits["max_size"] = validation.integer("max_size", size, at_least=1)
-    if duration is not None:
-        nanoseconds = round(validation.real("max_duration", duration, above=0.0) * 1e9)
-        limits["max_duration"] = max(nanoseconds, 1)
-    return limits
+    most = None if duration is None else max(round(validation.real("max_duration", duration, above=0.0) * 1e9), 1)
+    return {
+        "max_size": None if size is None else validation.integer("max_size", size, at_least=1),
+        "max_duration": most,
+    }
 
 
 def _name(argument: str, name: str) -> str:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from lidarsim._base.validation import short_repr
 from lidarsim.errors import LidarsimError
 from lidarsim.io import _storage, rosbag
-from lidarsim.io._cuts import WORDS
 from lidarsim.rig import Rig
 from lidarsim.run._frames import Frames, RunFrame
 from lidarsim.run._output import Option, Output, Samples, Save, register_output
@@ -35,9 +34,9 @@ def bag(run: Frames, path: PathLike, **options: Any) -> rosbag.Writer:
 
 def _cut(text: str) -> Cut:
     """Parse where messages begin: pattern, driver or an azimuth in degrees."""
-    for word in WORDS:
-        if text == word:
-            return word
+    match text:
+        case "pattern" | "driver":
+            return text
     try:
         degrees = float(text)
     except ValueError:
