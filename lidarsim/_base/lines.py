@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from lidarsim._base.files import PathLike, check_path, check_regular
+from lidarsim._base.shown import quantity
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 
@@ -22,7 +23,7 @@ MOST_LINES = 10_000_000
 def numbers(texts: Sequence[str], count: int) -> list[float]:
     """Parse `count` texts as finite numbers; raise `ValueError` if there are not as many, or one is no such number."""
     if len(texts) != count:
-        raise ValueError(f"expected {count} number{'s' * (count > 1)}, got {len(texts)}")
+        raise ValueError(f"expected {quantity(count, 'number')}, got {len(texts)}")
     values = []
     for text in texts:
         try:

@@ -91,8 +91,6 @@ def read(path: str | PathLike[str], *, band: int, window: npt.ArrayLike | None, 
     number, step = integer("band", band, at_least=1), integer("stride", stride, at_least=1)
     part = None if window is None else _window(window)
     check_regular(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such raster file")
     rasterio = import_extra("rasterio", "geo", "reading a raster")
 
     def read_file() -> Raster:

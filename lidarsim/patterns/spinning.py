@@ -19,11 +19,12 @@ from lidarsim._base.validation import (
     array,
     ask,
     ask_above,
+    flag,
     freeze,
     frequency,
     real,
 )
-from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns._parts import (
     TURN,
     Cycles,
@@ -166,9 +167,7 @@ class Spinning(ScanPattern):
         origins = np.zeros(3) if beam_origins is None else beam_origins
         set_(self, "beam_origins", per_channel("beam_origins", origins, channels, width=3))
         ask_above("beam_origins", self.beam_origins, FARTHEST_BEAM, "m", "mm?")
-        if not isinstance(clockwise, bool | np.bool_):
-            raise ArgumentTypeError("clockwise", "True or False", repr(clockwise))
-        set_(self, "clockwise", bool(clockwise))
+        set_(self, "clockwise", flag("clockwise", clockwise))
         set_(self, "field_of_view", angle("field_of_view", field_of_view, above=0.0, at_most=TURN))
         if start_azimuth is None:
             start_azimuth = (0.5 if self.clockwise else -0.5) * self.field_of_view

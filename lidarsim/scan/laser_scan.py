@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.pickling import Pickled
+from lidarsim._base.shown import quantity
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns import Pulses
 from lidarsim.sensor.sensor import Sensor
@@ -82,7 +83,7 @@ def laser_scan_of(
     n = len(ranges)
     rings = np.unique(pulses.ring)
     if n < 2 or len(rings) > 1:
-        got = f"{n} pulse{'s' * (n != 1)}" if n < 2 else f"{len(rings)} rings"
+        got = quantity(n, "pulse") if n < 2 else f"{len(rings)} rings"
         raise ArgumentValueError("scan", "one of a 2D lidar: one ring of at least two pulses", got)
     if pulses.directions[:, 2].any() or pulses.origins.any():
         i = int(np.argmax((pulses.directions[:, 2] != 0.0) | pulses.origins.any(axis=1)))

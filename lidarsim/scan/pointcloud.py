@@ -26,7 +26,7 @@ from lidarsim._base.files import (
 from lidarsim._base.labels import Labels
 from lidarsim._base.names import instead
 from lidarsim._base.pickling import Pickled
-from lidarsim._base.shown import html_table, text_table
+from lidarsim._base.shown import html_table, quantity, text_table
 from lidarsim._base.validation import Transform, as_array, named_labels, short_repr
 from lidarsim._base.views import Plotted, view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
@@ -216,7 +216,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
         return html_table(self._title(), self._rows())
 
     def _title(self) -> str:
-        return f"PointCloud: {len(self):,} point{'' if len(self) == 1 else 's'}"
+        return f"PointCloud: {quantity(len(self), 'point')}"
 
     def _rows(self) -> list[tuple[str, str, str]]:
         """Return the name, type and extent of each field."""

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.pickling import Pickled
-from lidarsim._base.shown import extent, html_table, text_table
+from lidarsim._base.shown import extent, html_table, quantity, text_table
 from lidarsim._base.validation import Floats, short_repr
 from lidarsim._base.views import view
 from lidarsim.errors import ArgumentTypeError
@@ -130,9 +130,9 @@ class Waveforms(Pickled):
         held = self.counts > 0
         ends = np.stack([self.first, self.first + self.counts - 1])[:, held] * self._step
         rows = [("range", f"{found} m") for found in [extent(ends)] if found]
-        pulses = f"{len(self):,} pulse{'s' * (len(self) != 1)}"
         period = f"{self.sample_period * 1e9:g} ns"
-        return f"Waveforms of {pulses}: {len(self.samples):,} samples, one every {period}", rows
+        title = f"Waveforms of {quantity(len(self), 'pulse')}: {len(self.samples):,} samples, one every {period}"
+        return title, rows
 
     @property
     def _step(self) -> float:

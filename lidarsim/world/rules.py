@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Literal, get_args
 
-import numpy as np
-
-from lidarsim._base.validation import UINT32, integer, real, short_repr
+from lidarsim._base.validation import UINT32, flag, integer, real, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.materials import Material
 
@@ -84,8 +82,7 @@ class Rule:
             object.__setattr__(self, "instance", integer("instance", self.instance, at_least=0, at_most=UINT32))
         if self.name is not None and not isinstance(self.name, str):
             raise ArgumentTypeError("name", "a string", short_repr(self.name))
-        if not isinstance(self.skip, bool | np.bool_):
-            raise ArgumentTypeError("skip", "True or False", short_repr(self.skip))
+        flag("skip", self.skip)
 
     def matches(self, node: str, material: str) -> bool:
         """Return whether the rule applies to a part.

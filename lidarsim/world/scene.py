@@ -18,7 +18,7 @@ from lidarsim import _native as core
 from lidarsim._base.files import PathLike, check_path, check_regular
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Immutable, Pickled
-from lidarsim._base.shown import html_table, plain
+from lidarsim._base.shown import html_table, plain, quantity
 from lidarsim._base.validation import (
     UINT32,
     Floats,
@@ -961,7 +961,7 @@ class Scene(Pickled, Plotted):
         if np.isfinite(box).all():
             low, high = (", ".join(f"{round(x, 6) + 0.0:.6g}" for x in corner.tolist()) for corner in box)
             extent = f", bounds ({low}) to ({high}) m"
-        return f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", rows
+        return f"Scene: {quantity(len(self), 'object')}{extent}", rows
 
     def _contents(self) -> dict[str, Any]:
         contents = {
