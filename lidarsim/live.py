@@ -106,24 +106,16 @@ def stream(
         return _show(shown, painter, chain([first], frames), each or (lambda _: None))
 
 
-def _show(
-    viewer: Rerun,
-    painter: Painter,
-    frames: Iterator[Mapping[str, Scan]],
-    each: Callable[[int], object],
-    *,
-    clock: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], object] = time.sleep,
-) -> int:
+def _show(viewer: Rerun, painter: Painter, frames: Iterator[Mapping[str, Scan]], each: Callable[[int], object]) -> int:
     count, begin = 0, 0.0
     for scans in frames:
         moment = painter.moment(count, scans)
         if not count:
             viewer.begin(painter.world(moment))
             moment = painter.moment(count, scans)  # with the objects that move
-            begin = clock() - moment.time
+            begin = time.monotonic() - moment.time
         if viewer.paced:
-            sleep(max(0.0, begin + moment.time - clock()))
+            time.sleep(max(0.0, begin + moment.time - time.monotonic()))
         viewer.show(moment)
         count += 1
         each(count)

@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,7 @@ class Recorder:
 def watch(monkeypatch: pytest.MonkeyPatch, what: Any, recorder: Recorder | None = None, **options: Any) -> Recorder:
     made = recorder or Recorder()
     monkeypatch.setattr(live, "Rerun", lambda _, **__: made)
-    monkeypatch.setattr(live._show, "__kwdefaults__", {"clock": lambda: made.now, "sleep": made.wait})
+    monkeypatch.setattr(live, "time", SimpleNamespace(monotonic=lambda: made.now, sleep=made.wait))
     assert live.stream(what, "rerun", **options) == len(made.moments)
     return made
 
