@@ -34,13 +34,13 @@ from lidarsim.cli.options import (
     Variant,
     View,
     make_choice,
+    make_file_argument,
     make_file_option,
     make_option,
     parse_integer,
     parse_limits,
     parse_output,
     parse_part,
-    parse_path,
     parse_size,
     with_options,
 )
@@ -115,7 +115,7 @@ def _options(
 
 @app.command()
 def new(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New or empty folder.", parser=parse_path)],
+    folder: Annotated[Path, make_file_argument("FOLDER", "New or empty folder.")],
 ) -> None:
     """Make a project in FOLDER to start from: scene, sensor, runs, a recipe, a script and notes."""
     files = starter.new_project(folder)
@@ -205,10 +205,7 @@ def scan(
 @app.command()
 def generate(
     recipe: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="RECIPE", help="YAML recipe, or a packaged one: detection, segmentation.", parser=parse_path
-        ),
+        Path | None, make_file_argument("RECIPE", "YAML recipe, or a packaged one: detection, segmentation.")
     ] = None,
     *,
     output: Annotated[
@@ -280,9 +277,7 @@ def generate(
 
 @app.command()
 def stream(
-    config: Annotated[
-        Path, typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: ahead.", parser=parse_path)
-    ],
+    config: Annotated[Path, make_file_argument("CONFIG", "YAML configuration, or a packaged one: ahead.")],
     *,
     to: Annotated[
         str,
@@ -336,11 +331,10 @@ def stream(
 def view(
     path: Annotated[
         Path,
-        typer.Argument(
-            metavar="PATH",
-            help="Point cloud, bag, data set of any layout, folder of these, configuration, recipe, or scene file: "
+        make_file_argument(
+            "PATH",
+            "Point cloud, bag, data set of any layout, folder of these, configuration, recipe, or scene file: "
             "GLB, MJCF, GeoTIFF, …; or a packaged configuration: demo.",
-            parser=parse_path,
         ),
     ],
     *,
@@ -499,11 +493,8 @@ def _view_scene(path: Path, saves: Sequence[Path], looks: dict[str, Any]) -> Non
 
 @app.command()
 def compare(
-    real: Annotated[
-        Path,
-        typer.Argument(metavar="REAL", help="Real points: a file, a bag, or a folder of these.", parser=parse_path),
-    ],
-    simulated: Annotated[Path, typer.Argument(metavar="SIM", help="Simulated points, likewise.", parser=parse_path)],
+    real: Annotated[Path, make_file_argument("REAL", "Real points: a file, a bag, or a folder of these.")],
+    simulated: Annotated[Path, make_file_argument("SIM", "Simulated points, likewise.")],
     *,
     output: Annotated[Path | None, make_file_option("--output -o", "HTML", "Write a report with plots.")] = None,
     json: Annotated[Path | None, make_file_option("--json", "JSON", "Write all numbers.")] = None,
@@ -563,10 +554,7 @@ def _count(items: Iterable[Item], tell: Callable[[], None]) -> Iterator[Item]:
 
 @app.command()
 def fit(
-    real: Annotated[
-        Path,
-        typer.Argument(metavar="REAL", help="Points of your unit: a file, a bag, or a folder.", parser=parse_path),
-    ],
+    real: Annotated[Path, make_file_argument("REAL", "Points of your unit: a file, a bag, or a folder.")],
     *,
     output: Annotated[Path, make_file_option("--output -o", "YAML", "Write the sensor.")],
     preset: Annotated[
@@ -623,12 +611,7 @@ CHECKED = 3
 def check(
     config: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="CONFIG",
-            help="YAML configuration or recipe, or a packaged one: demo, detection, segmentation.",
-            parser=parse_path,
-            show_default=False,
-        ),
+        make_file_argument("CONFIG", "YAML configuration or recipe, or a packaged one: demo, detection, segmentation."),
     ] = None,
     *,
     keys: Annotated[

@@ -60,6 +60,11 @@ def make_file_option(names: str, metavar: str, text: str) -> Any:
     return make_option(names, metavar, text, parser=parse_path)
 
 
+def make_file_argument(metavar: str, text: str) -> Any:
+    """Return an argument that is a path."""
+    return typer.Argument(metavar=metavar, help=text, parser=parse_path, show_default=False)
+
+
 def make_output_option(option: outputs.Option) -> Any:
     """Return the option of a kind of output."""
     if option.kind is bool:
@@ -78,10 +83,7 @@ OPTIONS = {
 }
 """Options by the Python arguments that they set: errors of the command line name the option."""
 
-Configuration = Annotated[
-    Path,
-    typer.Argument(metavar="CONFIG", help="YAML configuration, or a packaged one: demo, ahead.", parser=parse_path),
-]
+Configuration = Annotated[Path, make_file_argument("CONFIG", "YAML configuration, or a packaged one: demo, ahead.")]
 Overrides = Annotated[
     list[str] | None, make_option("--set", "KEY=VALUE", "Override a value in CONFIG, e.g. scene.0.radius_m=2.")
 ]
