@@ -159,8 +159,10 @@ class Painter:
         self._boxes = boxes
         own = {} if scene is None else scene.class_names
         self._known = find_known(scene, own if class_names is None else class_names)
-        self._labels = set(self._known.others["label"])
-        self._color_by = "label" if color_by is None and self._labels - {0} else color_by
+        labels = set(self._known.others["label"])
+        named = class_coloring(labels, self._known, DARK)
+        self._classes = {label: (name, named.color(label)) for label, name in named.names.items()}
+        self._color_by = "label" if color_by is None and labels - {0} else color_by
         alike = {}
         if scene is not None and self._color_by != "label":
             alike = names_by_instance(scene, self._known.names["label"])
@@ -181,12 +183,10 @@ class Painter:
             painted = [part for surface in found if len(surface.faces) for part in self._paint(surface)]
             self._movers = [part for part in painted if part.surface.item.motion is not None]
             static = [part for part in painted if part.surface.item.motion is None]
-        named = self._classes()
-        classes = {label: (name, color) for (label, name), color in zip(named.names.items(), named.table, strict=True)}
         here = sensor.pose[:3, 3]
         far = float(np.median(np.linalg.norm(seen - here, axis=1))) if len(seen) else 10.0
         eye = here + far * (-2.0 * sensor.pose[:3, 0] + [0.0, 0.0, 1.2])
-        return World(static, np.rint(here / KILOMETRE) * KILOMETRE, classes, eye, here)
+        return World(static, np.rint(here / KILOMETRE) * KILOMETRE, self._classes, eye, here)
 
     def moment(self, number: int, scans: Mapping[str, Scan]) -> Moment:
         """Return a frame of scans by sensor name, of which there is at least one."""
@@ -202,13 +202,8 @@ class Painter:
         movers = [replace(mover, surface=mover.surface.at(time)) for mover in self._movers]
         boxes = self._find_boxes(scans, poses) if self._boxes else None
         labels = [] if boxes is None else boxes.label.tolist()
-        classes = self._classes()
-        known = {label: (name, classes.color(label)) for label, name in classes.names.items()}
-        named = [known.get(label, (str(label), DARK.surface)) for label in labels]
+        named = [self._classes.get(label, (str(label), DARK.surface)) for label in labels]
         return Moment(number, time, sensors, boxes, [name for name, _ in named], [color for _, color in named], movers)
-
-    def _classes(self) -> Coloring:
-        return class_coloring(self._labels, self._known, DARK)
 
     def _coloring(self, clouds: list[PointCloud]) -> Coloring:
         """Return the colours of a frame: those of categories do not depend on the frame, and limits stay."""
@@ -219,20 +214,14 @@ class Painter:
         return found
 
     def _paint(self, surface: Surface) -> list[Painted]:
-        classes = self._classes()
         label = surface.item.label
         own = f"{surface.object_id} {surface.item.name}".rstrip()
         if (instance := surface.item.instance) in self._instances.names:
             return [Painted(own, self._instances.color(instance), surface)]
         parts = list(surface.parts(surface.labels)) if isinstance(label, np.ndarray) else [(label, surface)]
+        named = [(*self._classes.get(label, ("other", DARK.surface)), part) for label, part in parts]
         moves = surface.item.motion is not None
-        return [
-            Painted(own if moves else classes.names.get(label, "other"), self._color(classes, label), part)
-            for label, part in parts
-        ]
-
-    def _color(self, classes: Coloring, label: int) -> str:
-        return classes.color(label) if label in classes.names else DARK.surface
+        return [Painted(own if moves else name, color, part) for name, color, part in named]
 
     def _find_boxes(self, scans: Mapping[str, Scan], poses: list[Floats]) -> Boxes:
         """Return the boxes of instances with points, each by the first sensor that sees it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -183,7 +183,8 @@ def show(
         poses = _poses(pose, len(given))
         _check_places(given, poses, scene, accumulate=accumulate)
         several = _boxes(boxes, len(given))
-        sensors = {name: k for k, name in enumerate(dict.fromkeys(_sensor_names(given)))}
+        names = dict.fromkeys(name for shown in given if isinstance(shown, Mapping) for name in shown)
+        sensors = {name: k for k, name in enumerate(names)}
         frames = [_make_frame(*frame, sensors) for frame in zip(given, poses, several, strict=True)]
         starts, rate = _starts(time, given), _rate(given[0])
         if accumulate and title is None:
@@ -345,11 +346,6 @@ def _boxes(boxes: Boxes | Sequence[Boxes | None] | None, count: int) -> Sequence
         if not isinstance(given, Boxes | None):
             raise ArgumentTypeError(f"boxes[{i}]", "Boxes or None", type(given).__name__)
     return _one_each("boxes", several, count)
-
-
-def _sensor_names(given: Sequence[Shown]) -> Iterator[str]:
-    """Yield the names of the sensors of all frames."""
-    return (name for what in given if isinstance(what, Mapping) for name in what)
 
 
 def _make_frame(what: Shown, pose: Floats | None, boxes: Boxes | None, sensors: Mapping[str, int]) -> Frame:

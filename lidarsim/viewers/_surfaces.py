@@ -121,7 +121,7 @@ def surfaces(
     shared: dict[tuple[int, float | None], Triangles] = {}
     found: dict[int, Surface] = {}
 
-    def add(object_id: int, item: SceneObject, box: Floats) -> Surface:
+    def add(item: SceneObject, box: Floats) -> Surface:
         matrix = _placement(item, time)
         # The spectral norm bounds how much the transform stretches distances.
         error = None if chord_error is None else chord_error / float(np.linalg.norm(matrix[:3, :3], ord=2))
@@ -130,23 +130,22 @@ def surfaces(
         triangles = shared.get(key) or item.shape._tessellate(error, transform(inverse, box))
         if item.shape.bounded:
             shared[key] = triangles
-        found[object_id] = surface = Surface(object_id, item, *triangles, matrix)
+        found[item.id] = surface = Surface(item.id, item, *triangles, matrix)
         return surface
 
-    objects = [(item.id, item) for item in scene]
-    for object_id, item in objects:
+    for item in scene:
         if item.shape.bounded:
-            points = add(object_id, item, np.zeros((8, 3))).points()
+            points = add(item, np.zeros((8, 3))).points()
             if len(points):
                 extent.append(np.stack([points.min(axis=0), points.max(axis=0)]))
     ends = np.concatenate(extent or [np.full((1, 3), -ALONE), np.full((1, 3), ALONE)])
     low, high = ends.min(axis=0), ends.max(axis=0)
     thin = 1e-3 * float((high - low).max()) or ALONE  # a flat box has no inside
     low, high = np.where(high - low < thin, low - thin, low), np.where(high - low < thin, high + thin, high)
-    for object_id, item in objects:
+    for item in scene:
         if not item.shape.bounded:
-            add(object_id, item, low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
-    return [found[object_id] for object_id, _ in objects]
+            add(item, low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
+    return [found[item.id] for item in scene]
 
 
 def merge_surfaces(parts: Sequence[Surface], origin: Floats) -> Triangles:

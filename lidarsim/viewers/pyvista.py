@@ -8,6 +8,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -607,14 +608,12 @@ def _write_film(path: PathLike, images: Iterator[npt.NDArray[np.uint8]], rate: f
     films = import_extra("imageio_ffmpeg", "video", "an MP4 file")
     with TemporaryDirectory() as folder:
         name = Path(folder) / "film.mp4"
-        writer = None
-        for image in images:
-            if writer is None:
-                writer = films.write_frames(str(name), image.shape[1::-1], fps=rate, macro_block_size=2, quality=8)
-                writer.send(None)
+        begin = next(images)
+        writer = films.write_frames(str(name), begin.shape[1::-1], fps=rate, macro_block_size=2, quality=8)
+        writer.send(None)
+        for image in chain([begin], images):
             writer.send(np.ascontiguousarray(image))
-        if writer is not None:
-            writer.close()
+        writer.close()
         with atomic_writer(path) as file:
             file.write(name.read_bytes())
 

@@ -92,7 +92,7 @@ class Rerun:
             require_display()
         elif self._place is None:
             _check_viewer(self._to)
-        self._rerun = import_rerun()
+        self._rerun = import_extra("rerun", "live", "Rerun")
         self.paced = self._place is None
         self._pipe: _Pipe | None = None
         self._last: dict[str, Floats] = {}
@@ -347,11 +347,6 @@ def _viewer(*, expose: bool) -> str:
             what = "has ended" if ended else "does not answer"
             raise OSError(f"{NAME}: the viewer that was started {what}; `rerun` in a terminal says why")
         time.sleep(0.05)
-
-
-def import_rerun() -> ModuleType:
-    """Import Rerun, which the extra ``live`` installs."""
-    return import_extra("rerun", "live", "Rerun")
 
 
 def _blueprint(rr: ModuleType, world: World) -> rerun.blueprint.Blueprint:
