@@ -363,9 +363,6 @@ class Scan(ScanColumns[None], Pickled, Plotted):
             return places
         return np.where(np.isnan(self.mirrored_point[..., 0]), places, np.int32(-1))
 
-    def _path(self) -> _native.Path:
-        return path_of(self.pose, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
-
     def _require_world(self) -> Snapshot:
         if self._world is None:
             raise ArgumentValueError("scan", "one with its scene", "one from a pickle", "call this before pickling")
@@ -439,7 +436,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
             self,
             world,
             self._places(world),
-            self._path(),
+            path_of(self.pose, self.pulses, self.time, 1.0 / self.lidar.pattern.rate),
             moment,
             in_world=not self._is_elsewhere(frame),
             min_points=least,

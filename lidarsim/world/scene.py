@@ -117,14 +117,14 @@ def _check(  # noqa: PLR0917 - the fields, in their order
     """Return an object after checking its fields; `like` is one with the same label, instance and material."""
     if not isinstance(shape, Shape):
         raise ArgumentTypeError(
-            "shape", "a lidarsim shape", _kind(shape), FILES if isinstance(shape, str | Path) else ""
+            "shape", "a lidarsim shape", type(shape).__name__, FILES if isinstance(shape, str | Path) else ""
         )
     if not isinstance(name, str):
         raise ArgumentTypeError("name", "a string", repr(name))
     if not isinstance(material, Material):
-        raise ArgumentTypeError("material", "a Material", _kind(material))
+        raise ArgumentTypeError("material", "a Material", type(material).__name__)
     if motion is not None and not isinstance(motion, Trajectory):
-        raise ArgumentTypeError("motion", "a Trajectory", _kind(motion))
+        raise ArgumentTypeError("motion", "a Trajectory", type(motion).__name__)
     if material._per != "object":
         _check_reflectivity(material, shape)
     if type(label) is not int or not 0 <= label <= UINT32:
@@ -975,7 +975,7 @@ class Scene(Pickled, Plotted):
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         # Objects are immutable. The hierarchy over them is shared until either scene changes.
         version, kept = self._version, self._kept
-        scene = self._from_contents({**self._contents(), "class_names": dict(self._class_names)})
+        scene = self._from_contents(self._contents())
         if kept is not None and kept.version is version and kept.items == scene.objects:
             scene._version, scene._kept = version, kept
         return scene
@@ -1039,7 +1039,7 @@ def _label(value: npt.ArrayLike, shape: Shape, own: Label | None) -> Label:
         return integer("label", value, at_least=0, at_most=UINT32)
     if not isinstance(shape, TriangleMesh | Spheres | Disks):
         expected = "one integer, or a TriangleMesh, Spheres or Disks for one each"
-        raise ArgumentTypeError("label", expected, _kind(shape))
+        raise ArgumentTypeError("label", expected, type(shape).__name__)
     if given.dtype.kind not in "iu" or given.shape != (len(shape),):
         raise ArgumentValueError(
             "label", f"one integer, or {len(shape)}, one {_each(shape)}", f"{given.dtype} of shape {given.shape}"
@@ -1059,10 +1059,6 @@ def _each(shape: Shape) -> str:
     return {Spheres: "per sphere", Disks: "per disk"}.get(type(shape), "per face")
 
 
-def _kind(value: object) -> str:
-    return type(value).__name__
-
-
 def _check_reflectivity(material: Material, shape: Shape) -> None:
     """Raise an error if the texture, or the reflectivities per face or vertex, do not fit the shape."""
     per = material.per
@@ -1073,7 +1069,7 @@ def _check_reflectivity(material: Material, shape: Shape) -> None:
     else:
         shapes = "TriangleMesh, Spheres or Disks" if per == "face" else "TriangleMesh"
         wanted = "texture" if per == "texture" else f"reflectivity per {per}"
-        raise ArgumentTypeError("material", f"a {shapes} for a {wanted}", _kind(shape))
+        raise ArgumentTypeError("material", f"a {shapes} for a {wanted}", type(shape).__name__)
     if material.texture_coordinates is not None:
         given, per = material.texture_coordinates, "vertex" if material.texture_coordinates.ndim == 2 else "face"
         expected = f"texture coordinates of {counts[per]} {'vertices' if per == 'vertex' else 'faces'}"
