@@ -13,7 +13,7 @@ from lidarsim._base.shown import quantity
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 
-__all__ = ["LineReader", "cells", "numbers"]
+__all__ = ["LineReader", "bare", "cells", "numbers"]
 
 LONGEST_LINE = 1 << 16
 MOST_LINES = 10_000_000
@@ -36,9 +36,14 @@ def numbers(texts: Sequence[str], count: int) -> list[float]:
     return values
 
 
+def bare(cell: str) -> str:
+    """Return a cell of CSV without blanks and quotation marks."""
+    return cell.strip().strip('"').strip()
+
+
 def cells(line: str) -> list[str]:
     """Return the cells of a line of CSV, without blanks and quotation marks."""
-    return [cell.strip().strip('"').strip() for cell in line.split(",")]
+    return list(map(bare, line.split(",")))
 
 
 class LineReader:

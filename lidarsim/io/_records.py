@@ -9,6 +9,7 @@ case.
 
 from __future__ import annotations
 
+import io
 import itertools
 import json
 import math
@@ -17,9 +18,9 @@ import re
 import sys
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +52,16 @@ OTHERS = "; are its columns others? PointCloud.load(…, columns=…) names them
 
 SAMPLE = 2048
 """Points used to check the number of columns."""
+
+
+@contextmanager
+def decoded(file: BinaryIO, encoding: str = "utf-8-sig") -> Iterator[TextIO]:
+    """Yield the text of a file, with any line ends; the file stays open."""
+    text = io.TextIOWrapper(file, encoding, "replace")
+    try:
+        yield text
+    finally:
+        text.detach()
 
 
 def to_columns(fields: Fields, normal: Collection[str], codes: Collection[str]) -> Fields:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 import re
 from collections import defaultdict
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import blocks, parse_block
+from lidarsim.io._records import blocks, decoded, parse_block
 from lidarsim.io._units import integers
 from lidarsim.scan.fields import CANONICAL, Fields
 
@@ -27,15 +26,12 @@ LINES = 1 << 11
 @contextmanager
 def lines_of(file: BinaryIO, begins: str) -> Iterator[Iterator[str]]:
     """Yield an iterator over the lines of a file that are not blank; the error for none says how a file `begins`."""
-    text = io.TextIOWrapper(file, "utf-8-sig", "replace")
-    try:
+    with decoded(file) as text:
         lines = (line for line in text if not line.isspace())
         first = next(lines, None)
         if first is None:
             raise FileFormatError(f"expected the {begins}, got nothing")
         yield itertools.chain([first], lines)
-    finally:
-        text.detach()
 
 
 def whole_number(line: str, what: str) -> int:

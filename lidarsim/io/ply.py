@@ -11,10 +11,9 @@ import io
 import itertools
 import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO, Literal, TextIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
@@ -107,7 +106,7 @@ def load(file: BinaryIO) -> dict[str, Any]:
         file.seek(skipped, os.SEEK_CUR)
         columns = _records.join(_records.from_records(file, dtypes[-1], vertices.count))
     else:
-        with _text(file) as text:
+        with _records.decoded(file, "ascii") as text:
             skipped = sum(element.count for element in before)
             lines = itertools.islice((line for line in text if not line.isspace()), skipped, None)
             dtype = _dtype(vertices, "=")
@@ -196,15 +195,6 @@ def _check_counts(header: _Header, rest: int) -> None:
             )
 
 
-@contextmanager
-def _text(file: BinaryIO) -> Iterator[TextIO]:
-    text = io.TextIOWrapper(file, "ascii", "replace")  # any line ends
-    try:
-        yield text
-    finally:
-        text.detach()
-
-
 def _with_lists(file: BinaryIO, header: _Header) -> Fields:
     """Read the scalar properties of the vertices with plyfile, from a copy of the header with simple names."""
     plyfile = import_extra("plyfile", "formats", "reading PLY files that have lists")
@@ -216,7 +206,7 @@ def _with_lists(file: BinaryIO, header: _Header) -> Fields:
             for j, kind in enumerate(element.types.values())
         ]
     if header.encoding == "ascii":
-        with _text(file) as text:
+        with _records.decoded(file, "ascii") as text:
             rest = "".join(line for line in text if not line.isspace()).encode("ascii", "replace")
     else:
         rest = file.read()

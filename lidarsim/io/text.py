@@ -26,7 +26,6 @@ number of points, as in PTS; then six columns are x y z red green blue, and seve
 from __future__ import annotations
 
 import csv
-import io
 import itertools
 import re
 from collections import Counter, defaultdict
@@ -37,9 +36,10 @@ from typing import Any, BinaryIO, NamedTuple, TextIO
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.lines import bare
 from lidarsim._base.validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import blocks, check_columns, number, to_columns, to_fields
+from lidarsim.io._records import blocks, check_columns, decoded, number, to_columns, to_fields
 from lidarsim.scan.fields import CANONICAL, Fields, fit
 from lidarsim.scan.formats import register_format
 
@@ -69,8 +69,7 @@ def save(fields: Fields, file: BinaryIO, *, head: str, between: str) -> None:
 
 def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
     """Read the numbers; column names come from the file, from `columns` or from the layout."""
-    text = io.TextIOWrapper(file, "utf-8-sig", "replace")
-    try:
+    with decoded(file) as text:
         head = _head(text)
         if head.names is not None:
             if not {"x", "y", "z"}.intersection(name.lower() for name in head.names):
@@ -88,8 +87,6 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
         read = _join(_parse(lines, names, head.between))
         count = _count(head, names, read)
         names, read = names[:count], read[:count]
-    finally:
-        text.detach()
     found = len(read[0]) if read else 0
     if head.points not in {None, found}:
         raise FileFormatError(f"its first line says {head.points} points, but there are {found}")
@@ -161,9 +158,9 @@ def _names(line: str, columns: int | None = None) -> list[str]:
     names = [] if between is None else next(csv.reader([line], delimiter=between, skipinitialspace=True))
     if between is None or (columns not in {None, len(names)} and len(line.split()) == columns):
         names = line.split()
-    if len(names) - 1 == columns and not _bare(names[-1]):
+    if len(names) - 1 == columns and not bare(names[-1]):
         names.pop()  # a comma at the end
-    return [_bare(name) or f"unnamed {i}" for i, name in enumerate(names, 1)]
+    return [bare(name) or f"unnamed {i}" for i, name in enumerate(names, 1)]
 
 
 def _count(head: _Head, names: list[str], read: list[npt.NDArray[Any]]) -> int:
@@ -228,12 +225,7 @@ def _strip_comment(line: str) -> str:
 
 
 def _cells(line: str, between: str | None) -> list[str]:
-    return list(map(_bare, _strip_comment(line).strip(None if between is None else " \r\n").split(between)))
-
-
-def _bare(cell: str) -> str:
-    """Strip blanks and quotes from a cell."""
-    return cell.strip().strip('"').strip()
+    return list(map(bare, _strip_comment(line).strip(None if between is None else " \r\n").split(between)))
 
 
 def _numbers(line: str, at: int, names: list[str], between: str | None) -> list[float]:
@@ -289,7 +281,7 @@ def _texts(column: npt.NDArray[Any], known: bool) -> Iterable[str]:
 
 def _numeric(words: list[str]) -> bool:
     """Return whether all words are empty or numbers, also with decimal commas, and one at least is a number."""
-    words = list(map(_bare, words))
+    words = list(map(bare, words))
     return any(words) and all(not word or re.fullmatch(NUMBER, word) for word in words)
 
 

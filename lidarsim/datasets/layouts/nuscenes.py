@@ -169,7 +169,7 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
         files = {self.points(record): encode(nuscenes.save, sample.cloud._arrays())}
         if self.shares_stamp(record.frame):
             label = integers("label", sample.cloud.label, np.uint8, "a class of lidarseg")
-            files[_labels(record)] = label.astype(np.uint8).tobytes()
+            files[_labels(record)] = label.tobytes()
         return files
 
     def read(self, store: Store, record: Record) -> Fields:
