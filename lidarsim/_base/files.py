@@ -8,13 +8,15 @@ import os
 import re
 import shutil
 import stat
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory, gettempdir
-from typing import IO, Any, BinaryIO, TypeVar
+from types import TracebackType
+from typing import IO, Any, BinaryIO, Self, TypeVar
 from urllib.parse import unquote
 
 import numpy as np
@@ -323,6 +325,38 @@ class Place:
 
     def _as_given(self, value: Any) -> Any:
         return value.replace(self._before, "") if isinstance(value, str) else value
+
+
+class FileWriter(ABC):
+    """Base of what writes files in a with block, at whose end they get their names unless there was an error."""
+
+    def __init__(self, path: PathLike) -> None:
+        self._place = Place(path)
+        self._opened: ExitStack | None = None
+
+    @abstractmethod
+    def _open(self, stack: ExitStack, /) -> None:
+        """Open temporary files, which get their names when `stack` is closed."""
+
+    def __enter__(self) -> Self:
+        """Open temporary files beside the final ones."""
+        with self._place.errors_as_given(), ExitStack() as stack:
+            self._open(stack)
+            self._opened = stack.pop_all()
+        return self
+
+    def _check_open(self) -> ExitStack:
+        if self._opened is None:
+            raise ValueError(f"{self._place}: expected to be written in a with block")
+        return self._opened
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the files their names, unless there was an error."""
+        opened, self._opened = self._check_open(), None
+        with self._place.errors_as_given():
+            opened.__exit__(kind, error, trace)
 
 
 def _special(path: PathLike) -> bool:

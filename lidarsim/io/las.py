@@ -47,14 +47,14 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
-from lidarsim._base.files import PathLike, Place, atomic_writer, check_regular, check_suffix, parse_each
+from lidarsim._base.files import FileWriter, PathLike, Place, atomic_writer, check_regular, check_suffix, parse_each
 from lidarsim._base.validation import flag, short, short_repr
 from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io._flight import flight_fields
@@ -93,7 +93,7 @@ WHITE = 10_000  # intensity of a white diffuser
 ANGLE = np.radians(0.006)  # step of the scan angle
 
 
-class Writer:
+class Writer(FileWriter):
     """Write clouds, such as the frames of a flight, one by one into one LAS or LAZ file.
 
     A context manager: the file appears under its name when the block ends without an error.
@@ -137,28 +137,16 @@ class Writer:
         geokeys: bool = False,
         fields: Sequence[str] | None = None,
     ) -> None:
-        self._place, self._fields = Place(path), fields
+        super().__init__(path)
+        self._fields = fields
         self._compress = check_suffix(path, SUFFIXES) == ".laz"
         self._reference = _Reference.of(crs, geokeys=geokeys)
         check_output(path)
-        self._stack = ExitStack()
-        self._points: _Points | None = None
         _import(self._compress)
 
-    def __enter__(self) -> Self:
-        """Open a temporary file."""
-        with self._place.errors_as_given():
-            file = self._stack.enter_context(atomic_writer(self._place.path))
-        self._points = self._stack.enter_context(_Points(file, self._reference, compress=self._compress))
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Give the file its name, unless there was an error."""
-        self._points = None
-        with self._place.errors_as_given():
-            self._stack.__exit__(kind, error, trace)
+    def _open(self, stack: ExitStack) -> None:
+        file = stack.enter_context(atomic_writer(self._place.path))
+        self._points = stack.enter_context(_Points(file, self._reference, compress=self._compress))
 
     def write(self, cloud: PointCloud, *, start: float | datetime = 0.0) -> None:
         """Append the points of a cloud.
@@ -178,8 +166,7 @@ class Writer:
         TypeError, ValueError
             If the fields are not those of the first cloud, one of `fields` is missing, or the file is not open.
         """
-        if self._points is None:
-            raise ValueError(f"{self._place}: expected to be written in a with block")
+        self._check_open()
         names = cloud.fields if self._fields is None else ("xyz", *choose(self._fields, cloud.fields))
         self._points.write({name: getattr(cloud, name) for name in names}, start)
 

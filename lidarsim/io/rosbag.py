@@ -58,8 +58,7 @@ from datetime import datetime
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -67,6 +66,7 @@ import numpy.typing as npt
 from lidarsim._base import validation
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import (
+    FileWriter,
     PathLike,
     Place,
     check_name,
@@ -129,7 +129,7 @@ _CUSTOM_DEFINITIONS = {
 }
 
 
-class Writer:
+class Writer(FileWriter):
     """Write scans into a ROS 2 bag, one by one.
 
     A context manager: the file or folder appears under its name when the block ends without an error.
@@ -218,8 +218,8 @@ class Writer:
         max_duration: float | None = None,
     ) -> None:
         self._limits = _limits(path, max_size, max_duration)
+        super().__init__(path)
         self._suffix = "" if is_folder(path) else check_suffix(path, SUFFIXES)
-        self._place = Place(path)
         given: Mapping[str, Any] = {"lidar": np.eye(4)} if sensors is None else sensors
         if isinstance(given, Rig):
             given = {**given, **given.imus, **given.receivers}
@@ -240,37 +240,26 @@ class Writer:
         for name in self._mounts.keys() & {self._world, self._body}:
             raise ArgumentValueError("sensors", "names of frames other than those of world and body", repr(name))
         self._ros = _typestore()
-        self._stack = ExitStack()
         self.metadata: dict[str, Any] = {}
         self._files: Any = None
-        self._open: dict[str, _Open] = {}
+        self._begun: dict[str, _Open] = {}
         self._ticks: Iterator[int] = iter(())
         self._next = -1
         self._pending: list[tuple[int, int, Callable[[], None], Iterator[tuple[int, Callable[[], None]]]]] = []
         self._numbers = itertools.count()
 
-    def __enter__(self) -> Self:
-        """Open a temporary bag beside the final one."""
+    def _open(self, stack: ExitStack) -> None:
+        stack.push(self._note_metadata)
         if self._suffix:
             files = _storage.new_file(self._place.path, self._suffix, self._ros)
         else:
             files = _storage.new_folder(self._place.path, self._ros, **self._limits)
-        with self._place.errors_as_given():
-            self._files = self._stack.enter_context(files)
-        self._stack.push(self._complete)
-        return self
+        self._files = stack.enter_context(files)
+        stack.push(self._complete)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Give the file its name, unless there was an error."""
-        try:
-            with self._place.errors_as_given():
-                self._stack.__exit__(kind, error, trace)
-            if kind is None:
-                self.metadata = self._files.metadata[0]
-        finally:
-            self._files = None
+    def _note_metadata(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self.metadata = self._files.metadata[0]
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:
         """Write a scan, or the scans of several sensors.
@@ -310,10 +299,6 @@ class Writer:
             self._advance(first, last)
             data = self._ros.serialize_cdr(message, _LASER, little_endian=True)
             self._send(f"/{name}/scan", _LASER, last, data)
-
-    def _check_open(self) -> None:
-        if self._files is None:
-            raise ValueError(f"{self._place}: expected to be written in a with block")
 
     def write_cloud(
         self,
@@ -471,14 +456,14 @@ class Writer:
 
         `frame` is the stamp of the start of the frame, and `cut` the time from there to the cut, ns.
         """
-        begun = self._open.get(name)
+        begun = self._begun.get(name)
         if begun and not begun.goes_on(layout, lidar, frame):
             self._publish_open(name)
             begun = None
         stamp = begun.stamp if begun else frame
         before, since = _cuts.divide(cloud, cut, stamp - frame)
         records, last = to_layout(before, layout, lidar, stamp)
-        self._open[name] = _Open(layout, frame, frame + cut, *to_layout(since, layout, lidar, frame + cut))
+        self._begun[name] = _Open(layout, frame, frame + cut, *to_layout(since, layout, lidar, frame + cut))
         if begun:
             records, last = _concatenate(begun.records, records), max(begun.last, last)
         message = self._message(name, layout, stamp, records)
@@ -489,14 +474,14 @@ class Writer:
         """Publish the messages that no frame has ended and the samples that are left, unless there was an error."""
         if kind:
             return
-        for name in sorted(self._open, key=lambda name: self._open[name].recorded):
+        for name in sorted(self._begun, key=lambda name: self._begun[name].recorded):
             self._publish_open(name)
         with lost_writes():
             while self._pending:
                 self._advance(self._pending[0][0], self._pending[0][0])
 
     def _publish_open(self, name: str) -> None:
-        if begun := self._open.pop(name, None):
+        if begun := self._begun.pop(name, None):
             message = self._message(name, begun.layout, begun.stamp, begun.records)
             self._publish(name, begun.layout, begun.stamp, begun.last, message)
 

@@ -10,10 +10,8 @@ from contextlib import ExitStack
 from datetime import datetime
 from ipaddress import IPv4Address
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
-from lidarsim._base.files import PathLike, Place, atomic_writer, check_names, check_suffix
+from lidarsim._base.files import FileWriter, PathLike, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io.packets import _pcap, hesai, livox, ouster, velodyne  # noqa: F401 - each vendor registers itself
 from lidarsim.io.packets._encoders import companions, encoders
@@ -32,7 +30,7 @@ SUFFIXES = (".pcap",)
 _FIRST_ADDRESS = IPv4Address("192.168.1.201")
 
 
-class Writer:
+class Writer(FileWriter):
     """Write scans as packets into a PCAP file, one by one.
 
     A context manager: the file, and beside it the files that decoders need (such as Ouster's metadata, ``.json``),
@@ -85,35 +83,19 @@ class Writer:
         port: int | None = None,
     ) -> None:
         check_suffix(path, SUFFIXES)
-        self._place = Place(path)
+        super().__init__(path)
         if isinstance(sensors, Mapping):
             check_names("sensors", sensors)
         self._sensors = sensors if isinstance(sensors, Mapping) else {"": sensors}
         self._encoders = encoders(self._sensors, start=start, variant=variant, port=port)
         self._addresses = {name: _FIRST_ADDRESS + number for number, name in enumerate(self._sensors)}
         self._merged = Merged(self._encoders)
-        self._stack = ExitStack()
-        self._capture: _pcap.Capture | None = None
 
-    def __enter__(self) -> Self:
-        """Open temporary files beside the final ones."""
-        with self._place.errors_as_given(), ExitStack() as stack:
-            for path, content in companions(self._place.path, self._encoders).items():
-                stack.enter_context(atomic_writer(path)).write(content)
-            self._capture = _pcap.Capture(stack.enter_context(atomic_writer(self._place.path)))
-            stack.push(self._complete)
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Write the last packets, and give the files their names, unless there was an error."""
-        try:
-            with self._place.errors_as_given():
-                self._stack.__exit__(kind, error, trace)
-        finally:
-            self._capture = None
+    def _open(self, stack: ExitStack) -> None:
+        for path, content in companions(self._place.path, self._encoders).items():
+            stack.enter_context(atomic_writer(path)).write(content)
+        self._capture = _pcap.Capture(stack.enter_context(atomic_writer(self._place.path)))
+        stack.push(self._complete)
 
     def _complete(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
@@ -134,8 +116,7 @@ class Writer:
         ValueError
             If no sensor has that name, a scan is of another sensor, or the file is not open.
         """
-        if self._capture is None:
-            raise ValueError(f"{self._place}: expected to be written in a with block")
+        self._check_open()
         by_name = self._merged.by_name(scans)
         for name, scan in by_name.items():
             if name in self._sensors and getattr(scan, "lidar", None) != self._sensors[name]:
@@ -150,5 +131,4 @@ class Writer:
 
     def _write(self, packets: list[tuple[str, Packet]]) -> None:
         for name, packet in packets:
-            if self._capture is not None:
-                self._capture.write(packet, self._addresses[name])
+            self._capture.write(packet, self._addresses[name])
