@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
@@ -25,7 +24,6 @@ class Progress:
     def __init__(self, frames: int, done: int) -> None:
         self.total, self.done, self.new, self.points = frames, done, 0, 0
         self.begin = self.reported = time.monotonic()
-        self._stack = ExitStack()
         self._bar: Bar | None = None
 
     def __enter__(self) -> Self:
@@ -34,7 +32,7 @@ class Progress:
             rate = TextColumn("{task.fields[rate]}")
             columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn(compact=True))
             self._bar = Bar(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=10 * MINUTE)
-            self._stack.enter_context(self._bar)
+            self._bar.start()
             self._bar.add_task("frames", total=self.total, completed=self.done, rate="")
         return self
 
@@ -42,7 +40,8 @@ class Progress:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Remove the bar."""
-        self._stack.close()
+        if self._bar:
+            self._bar.stop()
 
     @property
     def seconds(self) -> float:

@@ -19,8 +19,9 @@ from lidarsim.sensor.gnss import GnssFixes
 if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
     from lidarsim.io._cuts import Cut
+    from lidarsim.sensor.imu import ImuSamples
 
-__all__ = ["bag"]
+__all__ = ["bag", "write_samples"]
 
 
 def bag(run: Frames, path: PathLike, **options: Any) -> rosbag.Writer:
@@ -30,6 +31,14 @@ def bag(run: Frames, path: PathLike, **options: Any) -> rosbag.Writer:
     """
     sensors = run.sensor if isinstance(run.sensor, Rig) else None
     return rosbag.Writer(path, sensors=sensors, trajectory=run.pose, start=run.clock, **options)
+
+
+def write_samples(writer: rosbag.Writer, values: ImuSamples | GnssFixes) -> None:
+    """Write the samples of an IMU or the fixes of a receiver."""
+    if isinstance(values, GnssFixes):
+        writer.write_gnss(values)
+    else:
+        writer.write_imu(values)
 
 
 def _cut(text: str) -> Cut:
@@ -75,10 +84,7 @@ class Bag(Output):
         """Yield a function that writes a frame into the bag, after all samples."""
         with bag(part, path, **self.given) as writer:
             for values in samples.values():
-                if isinstance(values, GnssFixes):
-                    writer.write_gnss(values)
-                else:
-                    writer.write_imu(values)
+                write_samples(writer, values)
 
             def save(frame: RunFrame) -> Iterable[Path]:
                 writer.write(frame.scans if isinstance(part.sensor, Rig) else frame.scans[""])

@@ -22,14 +22,14 @@ from lidarsim.datasets.samples import Number, Record, Sample
 from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _storage, rosbag
-from lidarsim.run.bags import bag
-from lidarsim.sensor.gnss import GnssFixes
+from lidarsim.run.bags import bag, write_samples
 
 if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
     from lidarsim.datasets.store import Store
     from lidarsim.run import Run
     from lidarsim.scan.fields import Fields
+    from lidarsim.sensor.gnss import GnssFixes
     from lidarsim.sensor.imu import ImuSamples
 
 
@@ -140,11 +140,7 @@ def _write_samples(bag: rosbag.Writer, samples: Mapping[str, ImuSamples | GnssFi
     start = run.time(number) if frame else -math.inf
     end = run.time(number + 1) if number + 1 < run.frames.stop else math.inf
     for values in samples.values():
-        part = values.between(start, end)
-        if isinstance(part, GnssFixes):
-            bag.write_gnss(part)
-        else:
-            bag.write_imu(part)
+        write_samples(bag, values.between(start, end))
 
 
 def _folder(sequence: int) -> str:
