@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from lidarsim.scan.scan import Scan
     from lidarsim.world.scene import Scene
 
-__all__ = ["Lidar", "preset_path", "register_lidar_reader"]
-
 HEAD = 1 << 16
 """Bytes at the start of a file that determine its kind."""
 

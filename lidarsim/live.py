@@ -19,8 +19,6 @@ from lidarsim.world.scene import Scene
 if TYPE_CHECKING:
     Frames: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
 
-__all__ = ["stream"]
-
 
 def stream(
     what: Run | Frames,

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     Part: TypeAlias = tuple[Lidar | Imu | Gnss, Transform | None] | tuple[Lidar, Transform | None, float]
 
-__all__ = ["Rig", "RigSensor"]
-
 
 class RigSensor(NamedTuple):
     """A sensor of a rig.

@@ -13,8 +13,6 @@ from lidarsim._base.shown import quantity
 from lidarsim._base.validation import Floats
 from lidarsim.errors import FileFormatError
 
-__all__ = ["LineReader", "bare", "cells", "numbers"]
-
 LONGEST_LINE = 1 << 16
 MOST_LINES = 10_000_000
 """Maximum bytes per line and lines per file; a day of poses at 100 Hz has 8.64 million."""

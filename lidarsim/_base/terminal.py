@@ -27,18 +27,6 @@ if TYPE_CHECKING:
     from rich.markdown import Markdown
     from rich.progress import Progress
 
-__all__ = [
-    "facts",
-    "paragraph",
-    "print_line",
-    "print_markdown",
-    "progress_bar",
-    "say",
-    "standard_streams",
-    "table",
-    "without_native_logs",
-]
-
 WIDTH = 200
 """Width of tables in a pipe without the variable COLUMNS, in columns."""
 LONGEST_LINE = 2000

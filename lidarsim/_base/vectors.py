@@ -12,8 +12,6 @@ from lidarsim._base import validation
 from lidarsim._base.validation import Floats
 from lidarsim.errors import ArgumentValueError
 
-__all__ = ["gauss_markov", "normals", "product", "sigmas_of_axes", "transforms"]
-
 
 def sigmas_of_axes(name: str, value: npt.ArrayLike) -> Floats:
     """Return the standard deviations of three axes, given as one or three."""

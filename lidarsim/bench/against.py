@@ -28,8 +28,6 @@ from lidarsim.bench import report, scenes
 from lidarsim.bench.scenes import Rays, Spec, World
 from lidarsim.errors import ArgumentValueError
 
-__all__ = ["Cast", "Comparison", "casts", "compare", "main"]
-
 LEVELS = ("avx512", "avx2", "scalar")
 
 

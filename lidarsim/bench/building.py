@@ -12,8 +12,6 @@ import lidarsim as ls
 from lidarsim._base.validation import Floats
 from lidarsim.bench import scenes
 
-__all__ = ["rows"]
-
 OBJECTS = 50
 """Number of objects of a scene, without its ground."""
 

@@ -16,8 +16,6 @@ from lidarsim._base.validation import Floats
 from lidarsim.bench import motion
 from lidarsim.bench.peers import CASTERS
 
-__all__ = ["Embree", "calls", "wavy_sheet"]
-
 INSTANCES = 1000
 """Number of instances, of 1,280 faces each."""
 

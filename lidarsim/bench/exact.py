@@ -19,8 +19,6 @@ import numpy.typing as npt
 
 from lidarsim.bench.scenes import Rays, Spec, World
 
-__all__ = ["Truth", "first_hits", "solid_hit", "ulps"]
-
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Vector: TypeAlias = tuple[Fraction, Fraction, Fraction]

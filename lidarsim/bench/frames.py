@@ -18,8 +18,6 @@ from lidarsim.datasets.sampling import samples
 from lidarsim.datasets.splits import Splits
 from lidarsim.datasets.store import open_store
 
-__all__ = ["LAYOUTS", "calls", "street"]
-
 LAYOUTS = ("kitti", "nuscenes", "openpcdet", "shards")
 """Layouts of which a frame is written."""
 

@@ -11,8 +11,6 @@ import numpy as np
 import lidarsim as ls
 from lidarsim._base.validation import Floats
 
-__all__ = ["calls", "over", "rays", "worlds"]
-
 RAYS = 541
 """Rays of a turn, as of a 2D lidar."""
 

@@ -12,8 +12,6 @@ import lidarsim as ls
 from lidarsim._base.validation import Floats
 from lidarsim.patterns import Pattern
 
-__all__ = ["Calls", "calls", "instances", "over", "unpaired"]
-
 Calls = dict[str, tuple[str, Callable[[], Any]]]
 """By the name of each call: the name of the call to compare it with, and the call to time."""
 

@@ -11,8 +11,6 @@ import numpy as np
 import lidarsim as ls
 from lidarsim._base.validation import Floats
 
-__all__ = ["PRESETS", "calls", "over"]
-
 PRESETS = (
     "hesai-ot128",
     "hesai-at128",

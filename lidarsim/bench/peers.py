@@ -24,8 +24,6 @@ from lidarsim import _native
 from lidarsim.bench import scenes, textbook
 from lidarsim.bench.scenes import Rays, Spec, World
 
-__all__ = ["ABSENT", "CASTERS", "FAILING", "Caster", "Found", "find_installed", "threads_kept"]
-
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 

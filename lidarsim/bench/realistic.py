@@ -14,8 +14,6 @@ import lidarsim as ls
 from lidarsim.bench.peers import Caster
 from lidarsim.bench.scenes import Rays, World
 
-__all__ = ["SENSORS", "calls", "over", "sub_rays"]
-
 SENSORS = (
     "velodyne-vlp16",
     "velodyne-hdl64e-s3",

@@ -17,8 +17,6 @@ from lidarsim.bench import presets
 from lidarsim.bench.peers import ABSENT, FAILING
 from lidarsim.viewers import _plots as plots
 
-__all__ = ["machine", "overview", "plot_distance", "plot_growth", "plot_speed", "summary", "to_markdown", "write"]
-
 Results = dict[str, Any]
 Row = dict[str, Any]
 

@@ -17,8 +17,6 @@ from lidarsim.bench.peers import CASTERS
 from lidarsim.bench.scenes import Rays
 from lidarsim.scan.columns import ScanColumns
 
-__all__ = ["calls", "over", "poses", "world"]
-
 ROWS = 1000
 """Number of robots."""
 

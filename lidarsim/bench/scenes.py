@@ -19,25 +19,6 @@ from scipy.spatial.transform import Rotation
 
 from lidarsim.patterns import Spinning
 
-__all__ = [
-    "UTM",
-    "Rays",
-    "Spec",
-    "World",
-    "analytic",
-    "body",
-    "city",
-    "coincident",
-    "downward",
-    "instances",
-    "lidar",
-    "merge",
-    "random_rays",
-    "rotations",
-    "scans",
-    "terrain",
-]
-
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Triangles = tuple[Floats, Integers]

@@ -47,8 +47,6 @@ from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, find_installed, threads_kept
 from lidarsim.bench.scenes import Rays, World
 
-__all__ = ["FULL", "QUICK", "Build", "Error", "Plan", "Speed", "interleave", "judge", "main", "measure"]
-
 Progress = Callable[[str], None]
 Row = dict[str, Any]
 

@@ -20,8 +20,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["FORMULAS", "box", "cylinder", "dot", "ellipsoid", "plane", "plane_through", "quadratic", "sphere"]
-
 Floats = npt.NDArray[np.float64]
 
 

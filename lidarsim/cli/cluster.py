@@ -17,8 +17,6 @@ from lidarsim.errors import LidarsimError
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["cluster"]
-
 PRELOAD = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import lidarsim.datasets.recipe"
 """Code that workers run first. It ignores Ctrl-C, which reaches all processes of a terminal, as only the main one must
 end the others; and it imports what their first task needs."""

@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-__all__ = ["ignore_interrupts", "insistent_interrupts", "unwinding_at_sigterm"]
-
 
 @contextmanager
 def insistent_interrupts() -> Iterator[None]:

@@ -31,8 +31,6 @@ from lidarsim.sensor.gnss import Gnss
 from lidarsim.sensor.imu import Imu, ImuErrors
 from lidarsim.world.atmosphere import Atmosphere
 
-__all__ = ["EXAMPLES", "SECTIONS", "page"]
-
 
 @dataclass(frozen=True)
 class Section:

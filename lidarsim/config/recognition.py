@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-__all__ = ["recognise"]
-
 
 def recognise(path: Path, text: str) -> bool:
     """Return whether `text`, the head of the file `path`, describes a sensor in lidarsim's own YAML."""

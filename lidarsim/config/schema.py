@@ -25,8 +25,6 @@ from lidarsim.world.atmosphere import Atmosphere
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
 
-__all__ = ["Config", "SceneDocument"]
-
 
 class Cloud(Model):
     """Coordinate frame and deskewing of the written points."""

@@ -9,8 +9,6 @@ from lidarsim._base.files import PathLike, writing
 from lidarsim._base.shown import plain
 from lidarsim.errors import ConfigError, LidarsimError
 
-__all__ = ["STARTER", "configuration", "files", "names", "new_project"]
-
 STARTER = Path(__file__).parents[1] / "starter"
 
 

@@ -20,8 +20,6 @@ from lidarsim.datasets.fingerprint import check_function, fingerprint, name_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan.pointcloud import PointCloud
 
-__all__ = ["AfterScan", "from_function", "load"]
-
 Change = Callable[[PointCloud, np.random.Generator], PointCloud]
 
 NAME = "after_scan"

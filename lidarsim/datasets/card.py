@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from lidarsim.run import Run
     from lidarsim.scan.boxes import Boxes
 
-__all__ = ["write"]
-
 BAR = 40
 CAMERAS: dict[Camera, str] = {"behind": "behind", "birds-eye": "above"}
 """Cameras of the pictures of a frame, and where they are in words."""

@@ -19,8 +19,6 @@ from lidarsim.config.factories import Model, Pair, either
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
 
-__all__ = ["Draw", "DrawOr", "Stream", "draw_number"]
-
 MOST_INTEGER = 2**63
 """Greatest absolute bound of a drawn integer, so that one word of a stream covers the interval."""
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from lidarsim.datasets.manifest import Plan
     from lidarsim.datasets.recipe import Recipe
 
-__all__ = ["Made", "make"]
-
 TRIES = 3
 SUBMITTED = 2
 """Shards submitted for each thread of a worker: one is made, and one waits."""

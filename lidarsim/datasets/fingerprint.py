@@ -27,8 +27,6 @@ from lidarsim._base.files import format_error
 from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentTypeError
 
-__all__ = ["check_function", "fingerprint", "name_of"]
-
 _LRU = type(functools.lru_cache(lambda: None))
 _GLOBAL = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS"}
 

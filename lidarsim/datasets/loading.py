@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
     from lidarsim.datasets.samples import Record
 
-__all__ = ["DataSet", "LabelledFrame", "has_world_points", "load"]
-
 
 @dataclass(frozen=True, eq=False)
 class LabelledFrame:

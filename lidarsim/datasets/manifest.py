@@ -44,12 +44,6 @@ if TYPE_CHECKING:
     from lidarsim.datasets.recipe import Recipe
     from lidarsim.datasets.store import Store
 
-__all__ = [
-    "CARD", "MANIFEST", "PARTS", "PICTURES", "Head", "Part", "Place", "Plan", "complete_head", "differences", "finish",
-    "finished_shards", "is_complete", "lost_files", "missing_shards", "part_name", "parts", "pictures", "places",
-    "recipe_of", "record", "records", "start", "verify", "versions", "write_part",
-]  # fmt: skip
-
 MANIFEST, PARTS, RECIPE, CARD, PICTURES = "manifest.jsonl", "manifest", "recipe.yaml", "README.md", "pictures"
 _START = f"{PARTS}/start.json"
 

@@ -13,8 +13,6 @@ from rich.progress import Progress as Bar
 
 from lidarsim._base.terminal import say
 
-__all__ = ["Progress"]
-
 MINUTE = 60.0
 
 

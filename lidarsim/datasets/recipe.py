@@ -57,8 +57,6 @@ from lidarsim.world.scene import Scene
 if TYPE_CHECKING:
     from lidarsim._base.validation import Transform
 
-__all__ = ["Recipe", "from_function", "load"]
-
 SHARD_PULSES = 40_000_000
 """Default number of pulses per shard, which one core fires and writes in about 20 s."""
 

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from lidarsim.datasets.recipe import Recipe
     from lidarsim.run import Run
 
-__all__ = ["run"]
-
 
 def run(
     recipe: Recipe, output: PathLike, client: Client | None, part: tuple[int, int], pictures: int, *, verify: bool

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from lidarsim.scan.pointcloud import PointCloud
     from lidarsim.scan.scan import Scan
 
-__all__ = ["RANGES", "Annotation", "Record", "Sample"]
-
 RANGES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, np.inf)
 """Edges of the histogram of ranges, m."""
 

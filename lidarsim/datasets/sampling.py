@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from lidarsim.scan.pointcloud import PointCloud
     from lidarsim.scan.scan import Scan
 
-__all__ = ["boxes_of", "samples"]
-
 UNIT32 = 2.0**-24
 """Unit roundoff of float32."""
 

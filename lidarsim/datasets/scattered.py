@@ -10,8 +10,6 @@ from pydantic import Field
 
 from lidarsim._base.shown import quantity
 
-__all__ = ["Scattered", "Tally"]
-
 MOST_RULES = 3
 """Greatest number of rules that a line names; the others are summed up."""
 

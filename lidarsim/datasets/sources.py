@@ -23,8 +23,6 @@ from lidarsim.io.scenes._mjcf import collect
 from lidarsim.io.scenes.mesh_files import file_name, map_kd
 from lidarsim.io.trajectories.nuscenes import TABLES
 
-__all__ = ["hashes", "paths", "relocate"]
-
 FILES = {"file", "times", "firing_times"}
 """Keys whose values are paths, relative to the folder of their document."""
 

@@ -24,8 +24,6 @@ from lidarsim.errors import ArgumentValueError
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
 
-__all__ = ["Splits", "check_splits"]
-
 Parts = Mapping[str, "float | list[int]"]
 """A share of the sequences, or their numbers, by the name of a split."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from lidarsim.datasets.layouts import Layout
     from lidarsim.datasets.samples import Annotation, Record
 
-__all__ = ["POINTS", "VISIBILITY", "BoxStatistics", "box_statistics"]
-
 POINTS = (0.0, 1.0, 5.0, 20.0, 100.0, 500.0, 2000.0, np.inf)
 """Edges of the histogram of points on an instance."""
 

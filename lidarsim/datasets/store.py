@@ -31,8 +31,6 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-__all__ = ["Store", "causes", "check_path", "open_store"]
-
 TEMPORARY = ".lidarsim-set-", ".tmp"
 """Prefix and suffix of the temporary folders at the top of a data set, in which files are written."""
 

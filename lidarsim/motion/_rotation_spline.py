@@ -30,8 +30,6 @@ from numpy.polynomial import Polynomial
 
 from lidarsim._base.validation import Floats
 
-__all__ = ["NoSplineError", "angular_accelerations", "rotation_steps"]
-
 EPS = float(np.finfo(float).eps)
 
 SMALLEST_STEP = 2.0**-10

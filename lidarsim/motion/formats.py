@@ -18,8 +18,6 @@ from lidarsim._base.lines import LineReader, numbers
 from lidarsim._base.validation import Floats, array
 from lidarsim.errors import ArgumentValueError, FileFormatError
 
-__all__ = ["read_poses", "register_trajectory_format", "register_trajectory_tables", "writer_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class _Format:

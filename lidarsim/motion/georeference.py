@@ -17,8 +17,6 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 if TYPE_CHECKING:
     import pyproj
 
-__all__ = ["ADJUSTMENT", "GPS_EPOCH", "START", "Georeference", "gps_time", "projected_crs", "unix_time"]
-
 SEMI_MAJOR_AXIS = 6_378_137.0
 """Semi-major axis of WGS 84, m (NIMA TR8350.2, 3rd ed., table 3.1)."""
 

@@ -23,8 +23,6 @@ from lidarsim.motion.formats import read_poses, writer_of
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
-__all__ = ["Trajectory", "sensor_pose"]
-
 INTERPOLATIONS = ("linear", "spline")
 
 LARGEST = 2.0**980

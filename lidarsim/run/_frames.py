@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from lidarsim.world.scene import Scene
     from lidarsim.worlds import Ways
 
-__all__ = ["CloudArguments", "Deskew", "Frames", "Leg", "RunFrame", "insert"]
-
-
 Deskew = bool | Literal["start", "middle", "end"] | float
 """The moment to which points are deskewed, as in `Scan.point_cloud`."""
 

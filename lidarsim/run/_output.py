@@ -19,18 +19,6 @@ if TYPE_CHECKING:
     from lidarsim.sensor.gnss import GnssFixes
     from lidarsim.sensor.imu import ImuSamples
 
-__all__ = [
-    "OUTPUTS",
-    "Option",
-    "Output",
-    "Samples",
-    "Save",
-    "checked_output",
-    "options",
-    "output_of",
-    "register_output",
-]
-
 Samples: TypeAlias = "Mapping[str, ImuSamples | GnssFixes]"
 """The samples of IMUs and the fixes of GNSS receivers by name."""
 Save: TypeAlias = Callable[[RunFrame], Iterable[Path]]

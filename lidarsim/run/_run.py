@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from lidarsim.sensor.gnss import GnssFixes
     from lidarsim.sensor.imu import ImuSamples
 
-__all__ = ["Run"]
-
 
 @dataclass(frozen=True)
 class Run(Frames):

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from lidarsim.io._cuts import Cut
     from lidarsim.sensor.imu import ImuSamples
 
-__all__ = ["bag", "write_samples"]
-
 
 def bag(run: Frames, path: PathLike, **options: Any) -> rosbag.Writer:
     """Return a writer of a ROS 2 bag for scans of a run, with its sensors, its trajectory and its `clock`.

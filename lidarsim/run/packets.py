@@ -15,8 +15,6 @@ from lidarsim.run._output import Option, Output, Samples, Save, register_output
 if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
 
-__all__ = ["pcap"]
-
 
 def pcap(run: Frames, path: PathLike, **options: Any) -> packets.Writer:
     """Return a writer of the packets that the sensors of a run send, with its `clock`.

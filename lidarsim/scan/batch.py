@@ -35,8 +35,6 @@ from lidarsim.sensor.sensor import Sensor
 from lidarsim.world.atmosphere import Atmosphere, check_sensor
 from lidarsim.world.scene import Scene, Snapshot
 
-__all__ = ["Poses", "ScanBatch", "scan_many"]
-
 Poses: TypeAlias = "Transform | Sequence[Trajectory]"
 """Poses of shape (N, 4, 4), a RigidTransform of N poses, or N trajectories."""
 

@@ -23,8 +23,6 @@ from lidarsim.scan.columns import ScanColumns
 from lidarsim.sensor.sensor import Sensor
 from lidarsim.world.scene import SceneObject, Snapshot
 
-__all__ = ["Boxes", "boxes_of"]
-
 UNIT = 2.0**-53
 """Unit roundoff of float64."""
 
@@ -164,7 +162,7 @@ class Boxes(Pickled):
         return found
 
 
-class Annotated(Protocol):
+class _Scanned(Protocol):
     """The attributes of `lidarsim.Scan`, which is in a higher layer, that boxes are made from."""
 
     @property
@@ -190,7 +188,7 @@ class Annotated(Protocol):
 
 
 def boxes_of(
-    scan: Annotated,
+    scan: _Scanned,
     world: Snapshot,
     places: npt.NDArray[np.int32],
     path: _native.Path,
@@ -439,7 +437,7 @@ MISS, UNKNOWN = np.int32(-1), np.int32(-2)
 
 
 def _coverage(  # noqa: PLR0917 - what is known of a scan
-    scan: Annotated,
+    scan: _Scanned,
     world: Snapshot,
     places: npt.NDArray[np.int32],
     path: _native.Path,
@@ -468,7 +466,7 @@ def _coverage(  # noqa: PLR0917 - what is known of a scan
     )
 
 
-def _first_hits(scan: Annotated, hit: npt.NDArray[np.int32], limit: float) -> npt.NDArray[np.int32] | None:
+def _first_hits(scan: _Scanned, hit: npt.NDArray[np.int32], limit: float) -> npt.NDArray[np.int32] | None:
     """Return the place of the object that each nominal pulse hits first within a range, `MISS` or `UNKNOWN`.
 
     None if the scan does not tell, as its rays were not the nominal pulses, or its returns not those of the first

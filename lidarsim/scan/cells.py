@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
     from lidarsim._base.validation import Floats
 
-__all__ = ["STATISTICS", "Cells", "Statistic", "cells_of"]
-
 Statistic = Literal["count", "density", "min", "max", "mean", "std"]
 STATISTICS = get_args(Statistic)
 

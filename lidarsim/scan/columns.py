@@ -13,8 +13,6 @@ from typing import Any, ClassVar, Generic, Never, TypeAlias, TypeVar, Union, get
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Column", "PointColumns", "Positions", "ReturnColumns", "ScanColumns", "with_columns"]
-
 F32: TypeAlias = NDArray[np.float32]
 F64: TypeAlias = NDArray[np.float64]
 I32: TypeAlias = NDArray[np.int32]

@@ -10,8 +10,6 @@ import numpy.typing as npt
 from lidarsim.errors import ArgumentValueError
 from lidarsim.scan.columns import PointColumns
 
-__all__ = ["CANONICAL", "EXTRA_DTYPES", "UNITS", "Fields", "first_misfit", "fit", "narrow", "with_unit"]
-
 Fields = dict[str, npt.NDArray[Any]]
 
 _FIRST = ("xyz", "range", "true_range", "intensity", "time", "ring", "column", "return_number")

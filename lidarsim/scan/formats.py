@@ -12,11 +12,6 @@ from lidarsim._base.files import PathLike, check_folder, check_suffix
 from lidarsim.errors import FileFormatError
 from lidarsim.scan.fields import Fields
 
-__all__ = [
-    "FORMATS", "HEAD", "Format", "check_output", "format_of", "is_point_cloud", "options_of", "recognise",
-    "register_format", "register_unread",
-]  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True)
 class Format:

@@ -13,8 +13,6 @@ from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns import Pulses
 from lidarsim.sensor.sensor import Sensor
 
-__all__ = ["LaserScan", "laser_scan_of"]
-
 SPREAD = 1e-3
 """Largest deviation of a beam from an equal step that counts as equal, in steps: ROS stores angles as float32."""
 

@@ -11,8 +11,6 @@ import numpy as np
 
 from lidarsim.scan.fields import CANONICAL, Fields, fit
 
-__all__ = ["Names"]
-
 
 class Names:
     """Valid names for the fields of a class: ASCII identifiers that are not names of its attributes or methods."""

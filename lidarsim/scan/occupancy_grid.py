@@ -18,8 +18,6 @@ from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.world.scene import Scene, SceneObject
 from lidarsim.world.shapes import Box, Polygon, Triangle, TriangleMesh
 
-__all__ = ["OccupancyGrid", "occupancy"]
-
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 GRAY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 """Grey values in a map's picture, by the values of cells."""

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     import pyproj
     import pyvista
 
-__all__ = ["PointCloud", "adopt", "choose", "field_names"]
-
 MOST_ROWS = 14  # maximum lines of a repr below its title
 
 

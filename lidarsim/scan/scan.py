@@ -50,21 +50,6 @@ from lidarsim.sensor.sensor import Sensor
 from lidarsim.world.atmosphere import check_sensor
 from lidarsim.world.scene import Scene, Snapshot
 
-__all__ = [
-    "Returns",
-    "Scan",
-    "Source",
-    "Status",
-    "Summary",
-    "check_coverage",
-    "moment_and_pose",
-    "moment_of",
-    "path_of",
-    "scan",
-    "sensor_id",
-    "until_of",
-]
-
 
 class Status(enum.IntEnum):
     """Outcome of a pulse: a point, or the reason why there is none.

@@ -19,8 +19,6 @@ from lidarsim.errors import ArgumentTypeError
 if TYPE_CHECKING:
     from lidarsim._base.files import PathLike
 
-__all__ = ["HALF_SPEED_OF_LIGHT", "Waveform", "Waveforms"]
-
 HALF_SPEED_OF_LIGHT = 299_792_458.0 / 2.0
 """m/s; light travels a range twice."""
 

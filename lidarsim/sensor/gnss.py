@@ -31,8 +31,6 @@ from lidarsim.sensor.imu import (
 if TYPE_CHECKING:
     from lidarsim._base.validation import Transform
 
-__all__ = ["Gnss", "GnssFixes"]
-
 HEADER = "#timestamp [ns],latitude [deg],longitude [deg],altitude [m]"
 
 

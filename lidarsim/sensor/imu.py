@@ -21,8 +21,6 @@ from lidarsim.motion.trajectory import Trajectory
 if TYPE_CHECKING:
     from lidarsim._base.validation import Transform
 
-__all__ = ["GRAVITY", "Imu", "ImuErrors", "ImuSamples"]
-
 GRAVITY = 9.80665
 """Standard gravity, m/s² (CGPM, 1901)."""
 

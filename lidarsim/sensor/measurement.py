@@ -34,8 +34,6 @@ from lidarsim._base.pickling import Immutable
 from lidarsim._base.validation import angle, array, ask_above, beam_angle, each_ring, integer, is_several, real, share
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
-__all__ = ["Beam", "Detection", "Measurement", "Response"]
-
 PULSE_LENGTH = 5e-9
 """Default duration of a pulse, full width at half maximum, s."""
 

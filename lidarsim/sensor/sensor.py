@@ -20,8 +20,6 @@ from lidarsim.patterns.description import field_of_view
 from lidarsim.sensor.imu import sensor_name
 from lidarsim.sensor.measurement import Measurement
 
-__all__ = ["Sensor"]
-
 FARTHEST = {"min_range": 1e3, "max_range": 1e5}
 """Limits of ranges, m, beyond which the unit is probably another one."""
 

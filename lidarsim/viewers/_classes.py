@@ -11,8 +11,6 @@ from __future__ import annotations
 import re
 from functools import cache
 
-__all__ = ["LAS_CLASSES", "MEANINGS", "ON_LIGHT", "SEMANTIC_KITTI", "class_color"]
-
 SEMANTIC_KITTI = {
     0: ("unlabeled", "#000000"), 1: ("outlier", "#ff0000"), 10: ("car", "#6496f5"), 11: ("bicycle", "#64e6f5"),
     13: ("bus", "#6450fa"), 15: ("motorcycle", "#1e3c96"), 16: ("on-rails", "#0000ff"), 18: ("truck", "#501eb4"),

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from lidarsim.scan.scan import Scan
     from lidarsim.world.scene import Scene
 
-__all__ = ["KILOMETRE", "UNNAMED", "Moment", "Painted", "Painter", "SensorView", "World"]
-
 UNNAMED = "lidar"
 """Name of a sensor without one."""
 KILOMETRE = 1000.0

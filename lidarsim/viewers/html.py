@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
     from plotly.basedatatypes import BaseTraceType
 
-__all__ = ["Page", "page", "write"]
-
 MOST = 400_000
 """Greatest number of points on a page, evenly chosen from all frames: more slow browsers down."""
 ANGLE = np.radians(45.0)

@@ -29,8 +29,6 @@ from lidarsim.world.scene import Scene
 if TYPE_CHECKING:
     import open3d
 
-__all__ = ["draw", "import_open3d"]
-
 
 def import_open3d() -> ModuleType:
     """Import Open3D, also on a machine without libusb.

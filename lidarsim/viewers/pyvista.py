@@ -34,8 +34,6 @@ from lidarsim.world.scene import Scene
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["check_screenshot", "draw"]
-
 ROOM = 0.002
 """Greatest share of the points that a legend may hide, and no box; otherwise the view is shifted away from it."""
 STILLS = {".png": "PNG", ".jpg": "JPG"}

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from lidarsim._base.validation import Floats
     from lidarsim.viewers._moment import Moment, Painted, World
 
-__all__ = ["NAME", "Rerun"]
-
 NAME = "rerun"
 """What opens a window."""
 APPLICATION = "lidarsim"

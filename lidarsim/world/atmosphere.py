@@ -12,8 +12,6 @@ from lidarsim._base.validation import UINT32, beam_angle, integer, real, short_r
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.sensor.sensor import Sensor
 
-__all__ = ["Atmosphere"]
-
 CONTRAST = 0.05
 """The contrast of a black object against the sky that is just seen, by which visibility is defined."""
 FOG_BACKSCATTER = 0.046

@@ -11,8 +11,6 @@ from lidarsim._base.validation import UINT32, flag, integer, real, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.materials import Material
 
-__all__ = ["Rule"]
-
 Grouping = Literal["node", "parent", "file"]
 Appearance = float | Material | Literal["color"] | None
 """Reflectivity or material of a part, "color" for its base colours, or None for none given."""

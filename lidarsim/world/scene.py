@@ -47,8 +47,6 @@ from lidarsim.world.shapes import Disks, Hits, Shape, Spheres, TriangleMesh
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["Scene", "SceneObject", "Snapshot", "register_scene_reader"]
-
 Label = int | npt.NDArray[np.uint32]
 
 DIFFUSE = Material()
@@ -146,7 +144,7 @@ class _Changes(TypedDict, total=False):
     motion: Trajectory | None
 
 
-class Animations(Protocol):
+class _Animations(Protocol):
     """How the animations of a file move the objects of its scene."""
 
     @property
@@ -280,7 +278,7 @@ class Scene(Pickled, Plotted):
         self._items: dict[int, SceneObject] = {}
         self._next = 0
         self._kept: Snapshot | None = None
-        self._animations: Animations | None = None
+        self._animations: _Animations | None = None
         self._change()
 
     @explain_arguments

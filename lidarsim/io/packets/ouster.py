@@ -46,8 +46,6 @@ from lidarsim.lidar import Lidar
 from lidarsim.patterns import Spinning
 from lidarsim.scan.scan import Scan, sensor_id
 
-__all__ = ["crc64"]
-
 COLUMNS = 16
 """Columns of a packet."""
 CHANNELS = (16, 32, 64, 128)
