@@ -66,3 +66,8 @@ def integers(text: str | None, where: str) -> Indices:
     if not all(re.fullmatch(r"\+?\d{1,18}", word, re.ASCII) for word in words):
         raise FileFormatError(f"{where}: expected integers >= 0")
     return np.array(words, np.int64) if words else np.empty(0, np.int64)
+
+
+def integer(text: str | None, where: str) -> int:
+    """Return the first of the integers in a text, 0 if it has none."""
+    return int(integers(text, where)[:1].sum())

@@ -44,7 +44,7 @@ from lidarsim.io.scenes._model import (
     affine,
     mean_of_corners,
 )
-from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpack
+from lidarsim.io.scenes._xml import Element, floats, integer, integers, local, parse, unpack
 from lidarsim.materials import Interpolation, Wrap, linear_light
 from lidarsim.world.shapes._polygons import check_faces, of_strips, with_holes
 
@@ -205,7 +205,7 @@ class _Reader:
         inputs = {found.get("semantic"): found for found in weights.iterfind("{*}input")}
         if not {"JOINT", "WEIGHT"} <= inputs.keys():
             raise FileFormatError(f"{where}: expected JOINT and WEIGHT of its vertex_weights")
-        offsets = {key: int(integers(found.get("offset", "0"), where)[:1].sum()) for key, found in inputs.items()}
+        offsets = {key: integer(found.get("offset"), where) for key, found in inputs.items()}
         counts, rows = integers(weights.findtext("{*}vcount"), where), integers(weights.findtext("{*}v"), where)
         stride = max(offsets.values()) + 1
         if len(counts) != len(vertices) or len(rows) != stride * counts.sum():
@@ -278,8 +278,7 @@ class _Reader:
                 continue
             where = f"{name}, {kind}"
             sources = [
-                (source, int(integers(source.get("offset", "0"), f"{where}, offset")[0]))
-                for source in element.iterfind("{*}input")
+                (source, integer(source.get("offset"), f"{where}, offset")) for source in element.iterfind("{*}input")
             ]
             stride = max((offset for _, offset in sources), default=0) + 1
             # Of several texture coordinates, the first.
@@ -322,7 +321,7 @@ class _Reader:
             self._sources[id(array)] = floats(array.text, name)
         values = self._sources[id(array)]
         count, offset, stride = (
-            int(integers(accessor.get(key, default), f"{name}, accessor, {key}")[:1].sum())
+            integer(accessor.get(key, default), f"{name}, accessor, {key}")
             for key, default in (("count", "0"), ("offset", "0"), ("stride", "1"))
         )
         columns = [k for k, param in enumerate(accessor.findall("{*}param")) if param.get("name") or param.get("type")]
@@ -435,7 +434,7 @@ def _faces(element: Element, kind: str, stride: int, where: str) -> _Faces:
             raise FileFormatError(f"{where}: expected {stride} indices a corner, got {len(row)} in all")
     corners = [row.reshape(-1, stride) for row in rows]
     joined = np.concatenate([np.empty((0, stride), np.int64), *corners])
-    count = int(integers(element.get("count", "0"), f"{where}, count")[:1].sum()) - len(element.findall("{*}ph"))
+    count = integer(element.get("count"), f"{where}, count") - len(element.findall("{*}ph"))
     if kind in {"trifans", "tristrips"}:
         lengths = np.array([len(part) for part in corners], np.int64)
         if kind == "tristrips":
