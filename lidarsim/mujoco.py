@@ -7,7 +7,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -402,12 +402,6 @@ class World(Pickled):
 
     def _contents(self) -> dict[str, Any]:
         return dict(vars(self))
-
-    @classmethod
-    def _from_contents(cls, contents: dict[str, Any]) -> Self:
-        world = cls.__new__(cls)
-        vars(world).update(contents)
-        return world
 
 
 def _is_mjx(data: object) -> bool:
