@@ -72,7 +72,7 @@ def _model_at(model: type[BaseModel], key: str) -> Section:
     raise AssertionError(key)
 
 
-class Sensor(sensors.Sensor):
+class _Sensor(sensors.Sensor):
     __doc__ = sensors.Sensor.__doc__
 
     preset: str = ""
@@ -110,7 +110,7 @@ GROUPS: dict[str, dict[str, Section]] = {
         "rule": Section(objects.SceneRule),
     },
     "Sensors": {
-        "sensor": Section(Sensor),
+        "sensor": Section(_Sensor),
         "file": Section(sensors.VendorSensor),
         "measurement": Section(sensors.Effects),
         **{name: _model_at(sensors.Effects, name) for name in ("detection", "beam", "response")},
