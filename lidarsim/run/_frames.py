@@ -11,6 +11,8 @@ from itertools import accumulate, chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, overload
 
+import numpy as np
+
 from lidarsim._base.validation import affine
 from lidarsim.errors import ArgumentValueError, ConfigError
 from lidarsim.motion.georeference import START, Georeference
@@ -316,7 +318,10 @@ class Frames:
 
     def body_pose(self, moment: float) -> Floats:
         """Return the pose of the rig's body, or of the sensor without a rig, at a time within the trajectory, s."""
-        return affine("pose", self.pose.at(moment) if isinstance(self.pose, Trajectory) else self.pose)
+        if not isinstance(self.pose, Trajectory):
+            return affine("pose", self.pose)
+        pose: Floats = self.pose._native.at(np.array([moment]))[0]
+        return pose
 
     def check_coverage(self) -> None:
         """Check that trajectory and motions cover the first and last frame of each sensor.
