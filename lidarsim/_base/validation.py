@@ -297,7 +297,7 @@ def dimensions(value: object) -> int | None:
         return None
 
 
-def selection(index: object, count: int, kind: str) -> Any:
+def as_index(index: object, count: int, kind: str) -> Any:
     """Return what NumPy takes as an index of the first axis: a slice, integers or a mask; `kind` names the entries."""
     chosen: Any = index
     if isinstance(index, bool) or not isinstance(index, slice | int):

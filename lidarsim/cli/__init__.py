@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(arguments: list[str]) -> None:
-    _native.isa()  # an error of the environment is none of a line of a configuration
+    _native.isa()  # wrong environment variables are no error of a configuration
     _native.threads()
     try:
         with get_command(app).make_context("lidarsim", arguments) as context:

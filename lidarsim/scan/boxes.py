@@ -15,7 +15,7 @@ from lidarsim import _native
 from lidarsim._base.labels import Labels
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import html_table, plain, quantity, text_table
-from lidarsim._base.validation import Floats, array, selection
+from lidarsim._base.validation import Floats, array, as_index
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.raster import FIXED
@@ -121,7 +121,7 @@ class Boxes(Pickled):
         if isinstance(index, str):
             hint = "boxes[boxes.label == name] are those of a class"
             raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), hint)
-        which = selection(index, len(self), "boxes")
+        which = as_index(index, len(self), "boxes")
         own: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         chosen: dict[str, Any] = {name: value[which] for name, value in own.items() if isinstance(value, np.ndarray)}
         return replace(self, **chosen)

@@ -196,7 +196,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
             raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), hint)
         if isinstance(index, tuple):
             raise ArgumentTypeError("index", "one index", len(index), "a field such as cloud.xyz takes two")
-        chosen = validation.selection(index, len(self), "points")
+        chosen = validation.as_index(index, len(self), "points")
         arrays = {name: array[chosen] for name, array in self._arrays().items()}
         cloud = PointCloud(arrays, class_names=self._class_names)
         return cloud._place(in_sensor_frame=self._in_sensor_frame)

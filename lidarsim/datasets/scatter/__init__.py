@@ -412,20 +412,20 @@ def _is_solid(item: SceneObject) -> bool:
 def _obstacle(item: SceneObject, times: Floats) -> Outline:
     """Return the outline of an object in the scene; a motion is taken to be straight within a step."""
     if item.motion is None:
-        return _turned(item) or Outline(_corners(item.bounds)[None], *item.bounds[:, 2])
+        return _fit_turned(item) or Outline(_corners(item.bounds)[None], *item.bounds[:, 2])
     first, last = item.motion.span
     poses = item.motion._native.at(np.clip(times, first, last))
     return _solid(poses, item.bounds)
 
 
-def _turned(item: SceneObject) -> Outline | None:
+def _fit_turned(item: SceneObject) -> Outline | None:
     """Return the outline of an object that is turned, which its bounds along x and y exceed."""
     place = item.transform
     if place is None:
         return None
     (a, b, c), (d, e, f), (g, h, _) = place[:3, :3].tolist()
     if c or f or g or h:
-        return _around(item, place)
+        return _fit_upright_box(item, place)
     if not b or a * e <= b * d:
         return None
     box = item.shape.bounds
@@ -434,7 +434,7 @@ def _turned(item: SceneObject) -> Outline | None:
     return Outline(plan[None], float(heights[0]), float(heights[1]))
 
 
-def _around(item: SceneObject, place: Floats) -> Outline:
+def _fit_upright_box(item: SceneObject, place: Floats) -> Outline:
     """Return the outline of the upright box around a tilted object, along that of its axes that is longest in plan."""
     axes = place[:2, :3] / np.abs(place[:2, :3]).max()  # subnormal numbers have no exact lengths
     lengths = np.hypot(*axes)

@@ -203,12 +203,12 @@ pub struct PyReceiver {
 impl PyReceiver {
     #[new]
     fn new(lidar: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(PyReceiver { in_clear_air: made(lidar, None)?, in_air: Mutex::new(None) })
+        Ok(PyReceiver { in_clear_air: make_measurement(lidar, None)?, in_air: Mutex::new(None) })
     }
 }
 
 impl PyReceiver {
-    /// The lidar and the atmosphere do not change.
+    /// The measurement in an atmosphere. Neither this nor the lidar changes.
     fn in_air(&self, lidar: &Bound<'_, PyAny>, air: &Bound<'_, PyAny>) -> PyResult<Arc<Measurement>> {
         // The mutex is not held while Python runs, which may let another thread come here.
         let last = || self.in_air.lock().unwrap_or_else(PoisonError::into_inner);
@@ -217,14 +217,14 @@ impl PyReceiver {
         {
             return Ok(kept.clone());
         }
-        let measurement = made(lidar, Some(air))?;
+        let measurement = make_measurement(lidar, Some(air))?;
         let before = last().replace((air.clone().unbind(), measurement.clone()));
         drop(before); // after the lock, as an atmosphere may be deleted with it
         Ok(measurement)
     }
 }
 
-fn made(lidar: &Bound<'_, PyAny>, air: Option<&Bound<'_, PyAny>>) -> PyResult<Arc<Measurement>> {
+fn make_measurement(lidar: &Bound<'_, PyAny>, air: Option<&Bound<'_, PyAny>>) -> PyResult<Arc<Measurement>> {
     Ok(Arc::new(Measurement::from_parameters(&Attributes(lidar, air))?))
 }
 
@@ -234,7 +234,7 @@ pub fn measurement_of<'py>(
     atmosphere: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Arc<Measurement>> {
     let Some(kept) = lidar.getattr_opt(intern!(lidar.py(), "_receiver"))? else {
-        return made(lidar, atmosphere);
+        return make_measurement(lidar, atmosphere);
     };
     let kept: &Bound<'_, PyReceiver> = kept.cast()?;
     match atmosphere {

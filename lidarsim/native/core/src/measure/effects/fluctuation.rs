@@ -116,10 +116,9 @@ impl Layers {
         self.layers().map(|(share, largest)| share * probability(largest)).sum()
     }
 
-    /// The layer of an echo, by its largest factor, and its factor.
+    /// Draws the factor of an echo; returns the largest of its layer, and the factor.
     ///
-    /// `spot`: its number among the single echoes of its pulse. `probability`: as for the mean, with which
-    /// echoes are drawn.
+    /// `spot`: the number of the echo among the single ones of its pulse. `probability`: that for the mean.
     pub(super) fn draw(
         &self,
         batch: &Pulses,
@@ -177,11 +176,11 @@ mod tests {
         let numbers = || (0..1000).map(|i| (f64::from(i) + 0.5) / 1000.0);
         // Shares are rounded by 2⁻⁵³, their quantiles by 2⁻⁵³/φ(3.5), which is below 2·10⁻¹³.
         for uniform in numbers() {
-            // Of what is seen with every factor, all factors.
+            // If each factor is seen, they are those of all echoes.
             let [largest, drawn] = layers.at(uniform, |_| 1.0);
             assert!((drawn / factor(0.5, uniform) - 1.0).abs() < 1e-12 && drawn <= largest * (1.0 + 1e-12));
         }
-        // Of what is seen with the largest quarter of the factors, these.
+        // If the largest quarter of the factors is seen, they are of this quarter.
         let least = 1.0001 * factor(0.5, 0.75);
         let seen = |factor: f64| f64::from(u8::from(factor >= least));
         assert_eq!(layers.mean(seen), 0.25);
