@@ -376,7 +376,7 @@ class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
         return min(start for start, _ in ends), max(end for _, end in ends)
 
     def _period(self, frames: range) -> float:
-        """Return the time that frames take without offsets, s: that of the sensor whose frames take longest."""
+        """Return the longest time that any sensor takes for frames, s; offsets do not count."""
         return max(len(self._numbers(s, frames.start, frames.stop)) / s.lidar.pattern.rate for s in self.values())
 
     def _numbers(self, sensor: RigSensor, start: int, stop: int) -> range:

@@ -19,7 +19,7 @@ MOST_LINES = 10_000_000
 
 
 def numbers(texts: Sequence[str], count: int) -> list[float]:
-    """Parse `count` texts as finite numbers; raise `ValueError` if there are not as many, or one is no such number."""
+    """Parse `count` texts as finite numbers; raise `ValueError` if their number differs, or one is not finite."""
     if len(texts) != count:
         raise ValueError(f"expected {quantity(count, 'number')}, got {len(texts)}")
     values = []

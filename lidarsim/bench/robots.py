@@ -64,7 +64,7 @@ def poses(rows: int, step: int) -> Floats:
 
 
 def calls(casters: Collection[str], threads: int, rows: int = ROWS) -> motion.Calls:
-    """Return the calls to time, for as many robots as `rows`, among them those of installed casters of MuJoCo geoms."""
+    """Return the calls to time for `rows` robots, including those of the installed casters of MuJoCo geoms."""
     scene, lidar = world(), ls.Lidar(ls.patterns.Grid(np.linspace(-math.pi, math.pi, BEAMS), [0.0], rate=20.0))
     noisy = ls.Lidar(lidar.pattern, measurement=ls.Measurement(range_sigma=0.01), name="noisy")
     steps = [poses(rows, step) for step in range(STEPS)]
@@ -128,6 +128,6 @@ def _peer(name: str, geoms: scenes.World, threads: int, lidar: ls.Lidar) -> Call
 
 
 def over(times: dict[str, float], what: motion.Calls, rows: int = ROWS) -> list[dict[str, Any]]:
-    """Return the rows of `motion.over`; the times of peers are scaled to those of as many robots as `rows`."""
+    """Return the rows of `motion.over`; the times of peers are scaled to `rows` robots."""
     scales = {name: rows / PARTS if name.startswith("MuJoCo") else 1.0 for name in times}
     return motion.over({name: scales[name] * time for name, time in times.items()}, what)

@@ -369,7 +369,7 @@ def _dropout(fit: Fit) -> Found:
 
 
 def _check_constant(cells: Indices, count: Floats, lost: Floats) -> None:
-    """Raise the reason why pulses lost by range are no drop-out, if their share differs by more than counts."""
+    """Raise an error if the share of lost pulses depends on range, beyond chance and what `compare` neglects."""
     holes = STATISTICS["holes in smooth rings"]
     rates, share = lost / count, (lost.sum() + 0.5) / (count.sum() + 1.0)
     apart = np.maximum(np.abs(rates - share) - holes.least, 0.0)

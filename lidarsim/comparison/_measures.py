@@ -358,8 +358,8 @@ def _edges(frame: Frame, kind: Literal["mixed", "lost", "dual"]) -> Samples:
     lost, dual = image.lost[middle], image.returns[middle] > 1
     kinds = {"mixed": between & ~dual, "lost": lost, "dual": dual}
     known = smooth & (between | lost | dual | clean)
-    # An edge without a pixel off its sides is met with the last pixel before the jump in the middle, and with the first
-    # behind it. Then the other pixel is of a side, and the jump is less by what it is off.
+    # An edge whose pixels all lie on its sides is found twice: at the last pixel before the jump, and at the first one
+    # behind it. Each time, the other of the two belongs to a side, so that the jump is smaller by its offset.
     weight = np.where(twice[known], 0.5, 1.0)
     return Samples(
         bin_of(jump[known], JUMPS), image.block[middle][known], kinds[kind][known].astype(np.float64), weight

@@ -264,9 +264,9 @@ class Frames:
 
     @property
     def period(self) -> float:
-        """Time from one repetition of the frames to the next, s: how long the sensor fires that takes longest.
+        """Time between repetitions of the frames, s: the longest time that any sensor takes for them.
 
-        Offsets of sensors do not count, since they shift all repetitions.
+        Offsets of sensors do not count, since they shift all repetitions alike.
         """
         if isinstance(self.sensor, Rig):
             return self.sensor._period(self.frames)

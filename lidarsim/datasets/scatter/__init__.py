@@ -435,7 +435,7 @@ def _fit_turned(item: SceneObject) -> Outline | None:
 
 
 def _fit_upright_box(item: SceneObject, place: Floats) -> Outline:
-    """Return the outline of the upright box around a tilted object, along that of its axes that is longest in plan."""
+    """Return the outline of the upright box around a tilted object, aligned with its axis that is longest in plan."""
     axes = place[:2, :3] / np.abs(place[:2, :3]).max()  # subnormal numbers have no exact lengths
     lengths = np.hypot(*axes)
     x, y = (axes[:, lengths.argmax()] / lengths.max()).tolist()

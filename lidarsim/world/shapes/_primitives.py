@@ -1,4 +1,4 @@
-"""Shapes that hold many in one, and the rows of their numbers."""
+"""The base of shapes that hold many primitives, such as spheres, and the arrays of their numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lidarsim.world.shapes._shape import Shape
 
 
 class Primitives(Shape):
-    """Base of the shapes that hold many in one, of which each row of numbers is one."""
+    """Base of the shapes that hold many primitives, one in each row of an array."""
 
     __slots__ = ()
 

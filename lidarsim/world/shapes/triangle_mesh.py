@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 IN_HULL = range(1_000, 100_001)
-"""Numbers of vertices whose convex hull is found: fewer take microseconds to compare, and more take it over 0.1 s."""
+"""Numbers of vertices whose convex hull is computed: fewer are compared in microseconds; more would take over 0.1 s."""
 
 
 class MeshFile(NamedTuple):

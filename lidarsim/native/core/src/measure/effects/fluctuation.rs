@@ -81,8 +81,8 @@ fn factor(sigma: f64, share: f64) -> f64 {
 /// The factors of single echoes of the air. They are drawn with the echoes, of which only those are drawn
 /// that may be seen: a bright echo is seen with nearly all factors, a faint one with few.
 ///
-/// Layer k has the factors from the quantile of 1 − 2⁻ᵏ to that of 1 − 2⁻⁽ᵏ⁺¹⁾, the last layer all
-/// larger ones. An echo with a factor of a layer is drawn if it would be seen with the largest one there.
+/// Layer k has the factors from the quantile of 1 − 2⁻ᵏ to that of 1 − 2⁻⁽ᵏ⁺¹⁾, the last layer
+/// all larger ones. An echo with a factor of a layer is drawn if it would be seen with the largest one there.
 #[derive(Clone, Debug)]
 pub(super) struct Layers {
     sigma: f64,
@@ -174,7 +174,8 @@ mod tests {
         assert!(layers.largest.is_sorted() && layers.largest() == last);
         assert_eq!(layers.mean(|_| 1.0), 1.0);
         let numbers = || (0..1000).map(|i| (f64::from(i) + 0.5) / 1000.0);
-        // Shares are rounded by 2⁻⁵³, their quantiles by 2⁻⁵³/φ(3.5), which is below 2·10⁻¹³.
+        // Four roundings of a share, 2⁻⁵³ each, move its quantile by at most 4·2⁻⁵³/φ(3.7), and the logarithm
+        // of the factor by half of that: 5.3·10⁻¹³.
         for uniform in numbers() {
             // If each factor is seen, they are those of all echoes.
             let [largest, drawn] = layers.at(uniform, |_| 1.0);
