@@ -34,8 +34,10 @@ from lidarsim.config.schema import Config, SceneDocument, names_by_label
 from lidarsim.config.sensors import Sensor, VendorSensor, build_rig
 from lidarsim.config.starter import configuration
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.io.raster import same_crs
 from lidarsim.io.scenes import Imported
 from lidarsim.lidar import HEAD, PRESETS, Lidar, preset_path
+from lidarsim.motion.georeference import projected_crs
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
 from lidarsim.run import Leg, Run
@@ -109,6 +111,8 @@ def build_run(root: Node, loaded: Loaded | None = None) -> Run:
     crs, start = config.georeference.build(where)
     origin = None if config.georeference.origin is None else config.georeference.origin.build(where / "origin")
     scene, ways = _scene(config, place)
+    if crs is not None:
+        _check_crs(crs, scene, where / "crs")
     sensor = _sensor_or_rig(config, place)
     receivers = sensor.receivers if isinstance(sensor, Rig) else {}
     if crs is not None and config.cloud.frame != "world" and not receivers:
@@ -170,6 +174,15 @@ def _scene(config: Config, place: Place) -> tuple[Scene, Ways | None]:
     if config.atmosphere is not None:
         scene.atmosphere = config.atmosphere.build(place / "atmosphere")
     return scene, ways
+
+
+def _check_crs(crs: int | str, scene: Scene, place: Place) -> None:
+    """Raise `ConfigError` if a raster is in another system; its heights may be above another surface."""
+    level = projected_crs(crs).to_2d().to_wkt()
+    for item in scene:
+        other = getattr(item.shape, "crs", None)
+        if other and not same_crs(level, other):
+            raise place.error(f"expected the system of object {item.id}, {short_repr(other)}, got {short_repr(crs)}")
 
 
 def _carry(items: list[AnyObject], pose: Floats | Trajectory | None, scene: Scene, place: Place) -> None:

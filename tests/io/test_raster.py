@@ -664,6 +664,23 @@ def test_rasters_of_a_scene_have_one_coordinate_reference_system(tmp_path: Path)
     )
 
 
+def test_a_georeference_is_in_the_system_of_the_rasters(tmp_path: Path) -> None:
+    """In another zone, the points of a survey would be hundreds of kilometres away."""
+    tiff(tmp_path / "dem.tif", heights(), crs=UTM)
+    run = tmp_path / "run.yaml"
+    run.write_text(
+        "scene: [{shape: raster, file: dem.tif}]\nsensor: {preset: velodyne-vlp16}\ncloud: {frame: world}\n",
+        encoding="utf-8",
+    )
+    for crs in ("32632", "EPSG:32632+5773"):
+        assert str(config.load(run, [f"georeference.crs={crs}"]).crs) == crs
+    for crs in ("EPSG:32633", "EPSG:32633+5773"):
+        with pytest.raises(ConfigError) as caught:
+            config.load(run, [f"georeference.crs={crs}"])
+        expected = f"expected the system of object 0, 'EPSG:32632', got '{crs}'"
+        assert str(caught.value) == f"--set georeference.crs={crs}: {expected}"
+
+
 def test_without_rasterio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tiff(tmp_path / "dem.tif", heights())
     for package in ("pyproj", "rasterio"):
