@@ -614,6 +614,29 @@ run:
     assert "models: ramp.obj (2 × 1 × 0.5 m)\n" in capsys.readouterr().out
 
 
+def test_check_says_whether_the_sensor_meets_an_object_or_comes_near_it(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("recipe.yaml").write_text(
+        """
+layout: semantickitti
+scatter:
+  ramps: {objects: [{shape: sphere, center_m: [0, 0, 1], radius_m: 1}], on: [road], count: 0, area_m: [[0, 0], [9, 9]]}
+run:
+  sensor: {preset: velodyne-vlp16}
+  scene:
+    - {shape: plane, normal: [0, 0, 1], name: road}
+    - {shape: box, size_m: [1, 8, 3], center_m: [0.5, 0, 1.5], name: wall}
+  pose: {position_m: [-0.2, 0, 1.8], linear_m_per_s: [5, 0, 0]}
+""",
+        encoding="utf-8",
+    )
+    assert lidarsim("check", "recipe.yaml") == 0
+    assert "in sequence 0, the sensor meets wall of the scene at " in capsys.readouterr().out
+    near = ["--set", "run.pose.position_m.0=-2", "--set", "scatter.ramps.clear_m=3"]
+    assert lidarsim("check", "recipe.yaml", *near) == 0
+    line = "in sequence 0, the sensor comes nearer than clear_m to wall of the scene at 0.0 s"
+    assert line in capsys.readouterr().out
+
+
 def test_check_says_what_light_a_sensor_does_not_follow(capsys: pytest.CaptureFixture[str]) -> None:
     glass = ["--set", "scene.1.material=glass"]
     assert lidarsim("check", "run.yaml") == 0

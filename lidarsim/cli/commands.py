@@ -611,7 +611,9 @@ CHECKED = 3
 def check(
     config: Annotated[
         Path | None,
-        make_file_argument("CONFIG", "YAML configuration or recipe, or a packaged one: demo, detection, segmentation."),
+        make_file_argument(
+            "CONFIG", "YAML configuration or recipe, or a packaged one: demo, ahead, detection, segmentation."
+        ),
     ] = None,
     *,
     keys: Annotated[
@@ -700,10 +702,12 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
         run.check_coverage()
         made.layout.check(run)
         made.layout.check_labels(made.class_names, run.scene)
-        total += made.source.scatter_counts(sequence)
+        counts = made.source.scatter_counts(sequence)
+        total += counts
         imports += run.imports
+        meets = "comes nearer than clear_m to" if counts.near else "meets"
         for name, moment in made.source.nearby(sequence).items():
-            warnings.append(f"in sequence {sequence}, the sensor meets {plain(name)} of the scene at {moment:.1f} s")
+            warnings.append(f"in sequence {sequence}, the sensor {meets} {plain(name)} of the scene at {moment:.1f} s")
         (scans,) = dataclasses.replace(run, frames=range(run.frames.start, run.frames.start + 1)).scans()
         if screenshot:
             picture = screenshot.with_stem(f"{screenshot.stem}-{sequence}") if sequence else screenshot

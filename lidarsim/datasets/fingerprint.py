@@ -50,11 +50,13 @@ def check_function(argument: str, function: object, takes: str, expected: str = 
         if holds(function):
             raise ArgumentTypeError(argument, expected, f"the {kind} {name_of(function)}")
     try:
-        inspect.signature(function).bind(None, None)
-    except ValueError:  # a C function without a signature
-        pass
-    except TypeError as error:
-        raise ArgumentTypeError(argument, f"a function of {takes}", f"one with {format_error(error)}") from None
+        signature = inspect.signature(function)
+    except ValueError:  # a C function has none
+        return function
+    try:
+        signature.bind(None, None)
+    except TypeError:
+        raise ArgumentTypeError(argument, f"a function of {takes}", f"one of {signature}") from None
     return function
 
 

@@ -230,7 +230,7 @@ def test_the_card_names_it(named: Path, tmp_path: Path) -> None:
         ("ray_drop:SHARE", "expected a function, got "),
         ("ray_drop:Share", "expected a function, got the class"),
         ("broken:drop", "expected module:function, .*oops"),
-        ("narrow:drop", "expected a function of a cloud and a generator, got one with"),
+        ("narrow:drop", r"expected a function of a cloud and a generator, got one of \(cloud\)$"),
     ],
 )
 def test_a_name_that_cannot_be_used(named: Path, tmp_path: Path, name: str, said: str) -> None:
