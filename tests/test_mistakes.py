@@ -463,6 +463,11 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "PointCloud: expected an array of shape (n, 3), or fields by name, got shape (3, 5); transposed?",
     ),
+    "cloud of text": (
+        lambda: ls.PointCloud(np.full((3, 3), "1.5")),
+        TypeError,
+        "PointCloud: expected an array of shape (n, 3), or fields by name, got <U3 of shape (3, 3)",
+    ),
     "cloud without xyz": (
         lambda: ls.PointCloud(points=np.zeros((5, 3))),
         TypeError,

@@ -703,6 +703,8 @@ def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
     if given.dtype.kind == "V" or given.dtype == object:
         example = "such as PointCloud(xyz=…, intensity=…)"
         raise ArgumentTypeError("PointCloud", f"{expected}, {example}", type(value).__name__)
+    if given.dtype.kind not in "fiu":
+        raise ArgumentTypeError("PointCloud", expected, f"{given.dtype} of shape {given.shape}")
     hint = ""
     if given.ndim == 2 and given.shape[0] == 3:
         hint = "transposed?"
