@@ -73,6 +73,8 @@ def test_semantickitti(recipe: Path, tmp_path: Path) -> None:
     assert classes["split"]["train"] == [0, 1, 2]
     assert {classes["learning_map_inv"][index] for index in classes["learning_map"].values()} == set(classes["labels"])
     assert set(classes["color_map"]) == set(classes["labels"])
+    found = np.concatenate([np.fromfile(path, np.uint32) & 0xFFFF for path in (tmp_path / "out").rglob("*.label")])
+    assert classes["content"] == {label: np.mean(found == label) for label in (0, 30, 40)}
     for sequence in range(3):
         folder = tmp_path / f"out/sequences/{sequence:02}"
         calibration = dict(line.split(":") for line in (folder / "calib.txt").read_text().splitlines())

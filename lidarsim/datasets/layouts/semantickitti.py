@@ -2,11 +2,11 @@
 
 ``sequences/00/velodyne/000000.bin`` holds the points, ``labels/000000.label`` their classes and instances,
 ``poses.txt`` the poses in a camera frame, relative to the first, ``calib.txt`` the rotation from sensor to camera,
-``times.txt`` the times since the first in s, and ``semantic-kitti.yaml`` the classes and the splits: ``val`` is called
-``valid`` there, and without splits all sequences are in ``train``. With a rig, all of these are in a
-folder per sensor. File k, counting from 0, belongs to line k of ``poses.txt`` and ``times.txt``, as readers of KITTI
-expect: a sensor that is slower than the rig counts its own frames. ``seconds`` in ``manifest.jsonl`` is the time that
-all sensors share.
+``times.txt`` the times since the first in s, and ``semantic-kitti.yaml`` the classes, their shares of all points, by
+which trainers weight them, and the splits: ``val`` is called ``valid`` there, and without splits all sequences are in
+``train``. With a rig, all of these are in a folder per sensor. File k, counting from 0, belongs to line k of
+``poses.txt`` and ``times.txt``, as readers of KITTI expect: a sensor that is slower than the rig counts its own frames.
+``seconds`` in ``manifest.jsonl`` is the time that all sensors share.
 
 Format: https://github.com/PRBonn/semantic-kitti-api, https://www.cvlibs.net/datasets/kitti/eval_odometry.php.
 """
@@ -76,7 +76,8 @@ class SemanticKitti(SampleFiles):
             for sensor in sorted({record.sensor for record in records}):
                 sensors.add(sensor)
                 _finish(files, [record for record in records if record.sensor == sensor])
-        text = yaml.safe_dump(_classes(summary.class_names, _splits(summary, sequences)), sort_keys=False).encode()
+        classes = _classes(summary.class_names, summary.labels, _splits(summary, sequences))
+        text = yaml.safe_dump(classes, sort_keys=False).encode()
         for sensor in sorted(sensors):
             files.write(f"{root(sensor)}{CLASSES}", text)
 
@@ -119,14 +120,16 @@ def _splits(summary: Summary, sequences: list[int]) -> dict[str, list[int]]:
     return {"train": [] if given else sequences, "valid": [], "test": []} | given
 
 
-def _classes(names: dict[int, str], splits: dict[str, list[int]]) -> dict[str, object]:
-    """Return the classes in the kit's format; colours are blue, green, red."""
+def _classes(names: dict[int, str], points: dict[int, int], splits: dict[str, list[int]]) -> dict[str, object]:
+    """Return the classes in the kit's format: colours are blue, green, red; the content has shares of all points."""
     labels = {0: "unlabeled", **names}
+    total = max(sum(points.values()), 1)
     learnt = {label: index for index, label in enumerate(sorted(labels))}
     return {
         "name": "lidarsim",
         "labels": dict(sorted(labels.items())),
         "color_map": {label: _color(label, labels[label]) if label else [0, 0, 0] for label in sorted(labels)},
+        "content": {label: points.get(label, 0) / total for label in sorted(labels)},
         "learning_map": learnt,
         "learning_map_inv": {index: label for label, index in learnt.items()},
         "learning_ignore": {index: label == 0 for label, index in learnt.items()},
