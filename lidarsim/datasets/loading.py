@@ -43,7 +43,8 @@ class LabelledFrame:
         The points with all fields that the files have: in the frame of the sensor at `time`, or in world coordinates if
         the data set says so. Labels, where the layout has them, are ``cloud.label`` and ``cloud.instance``.
     boxes : Boxes or None
-        The boxes that the layout has of the frame, in the coordinates of the points; None for a layout without boxes.
+        The boxes that the layout has of the frame, in the coordinates of the points; None for a layout without boxes,
+        and for sweeps of nuScenes, which are not annotated.
     pose, body : ndarray of float64, shape (4, 4)
         Poses of the sensor and of its body at `time`, to world.
     time : float
@@ -201,7 +202,7 @@ class DataSet(Sequence[LabelledFrame]):
         cloud._place(in_sensor_frame=not self._in_world)
         return LabelledFrame(
             cloud=cloud,
-            boxes=None if self.layout.box_filter is None else self._boxes(record),
+            boxes=self._boxes(record) if self.layout.has_boxes(record.frame) else None,
             pose=record.matrix,
             body=record.body_matrix,
             time=record.seconds,

@@ -112,6 +112,13 @@ def test_sweeps_and_key_frames(sweeps: Path) -> None:
     assert ls.datasets.verify(sweeps) == []
 
 
+def test_sweeps_are_read_back_without_boxes_rather_than_with_none_in_them(sweeps: Path) -> None:
+    """A detector would learn that the objects of a sweep are background."""
+    frames = ls.datasets.load(sweeps)
+    assert [frame.boxes is None for frame in frames] == [bool(frame.frame % EVERY) for frame in frames]
+    assert any(frame.boxes for frame in frames)
+
+
 def test_a_key_frame_has_a_box_per_instance_that_holds_its_points(sweeps: Path) -> None:
     index = tables(sweeps)
     for sample in index["sample"].values():

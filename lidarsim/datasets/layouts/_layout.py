@@ -203,6 +203,10 @@ class Layout(Model):
         """The option `boxes`; None for a layout without boxes, in which points are not deskewed by default."""
         return getattr(self, "boxes", None)
 
+    def has_boxes(self, frame: int) -> bool:
+        """Return whether a frame is annotated with boxes, if only with none."""
+        return self.box_filter is not None
+
     @property
     def least_points(self) -> int:
         """Least number of points of one sensor on an instance with a box."""

@@ -119,6 +119,10 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
         """Return whether a frame is a key frame."""
         return frame % self.key_every == 0
 
+    def has_boxes(self, frame: int) -> bool:
+        """Return whether a frame is a key frame."""
+        return self.shares_stamp(frame)
+
     def check(self, run: Run) -> None:
         """Raise `ValueError` if a sensor's name cannot be that of a file, or two sensors have the same channel."""
         super().check(run)
