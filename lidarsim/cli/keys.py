@@ -291,7 +291,13 @@ def _meanings(section: Section) -> dict[str, str]:
         for names, text in re.findall(ENTRY, _parameters(inspect.getdoc(documented) or ""), re.MULTILINE):
             said |= dict.fromkeys(names.split(", "), text)
     found = {key: _in_unit(_paragraph(said.get(argument_of(key), said.get(key, ""))), key) for key in section.fields}
-    for model in reversed(section.model.__mro__):
+    return found | _own_meanings(section.model)
+
+
+def _own_meanings(of: type[BaseModel]) -> dict[str, str]:
+    """Return what a model says below its keys."""
+    found: dict[str, str] = {}
+    for model in reversed(of.__mro__):
         if "__annotations__" in vars(model) and model.__module__ != "pydantic.main":
             with suppress(OSError):  # a model that has no source, since it was made of a constructor
                 (body,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
@@ -379,7 +385,8 @@ def _default(section: Section, key: str, field: FieldInfo) -> str:
     if field.is_required():
         return "required"
     value, unit = field.default, unit_of(key)
-    if value is None and section.documented is not section.model:  # the constructor has one
+    told = "Default:" in _own_meanings(section.model).get(key, "")
+    if value is None and not told and section.documented is not section.model:  # the constructor has one
         parameters = inspect.signature(section.documented).parameters
         value = getattr(parameters.get(argument_of(key)), "default", None)
         if isinstance(value, float) and unit and math.isfinite(value):

@@ -106,6 +106,8 @@ class Plan(Model):
     turn_s: float = 60.0
     ground_m: float = 0.0
     margin_m: float | None = None
+    """Distance for which each strip is flown beyond the area at both ends. Default: that of a frame. Only whole frames
+    are scanned, so a lesser one leaves up to a frame of the area unseen at either end."""
 
 
 class Strips(Placement):

@@ -74,3 +74,11 @@ def test_a_key_is_optional_where_its_argument_is() -> None:
     prism = factories.model_of(patterns.Prism)
     assert prism.alternatives == (("rotation_rate_hz", "rotation_rate_rpm"),)
     assert [key for key, field in prism.model_fields.items() if field.is_required()] == []
+
+
+def test_a_default_that_a_model_tells_is_not_that_of_its_constructor() -> None:
+    """Strips are flown a frame beyond their area, unless a margin is given; `Trajectory.strips` has none by itself."""
+    (row,) = [line for line in GUIDE.splitlines() if line.startswith("| `margin_m` |")]
+    key, kind, default, meaning = (cell.strip() for cell in row.strip("|").split("|"))
+    assert (key, kind, default) == ("`margin_m`", "number, m", "")
+    assert "Default: that of a frame." in meaning
