@@ -423,6 +423,26 @@ def test_the_command_writes_a_sensor(capsys: pytest.CaptureFixture[str]) -> None
     assert run("scan", "demo", "-o", "a.pcd", "--set", "sensor={file: mine.yaml}") == 0
 
 
+@pytest.mark.usefixtures("folder")
+def test_the_command_starts_from_a_file() -> None:
+    own = Path("own #1 ü.yaml")
+    own.write_text("preset: velodyne-vlp16\nname: mine\nmax_range_m: 80\n", encoding="utf-8")
+    Path("out").mkdir()
+    assert run("fit", "real", "-o", "out/fitted.yaml", "--preset", own) == 0
+    fitted, _ = ls.fit("real", own)
+    read = ls.Lidar.from_file("out/fitted.yaml")
+    assert read.measurement == fitted.measurement
+    assert (read.name, read.max_range) == ("mine", 80.0)
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_command_does_not_overwrite_what_it_starts_from(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("own.yaml").write_text("preset: velodyne-vlp16\n", encoding="utf-8")
+    assert run("fit", "real", "-o", "own.yaml", "--preset", "own.yaml") == 2
+    assert "--output: expected another file than --preset, got own.yaml" in capsys.readouterr().err
+    assert Path("own.yaml").read_text(encoding="utf-8") == "preset: velodyne-vlp16\n"
+
+
 def test_tables_are_written_row_by_row() -> None:
     from lidarsim.cli.printing import format_fit
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
@@ -558,7 +560,10 @@ def fit(
     *,
     output: Annotated[Path, make_file_option("--output -o", "YAML", "Write the sensor.")],
     preset: Annotated[
-        str | None, make_option("--preset", "NAME", "Preset to start from; default: whose beams the points are on.")
+        str | None,
+        make_option(
+            "--preset", "NAME|FILE", "Sensor to start from; default: the preset on whose beams the points are."
+        ),
     ] = None,
     ground: Annotated[
         str | None, make_option("--ground", "MATERIAL", "What the ground is made of, such as asphalt.")
@@ -582,6 +587,13 @@ def fit(
     if preset is None:
         frames, preset = recognise(frames)
     start, noise = sensor_of(preset)
+    if Path(preset).suffix:
+        own = Path(preset).resolve()
+        if own == output.resolve():
+            raise ArgumentValueError("--output", "another file than --preset", str(output))
+        base = {"file": json.dumps(Path(os.path.relpath(own, output.parent.resolve())).as_posix(), ensure_ascii=False)}
+    else:
+        base = {"preset": preset, "noise": noise or "none"}
     with without_native_logs(), progress_bar() as progress:
         task = progress.add_task("fitting", total=frames.count)
         counting = dataclasses.replace(frames, frames=_count(frames.frames, lambda: progress.advance(task)))
@@ -599,7 +611,7 @@ def fit(
     for note in comparison.notes:
         paragraph(f"note: {note}")
     with atomic_writer(output) as file:
-        file.write(format_fit(start, lidar, comparison, {"preset": preset, "noise": noise or "none"}).encode())
+        file.write(format_fit(start, lidar, comparison, base).encode())
     print_line(output)
 
 
