@@ -1056,6 +1056,14 @@ def test_a_file_that_trimesh_cannot_read(shape: str, what: str) -> None:
     assert got.startswith(f"run.yaml:2: scene.0.file: text.glb: cannot be read as a {what}: ")
 
 
+@pytest.mark.parametrize("name", ["scene.txt", "scene", "page.xml"])
+def test_a_file_that_is_no_scene(name: str) -> None:
+    Path(name).write_text("<html/>", encoding="utf-8")
+    got = refusal(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{{shape: scene_file, file: {name}}}]")
+    assert got.startswith(f"run.yaml:2: scene.0.file: {name}: expected a scene file (.dae, .glb, ")
+    assert got.endswith("), MJCF or URDF")
+
+
 def test_bad_heights() -> None:
     Path("z.npy").write_text("no array", encoding="utf-8")
     text = "sensor: {preset: velodyne-vlp16}\nscene: [{shape: heightfield, file: z.npy, spacing_m: 1}]"

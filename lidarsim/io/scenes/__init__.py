@@ -6,6 +6,7 @@ import importlib
 from pathlib import Path
 from typing import Literal
 
+from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import SUFFIXES
 from lidarsim.io.scenes import mjcf
 from lidarsim.io.scenes._build import Imported, Reader, import_file, mesh_of, scene_with
@@ -26,6 +27,9 @@ MODULES = {
 
 
 def _reader(path: Path) -> Reader:
+    if not _recognise(path):
+        known = ", ".join(sorted(MODULES.keys() - CONVERTERS.keys()))
+        raise FileFormatError(f"{path}: expected a scene file ({known}), MJCF or URDF")
     module = importlib.import_module(f"lidarsim.io.scenes.{MODULES[path.suffix.lower()]}")
     read: Reader = module.read
     return read
