@@ -379,6 +379,7 @@ BAD: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         r"seed: expected integers from 0 to 18446744073709551615, got seed\[1\] = -1",
     ),
     "scenes": (lambda: CLEAR.scan_many([room()], poses(2)), ArgumentValueError, "scene: .* 2 rows, got 1 scenes"),
+    "scene": (lambda: CLEAR.scan_many(None, poses(2)), ArgumentTypeError, "scene: expected a Scene, or one for each"),  # type: ignore[arg-type]
     "no scene": (lambda: CLEAR.scan_many([room(), 1], poses(2)), ArgumentTypeError, r"scene\[1\]: expected a Scene"),
     "a sensor": (
         lambda: ls.scan_many([CLEAR, 1], room(), poses(1), sensor=[0]),

@@ -22,6 +22,7 @@ assert io, "the formats register themselves on import"
 XYZ = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
 HALF = np.zeros(2, np.float16)
 MASKED = np.ma.array([1, 2], mask=[0, 1])
+NAMES = "PointCloud: expected ASCII identifiers, not its attributes, as names of fields, got "
 UNMASKED = "expected a number for each point, got a masked array; fill it"
 ANY = "label: expected integers from 0 to 4294967295, got label = "
 
@@ -317,9 +318,9 @@ def test_repr_of_odd_clouds() -> None:
         ({"xyz": XYZ, "q": HALF}, TypeError, "q: expected bool, integers, float32 or float64, got dtype float16"),
         ({"xyz": XYZ, "tag": 1}, ValueError, "tag: expected shape (n,) or (n, m), got ()"),
         ({"xyz": XYZ, "tag": np.zeros((2, 0))}, ValueError, "tag: expected shape (n,) or (n, m), got (2, 0)"),
-        ({"xyz": XYZ, "save": [0, 1]}, ValueError, "PointCloud: expected names that a field can have, got 'save'"),
-        ({"xyz": XYZ, "x": [0, 1]}, ValueError, "PointCloud: expected names that a field can have, got 'x'"),
-        ({"xyz": XYZ, "a b": [0, 1]}, ValueError, "PointCloud: expected names that a field can have, got 'a b'"),
+        ({"xyz": XYZ, "save": [0, 1]}, ValueError, f"{NAMES}'save'"),
+        ({"xyz": XYZ, "x": [0, 1]}, ValueError, f"{NAMES}'x'"),
+        ({"xyz": XYZ, "a b": [0, 1]}, ValueError, f"{NAMES}'a b'"),
     ],
 )  # fmt: skip
 def test_bad_fields(fields: dict[str, object], error: type[Exception], message: str) -> None:

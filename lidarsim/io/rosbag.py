@@ -1055,7 +1055,8 @@ def _limits(path: PathLike, size: int | None, duration: float | None) -> dict[st
 
 def _name(argument: str, name: str) -> str:
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
-        raise ArgumentValueError(argument, "a name of letters, digits and _", validation.short(ascii(name)))
+        expected = "a name of ASCII letters, digits and _ that begins with a letter"
+        raise ArgumentValueError(argument, expected, validation.short(ascii(name)))
     return check_name(argument, name)
 
 

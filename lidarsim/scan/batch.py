@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple, Never, TypeAlias, cast
 
 import numpy as np
@@ -281,7 +281,9 @@ def _worlds(scene: Scene | Sequence[Scene], rows: int) -> tuple[list[Snapshot], 
     """Return the distinct scenes as they are now, and the index of each row's."""
     if isinstance(scene, Scene):
         return [scene._snapshot()], np.zeros(rows, np.uint32)
-    given: list[Any] = items("scene", scene, "scenes")
+    if not isinstance(scene, Iterable):
+        raise ArgumentTypeError("scene", "a Scene, or one for each row", short_repr(scene))
+    given: list[Any] = list(scene)
     if len(given) != rows:
         raise ArgumentValueError("scene", f"a Scene, or one for each of {rows} rows", f"{len(given)} scenes")
     for i, each in enumerate(given):

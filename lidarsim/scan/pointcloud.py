@@ -156,7 +156,9 @@ class PointCloud(PointColumns, Pickled, Plotted):
             object.__setattr__(self, name, values)
             return
         if name not in NAMES:
-            raise ArgumentValueError("PointCloud", "names that a field can have", repr(name))
+            raise ArgumentValueError(
+                "PointCloud", "ASCII identifiers, not its attributes, as names of fields", repr(name)
+            )
         array = _field(name, values)
         if "xyz" in self.__dict__ and len(array) != len(self):
             raise ArgumentValueError(name, f"one entry for each of the {len(self)} points", len(array))

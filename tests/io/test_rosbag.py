@@ -800,7 +800,11 @@ def test_no_number_becomes_another_silently(layout: str, fields: dict[str, Any],
     ("arguments", "message"),
     [
         ({"path": "a.bag"}, r"a.bag: unknown extension '.bag', expected .db3 or .mcap"),
-        ({"sensors": {"/top": np.eye(4)}}, r"sensors: expected a name of letters, digits and _, got '/top'"),
+        (
+            {"sensors": {"/top": np.eye(4)}},
+            r"sensors: expected a name of ASCII letters, digits and _ that .*, got '/top'",
+        ),
+        ({"sensors": {"1top": np.eye(4)}}, r"sensors: expected a name of .* that begins with a letter, got '1top'"),
         ({"sensors": {"top": np.zeros((4, 4))}}, r"sensors\['top'\]: expected a last row of"),
         (
             {"layout": "pandar"},
@@ -819,7 +823,7 @@ def test_no_number_becomes_another_silently(layout: str, fields: dict[str, Any],
             {"start": datetime(2038, 1, 19, 3, 14, 8, tzinfo=UTC)},
             r"start: expected a moment from 1970-01-01 to 2038-01-19 UTC, got 2038-01-19T03:14:08\+00:00",
         ),
-        ({"world": ""}, "world: expected a name of letters, digits and _, got ''"),
+        ({"world": ""}, "world: expected a name of ASCII letters, digits and _ that .*, got ''"),
         ({"trajectory": np.zeros((4, 4))}, "trajectory: expected a last row of"),
     ],
 )
