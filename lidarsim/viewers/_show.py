@@ -102,7 +102,8 @@ def show(
     color_by : str, optional
         Scalar field to colour the points by, ``"height"``, or ``"sensor"`` of mappings. Default: the intensity if there
         is one; for a scene alone the label, or the instance if no object has a label. Points whose value is not finite
-        are grey, with a note in the legend.
+        are grey, with a note in the legend. Heights of points with normals are shaded as by a sun in the north-west,
+        down to half the brightness.
     class_names : mapping of int to str, optional
         Class names by label, for the legend. Default: those of the scene, the boxes and the clouds; then the names of
         the objects with the label. Classes with the names of SemanticKITTI, nuScenes and LAS have the colours of these
