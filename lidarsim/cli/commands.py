@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import shlex
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
@@ -122,7 +123,7 @@ def new(
     """Make a project in FOLDER to start from: scene, sensor, runs, a recipe, a script and notes."""
     files = starter.new_project(folder)
     print_line(f"{folder}: {', '.join(path.as_posix() for path in files)}")
-    print_line(f"next: cd {plain(folder)} && lidarsim scan demo.yaml --output street.pcd")
+    print_line(f"next: cd {shlex.quote(plain(folder))} && lidarsim scan demo.yaml --output street.pcd")
     print_line(f"{folder / 'README.md'} explains the files and lists what else to run")
 
 

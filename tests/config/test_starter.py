@@ -41,6 +41,11 @@ def test_the_packaged_configurations_are_those_of_the_repository() -> None:
         assert (starter.STARTER / file).read_bytes() == (CONFIGS / file).read_bytes(), file
 
 
+def test_the_next_command_quotes_the_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("new", "my project") == 0
+    assert "next: cd 'my project' && lidarsim scan" in capsys.readouterr().out
+
+
 @pytest.mark.slow("a new project has all that its notes and names promise")
 def test_every_command_of_the_notes_runs_in_a_new_project(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
