@@ -1173,6 +1173,17 @@ def test_points_placed_by_another_trajectory() -> None:
         scan.point_cloud(deskew=True, deskew_movers=True, pose=other)
 
 
+def test_a_trajectory_in_unix_time_is_told_how_to_start_at_zero() -> None:
+    unix = ls.Trajectory([1.7e9, 1.7e9 + 1.0], [np.eye(4)] * 2)
+    with pytest.raises(
+        ValueError, match=r"got one from 1700000000\.0 to 1700000001\.0 s .*; Trajectory\.load\(…, start=0\)"
+    ):
+        lidar().frames(ls.Scene(), unix, 2)
+    short = ls.Trajectory([0.0, 0.05], [np.eye(4)] * 2)
+    with pytest.raises(ValueError, match=r"got one from 0\.0 to 0\.05 s and pulse \d+ at [0-9.e+-]+ s$"):
+        lidar().frames(ls.Scene(), short, 2)
+
+
 def test_single_returns_are_views_without_the_axis_of_returns() -> None:
     scene = ls.Scene()
     scene.add(ls.Sphere((10, 0, 0), 2.0), motion=ls.Trajectory.from_twist(np.eye(4), (1, 0, 0)))

@@ -802,7 +802,9 @@ def _check_span(path: Trajectory, pulses: Pulses, start: float, period: float) -
     for i in (int(fired.argmin()), int(fired.argmax())):
         if not first <= fired[i] <= max(last, until):
             got = f"one from {first} to {last} s and pulse {i} at {fired[i]} s"
-            raise ArgumentValueError("pose", "a trajectory over all pulses", got)
+            later = first > fired.max()  # as of a trajectory in Unix time
+            hint = "Trajectory.load(…, start=0), or start_s: 0 in a configuration, shifts its times" if later else ""
+            raise ArgumentValueError("pose", "a trajectory over all pulses", got, hint)
 
 
 def _round_on(end: float) -> float:
