@@ -216,7 +216,8 @@ class Lidar(Sensor):
         fields : collection of str, optional
             The arrays of the batch. Default: range, xyz, intensity, status, label and object_id.
         out : ScanBatch, optional
-            A batch of the same shape, whose arrays are overwritten; `fields` is then its own.
+            A batch of as many rows and returns, and as many pulses or more, whose arrays are overwritten; `fields` is
+            then its own.
 
         Returns
         -------

@@ -241,6 +241,21 @@ def test_memory_is_reused_and_shared_without_copies() -> None:
     assert np.isnan(mixed.xyz[1, 1:]).all()
 
 
+def test_a_batch_serves_frames_of_fewer_pulses() -> None:
+    vlp, scene, fields = ls.Lidar.preset("velodyne-vlp16"), room(), ("range", "xyz", "status", "label")
+    batch = vlp.scan_many(scene, poses(2), fields=fields)
+    vlp.scan_many(scene, poses(2), frame=1, seed=4, out=batch)
+    fresh = vlp.scan_many(scene, poses(2), frame=1, seed=4, fields=fields)
+    few = fresh.status.shape[1]
+    assert few < batch.status.shape[1]
+    for name in fields:
+        assert same_bits(np.ascontiguousarray(getattr(batch, name)[:, :few]), getattr(fresh, name))
+    assert (batch.status[:, few:] == 255).all()
+    assert np.isnan(batch.xyz[:, few:]).all()
+    with pytest.raises(ArgumentValueError, match=r"^out: expected a batch whose range has shape \(2, 28944\), got "):
+        vlp.scan_many(scene, poses(2), out=fresh)
+
+
 def test_arrays_can_be_written_but_not_replaced() -> None:
     batch = CLEAR.scan_many(room(), poses(2))
     status = batch.status

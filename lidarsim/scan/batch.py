@@ -162,7 +162,8 @@ def scan_many(
         The arrays of the batch: attributes of `ScanBatch`. Only these are computed. Default: range, xyz, intensity,
         status, label and object_id.
     out : ScanBatch, optional
-        A batch of the same shape, whose arrays are overwritten; `fields` is then its own.
+        A batch of as many rows and returns, and as many pulses or more, whose arrays are overwritten; `fields` is then
+        its own.
 
     Returns
     -------
@@ -221,6 +222,8 @@ def scan_many(
             path_of(pose, shots[shot][1], at, 1.0 / shots[shot][0].pattern.rate)
             for pose, shot, at in zip(where, shot_of.tolist(), start.tolist(), strict=True)
         ]
+    if isinstance(out, ScanBatch):  # perhaps of a frame of more pulses
+        pulses = max([pulses, *(getattr(out, name).shape[1] for name in out.fields)])
     batch = _arrays(fields, rows, pulses, most) if out is None else _reuse(out, fields, rows, pulses, most)
     contents = {name: array for name, array in batch.__dict__.items() if name in _COLUMNS}
     _native.scan_many(
