@@ -374,7 +374,9 @@ def test_bad_input_is_one_line() -> None:
     (cloud,) = clouds(of, count=1)
     few = without(cloud[:999])
     turned = without(cloud, ring=(len(ELEVATIONS) - 1 - cloud.ring).astype(np.uint16))
+    in_mm = without(cloud, xyz=1000.0 * cloud.xyz)
     for real, sensor, message in (
+        (in_mm, of, "real: expected frames of unit 2, which sees 120 m, got half of the points beyond "),
         (cloud, "hesai-xt32", "real: expected frames of hesai-xt32 with 32 rings, got ring 39"),
         (turned, of, "real: expected frames of unit 2, got points "),
         (few, of, "real: expected 1,000 points or more, got 999"),

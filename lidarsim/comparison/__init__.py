@@ -154,7 +154,7 @@ def fit(
         If a file cannot be read.
     TypeError, ValueError
         If an argument is none of these, there are too few points, or they are not of the sensor: their rings are not
-        told, more than it has, or not where its beams are.
+        told, more than it has, or not where its beams are, or most of them are farther than it sees.
 
     Notes
     -----
