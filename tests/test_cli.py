@@ -596,6 +596,15 @@ def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
 
 
+def test_check_counts_objects_beyond_the_first_hundred_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    names = ["wall"] * 100 + ["pine/trunk", "pine/leaves", "oak/trunk", ""]
+    scene = [{"shape": "sphere", "center_m": [k, 0, 0], "radius_m": 1, "name": n} for k, n in enumerate(names)]
+    assert lidarsim("check", "run.yaml", "--set", f"scene={json.dumps(scene)}") == 0
+    printed = capsys.readouterr().out
+    assert sum(" Sphere " in line for line in printed.splitlines()) == 100
+    assert "and 4 more objects: pine (2), oak (1), without a name (1)\n" in printed
+
+
 def test_check_says_the_sizes_of_scattered_models(capsys: pytest.CaptureFixture[str]) -> None:
     Path("ramp.obj").write_text("v 0 0 0\nv 4 0 0\nv 0 2 1\nf 1 2 3\n", encoding="utf-8")
     Path("recipe.yaml").write_text(

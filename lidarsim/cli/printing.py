@@ -90,6 +90,8 @@ MORE = ("triangles", "size, m", "degenerate", "moves")
 """Columns of a table of objects, and those that it has if an object has a value."""
 WHOLE = ("shape", "reflectivity", "size, m")
 """Columns that are not wrapped."""
+MOST_OBJECTS = 100
+"""Maximum rows of a table of objects: a street has thousands."""
 
 
 def print_import(file: Imported) -> None:
@@ -197,9 +199,13 @@ def format_times(span: tuple[float, float]) -> str:
 
 
 def print_objects(scene: ls.Scene) -> None:
-    """Print a table of the objects of a scene; sizes of meshes are along their own axes."""
+    """Print a table of the first objects of a scene, and how many there are by name of the others.
+
+    Sizes of meshes are along their own axes.
+    """
     rows: list[dict[str, object]] = []
-    for item in scene:
+    objects = list(scene)
+    for item in objects[:MOST_OBJECTS]:
         row: dict[str, object] = {
             "object": item.id,
             "shape": type(item.shape).__name__,
@@ -218,6 +224,9 @@ def print_objects(scene: ls.Scene) -> None:
         rows.append(row)
     columns = [*OBJECT, *(name for name in MORE if any(name in row for row in rows))]
     table(columns, [[row.get(name) for name in columns] for row in rows], left=("shape", "name"), whole=WHOLE)
+    if others := Counter((item.name or "without a name").partition("/")[0] for item in objects[MOST_OBJECTS:]):
+        names = [f"{plain(name, most=NAME)} ({count:,})" for name, count in others.most_common()]
+        paragraph(f"and {quantity(others.total(), 'more object')}: {format_list(names)}")
 
 
 def describe_terrain(number: int, mesh: ls.TriangleMesh) -> str:
