@@ -6,6 +6,7 @@ Side roads leave the street at right angles, so both run along lines of this gri
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -83,6 +84,9 @@ GROUND = ("road", "parking", "sidewalk", "other-ground", "terrain")
 
 KERB = 0.12
 """Height of a kerb, m; 3 cm at crossings (RASt 06 and DIN 18040-3)."""
+
+STEP = 1e-6
+"""Step of places of lines of the ground, m: a line along the edge of a roadway is off it by less, and belongs to it."""
 
 CAMBER = 0.025
 """Slope of a road across (RASt 06)."""
@@ -362,9 +366,9 @@ class Plan:
         """Return whether places are on a roadway, whose corners are round at junctions."""
         across = np.abs(d)
         kerb = np.where(d >= 0, self.sides[1].kerb, self.sides[-1].kerb)
-        road = across <= kerb
+        road = across <= kerb + STEP
         for junction, aside in self.near(s, d):
-            road |= aside <= junction.half
+            road |= aside <= junction.half + STEP
             u, v = across - kerb, aside - junction.half
             in_corner = (u >= 0) & (v >= 0) & (u <= CORNER) & (v <= CORNER)
             road |= in_corner & (np.hypot(u - CORNER, v - CORNER) >= CORNER)
@@ -585,8 +589,8 @@ def _lines(plan: Plan) -> tuple[Floats, Floats]:
 
 
 def _distinct(lines: Floats) -> Floats:
-    """Return lines in order, at least 1 cm apart."""
-    lines = np.unique(np.round(lines, 6))
+    """Return lines in order, multiples of `STEP` and at least 1 cm apart."""
+    lines = np.unique(np.round(lines / STEP) * STEP)
     apart: Floats = lines[np.append(True, np.diff(lines) > 0.01)]
     return apart
 
@@ -693,7 +697,11 @@ class _Builder:
 
     def _tree(self, kind: TreeKind, s: float, d: float, low: float = 0.8, high: float = 1.2) -> None:
         plant = self._one(kind, partial(tree, kind), 4)
-        self._put(plant, kind, (s, d), self.rng.uniform(0, 6.3), scale=self.rng.uniform(low, high))
+        turn, scale = self.rng.uniform(0, 6.3), self.rng.uniform(low, high)
+        if kind == "bush":  # beside the roadway
+            kerb = self.plan.sides[1 if d > 0 else -1].kerb
+            d = math.copysign(max(abs(d), kerb + scale * float(np.abs(plant.bounds[:, :2]).max())), d)
+        self._put(plant, kind, (s, d), turn, scale=scale)
 
     def _item(self, kind: FurnitureKind, s: float, d: float, yaw: float) -> None:
         self._put(self._one(kind, partial(furniture, kind), 4), kind, (s, d), yaw)

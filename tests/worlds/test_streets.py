@@ -92,6 +92,37 @@ def test_the_ground_has_no_gaps(world: ls.worlds.Street) -> None:
     assert np.isfinite(under(scene, inside)[0]).all()
 
 
+@pytest.mark.parametrize("kind", sorted({*STREETS} - {"rural"}))
+def test_kerbs_do_not_slope_over_the_roadway(kind: StreetKind) -> None:
+    """Faces of a roadway are steep only where they are cut by a round corner, less than 1 % of them."""
+    steep = []
+    for seed in range(3):
+        world = ls.worlds.street(seed, kind, length=200.0)
+        for name in ("road", "parking"):
+            for number in world.scene.find(name):
+                mesh = world.scene[number].shape
+                assert isinstance(mesh, ls.TriangleMesh)
+                x, y, z = np.cross(*np.diff(mesh.vertices[mesh.faces], axis=1).swapaxes(0, 1)).T
+                steep.append(np.hypot(x, y) > 0.12 * np.abs(z))
+    of_faces = np.concatenate(steep)
+    assert len(of_faces) > 30_000
+    assert 0.0 < of_faces.mean() < 0.01
+
+
+def test_no_bush_reaches_into_a_roadway() -> None:
+    count = 0
+    for seed in range(8):
+        world = ls.worlds.street(seed, "rural", length=160.0)
+        for number in world.scene.find("bush/leaves"):
+            item = world.scene[number]
+            assert isinstance(item.shape, ls.Disks)
+            assert item.transform is not None
+            leaves = item.shape.centers @ item.transform[:3, :3].T + item.transform[:3, 3]
+            assert "road" not in under(ground(world), leaves)[1], f"seed {seed}, object {number}"
+            count += 1
+    assert count > 500
+
+
 def test_lanes_are_on_the_road_and_pavements_on_the_pavement(world: ls.worlds.Street) -> None:
     scene = ground(world)
     wanted = {
