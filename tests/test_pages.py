@@ -52,6 +52,12 @@ def test_the_reference_is_what_the_command_prints() -> None:
     assert f"\n{keys.page('waypoint')}" in REFERENCE
 
 
+def test_a_default_of_the_configuration_replaces_that_of_the_constructor() -> None:
+    cells = rows(keys.page("strips"))["margin_m"].strip("| ").split(" | ")
+    assert (cells[2], cells[3].partition("Default: ")[2]) == ("", "that of one frame.")
+    assert rows(keys.page("strips"))["turn_s"].split(" | ")[2] == "60"
+
+
 def test_each_section_has_an_example_and_each_key_a_meaning() -> None:
     assert keys.EXAMPLES.keys() == keys.SECTIONS.keys()
     told, _, _ = REFERENCE.partition("### materials")
