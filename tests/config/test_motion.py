@@ -17,6 +17,8 @@ import lidarsim as ls
 from lidarsim.cli import main
 from lidarsim.errors import ConfigError
 
+GUIDE = (Path(__file__).parents[2] / "configs" / "README.md").read_text(encoding="utf-8")
+
 SENSOR = """\
 seed: 9
 frames: 3
@@ -96,6 +98,10 @@ MOTIONS: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {
         "motion: {file: drive.csv, interpolation: spline}",
         lambda: {"motion": save_and_load("drive.csv", interpolation="spline")},
     ),
+    "file in another world": (
+        "position_m: [1, 0, 0], motion: {file: drive.tum, position_m: [0, -1, 0], rotation_deg: {yaw: 5}}",
+        lambda: {"transform": place((1, 0, 0)), "motion": place((0, -1, 0), 5.0) @ save_and_load("drive.tum")},
+    ),
     "file without times": (
         "position_m: [1, 0, 0], motion: {file: drive.kitti, times: times.txt}",
         lambda: {"transform": place((1, 0, 0)), "motion": save_and_load("drive.kitti", times="times.txt")},
@@ -152,6 +158,15 @@ def test_a_motion_in_yaml_is_the_same_in_python(kind: str) -> None:
             bits = getattr(cloud, name).tobytes()
             for same in (of_run.point_cloud(), of_scene.point_cloud(), written):
                 assert getattr(same, name).tobytes() == bits, name
+
+
+def test_the_placement_beside_a_file_of_poses_is_that_of_its_world() -> None:
+    drive = save_and_load("drive.tum")
+    write("")
+    run = ls.config.load("run.yaml", ["pose={file: drive.tum, position_m: [3, 2, 1], rotation_deg: {yaw: 30}}"])
+    expected = (place((3, 2, 1), 30.0) @ drive).at(drive.times).as_matrix()
+    assert np.array_equal(run.pose.at(drive.times).as_matrix(), expected)
+    assert "The placement beside a file is that of the world of the file" in " ".join(GUIDE.split())
 
 
 def test_velocities_of_nothing_leave_an_object_where_it_is() -> None:
