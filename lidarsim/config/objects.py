@@ -292,7 +292,7 @@ class SceneFile(Object):
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the objects to `scene`, named after their nodes; what a rule says of them replaces what is said here."""
-        for item, instance in self.load(place).instances(len(scene)):
+        for item, instance in self.load(place).instances(len(scene), self.instance):
             more: dict[str, Any] = {"name": f"{self.name}/{item.name}".lstrip("/"), "instance": instance}
             if item.label is not None:
                 more["label"] = item.label

@@ -243,6 +243,33 @@ def test_instances_of_a_scene_file_share_their_mesh() -> None:
     assert objects["hall/two"].transform[:3, 3] == pytest.approx([-4, 4, 6])  # (4, 5, 6), turned, then moved
 
 
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        ("", [2, 3, 4]),
+        ("instance: 50,", [50, 50, 50]),
+        ("instance: 50, rules: [{node: '*b', instance: node}],", [50, 3, 50]),
+        ("instance: 50, rules: [{node: '*b', instance: 7}],", [50, 7, 50]),
+    ],
+)
+def test_the_instance_of_a_scene_file_is_that_of_the_parts_without_one_by_a_rule(
+    more: str, expected: list[int]
+) -> None:
+    faces = "".join(f"o {name}\nv 5 0 0\nv 5 1 0\nv 5 0 1\nf -3 -2 -1\n" for name in "abc")
+    Path("parts.obj").write_text(faces, encoding="utf-8")
+    Path("parts.xml").write_text(
+        "<mujoco><worldbody>"
+        + "".join(f"<body name='{name}'><geom name='{name}' size='1'/></body>" for name in "abc")
+        + "</worldbody></mujoco>",
+        encoding="utf-8",
+    )
+    for file in ("parts.obj", "parts.xml"):
+        ball = "{shape: sphere, center_m: [0, 0, 9], radius_m: 1}"
+        scene = f"scene: [{ball}, {{shape: scene_file, {more} file: {file}}}]"
+        _, *parts = load(f"sensor: {{preset: velodyne-vlp16}}\n{scene}").scene.objects
+        assert [part.instance for part in parts] == expected
+
+
 def test_scene_files_of_mujoco() -> None:
     arm = '<body name="arm" pos="4 0 0"><geom type="box" size="1 2 3"/><geom size="1"/></body>'
     Path("arm.xml").write_text(f"<mujoco><worldbody><geom size='1'/>{arm}</worldbody></mujoco>", encoding="utf-8")

@@ -19,7 +19,7 @@ from lidarsim.io.scenes._animation import Bend, Figure
 from lidarsim.io.scenes._model import Indices, Node, Part, SceneFile, mean_of_corners
 from lidarsim.io.scenes._pictures import Textures
 from lidarsim.materials import LUMINANCE, Material
-from lidarsim.world.rules import Appearance, Options, Rule
+from lidarsim.world.rules import Appearance, Grouping, Options, Rule
 from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import Shape, TriangleMesh
 from lidarsim.world.shapes._polygons import check_faces, triangulate
@@ -44,8 +44,8 @@ class Placed(NamedTuple):
     material: Material | None
     group: Hashable
     """Objects with the same group are one instance."""
-    instance: int | None
-    """Number of the instance."""
+    instance: int | Grouping | None
+    """What its rule says of its instance: the number, or how its group is formed."""
     transform: Floats | None
     material_name: str
     """Name of its material in the file."""
@@ -115,12 +115,16 @@ class Imported:
         """Lowest and highest corner of the objects, m, shape (2, 3); nan if there are none."""
         return scene_with(self).bounds
 
-    def instances(self, first: int) -> Iterator[tuple[Placed, int]]:
-        """Yield the objects with the numbers of their instances, if the first object has the id `first`."""
+    def instances(self, first: int, instance: int | None = None) -> Iterator[tuple[Placed, int]]:
+        """Yield the objects with the numbers of their instances, if the first object has the id `first`.
+
+        `instance` is the number of those of whose instance no rule says anything.
+        """
         numbers: dict[Hashable, int] = {}
         for number, item in enumerate(self.objects, first):
             known = numbers.setdefault(item.group, number + 1)
-            yield item, known if item.instance is None else item.instance
+            said = instance if item.instance is None else item.instance
+            yield item, said if isinstance(said, int) else known
 
 
 MOST_REPEATED = 1 << 28
@@ -238,7 +242,7 @@ def _build(path: Path, file: SceneFile, options: Options) -> Imported:
                     rule.label,
                     meshes.material(part, appearance),
                     _group(node, rule),
-                    rule.instance if isinstance(rule.instance, int) else None,
+                    rule.instance,
                     place,
                     part.material,
                     source,

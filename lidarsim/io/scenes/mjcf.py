@@ -168,7 +168,7 @@ def objects(
                 rule.label,
                 _material(model, geom, appearance),
                 _instance(geom, body, rule),
-                rule.instance if isinstance(rule.instance, int) else None,
+                rule.instance,
                 place,
                 material,
             )
