@@ -194,7 +194,7 @@ def _carry(items: list[AnyObject], pose: Floats | Trajectory | None, scene: Scen
             raise (place / index / "motion").error("expected none, since the object moves along with the sensor")
         carried = Scene()
         item.add_to(carried, place / index)
-        instance = len(scene) + 1
+        instance = len(scene) + 1 if item.instance is None else item.instance
         for part in carried:
             keys = ("name", "label", "material", "transform")
             more = {key: getattr(part, key) for key in keys}

@@ -82,6 +82,18 @@ def test_a_vehicle_moves_along_with_its_sensor_and_is_not_in_its_way(tmp_path: P
     assert load(path, [way, f"run.scene.objects=[{standing}]"]).source.nearby(0).keys() == {"mast"}
 
 
+def test_objects_of_a_vehicle_may_share_an_instance(tmp_path: Path) -> None:
+    ball = {"shape": "sphere", "name": "ball", "center_m": [1, 0, 0], "radius_m": 0.1}
+    body = {"shape": "vehicle", "kind": "van", "name": "van"}
+    scene = STREET | {"vehicle": [ball | {"instance": 900}, body | {"instance": 900}, ball, body]}
+    run = load(recipe(tmp_path, {}, scene=scene), ["run.pose={way: lanes, speed_m_per_s: 8}"]).source.run(0)
+    (shared, alone), parts = run.scene.find("ball"), [item for item in run.scene if item.name.startswith("van/")]
+    assert run.scene[shared].instance == 900
+    assert run.scene[alone].instance == alone + 1
+    assert {item.instance for item in parts if item.id < alone} == {900}
+    assert {item.instance for item in parts if item.id > alone} == {alone + 2}
+
+
 @pytest.mark.parametrize(
     ("vehicle", "pose", "message"),
     [
