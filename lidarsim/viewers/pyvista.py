@@ -61,8 +61,10 @@ def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
         array = getattr(cloud, name)
         if array.shape[0] or array.ndim == 1:
             converted.point_data[name] = array
-        else:  # PyVista refuses empty vector fields, VTK does not
-            converted.point_data.VTKObject.AddArray(pv.convert_array(array, name=name))
+        else:  # PyVista refuses empty vector fields, VTK does not; VTK has no bool, which PyVista notes by name
+            converted.point_data[name] = array[:, 0]
+            stored = array.view(np.uint8) if array.dtype == np.bool_ else array
+            converted.point_data.VTKObject.AddArray(pv.convert_array(stored, name=name))
     if cloud.class_names:
         converted.field_data["class_label"] = np.array(list(cloud.class_names), np.uint32)
         _add_texts(converted, "class_name", cloud.class_names.values())

@@ -82,6 +82,7 @@ def test_conversion_shares_its_arrays() -> None:
 def test_every_field_comes_back(points: int) -> None:
     cloud = cloud_of_all(points)
     cloud.class_names = {0: "road", 7: "Fußgänger", 2**32 - 1: ""}
+    cloud.flags = np.arange(3 * points).reshape(-1, 3) % 2 == 0
     back = PointCloud.from_pyvista(cloud.to_pyvista())
     assert (back.fields, back.class_names) == (cloud.fields, cloud.class_names)
     for name in cloud.fields:
