@@ -306,7 +306,7 @@ class Scene(Pickled, Plotted):
             one each.
         instance : int, optional
             Number that distinguishes instances of a class, 0 to 2³² − 1; objects that are parts of one instance share
-            it. Default: the object's id + 1.
+            it. Default: the object's id + 1. Numbers beyond that of objects are the default of none.
         material : Material, optional
             How its surface returns light. Default: a perfect diffuser.
         transform : array_like, shape (4, 4), or RigidTransform, optional
