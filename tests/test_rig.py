@@ -193,6 +193,25 @@ def test_a_slower_sensor_comes_once_a_frame_of_its_own(slow: float, fast: float,
         assert {name: scan.frame for name, scan in part.items()} == {name: scan.frame for name, scan in again.items()}
 
 
+def test_the_span_is_from_the_first_sensor_to_the_last() -> None:
+    slow, fast = ls.RigSensor(sensor(10.0), None, offset=0.07), ls.RigSensor(sensor(20.0), None, offset=0.01)
+    rig = ls.Rig({"slow": slow, "fast": fast})
+    for first, count, numbers in [
+        (0, 2, {"slow": range(1), "fast": range(2)}),
+        (4, 3, {"slow": [2, 3], "fast": [4, 5, 6]}),
+    ]:
+        scans = [scan for part in rig.frames(street(), TOP, count, first=first) for scan in part.values()]
+        assert {(scan.frame, scan.time) for scan in scans} == {
+            (k, k / rig[name].lidar.pattern.rate + rig[name].offset) for name in numbers for k in numbers[name]
+        }
+        start = min(scan.time for scan in scans)
+        end = max(
+            k / rig[name].lidar.pattern.rate + rig[name].offset for name in numbers for k in [numbers[name][-1] + 1]
+        )
+        assert rig.span(count, first=first) == (start, pytest.approx(end, abs=1e-15))
+        assert start == 0.01 + first / 20.0
+
+
 def test_a_rig_is_a_mapping() -> None:
     rig = ls.Rig({"top": (sensor(), TOP), "left": (sensor(20.0), None, 0.01)})
     assert isinstance(rig, Mapping)

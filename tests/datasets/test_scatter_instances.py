@@ -335,6 +335,25 @@ def test_people_stand_upright_on_slopes(tmp_path: Path) -> None:
 # Rotation and scene files
 
 
+@pytest.mark.parametrize(("low", "lift"), [(10.0, -10.0), (0.0, 0.0), (0.0, 5.0)])
+def test_turned_objects_of_the_scene_are_as_high_as_their_place_makes_them(
+    tmp_path: Path, low: float, lift: float
+) -> None:
+    """People stand beside a block on the floor, wherever its own coordinates begin, and below one that is lifted."""
+    block = {"shape": "box", "size_m": [12, 12, 1], "center_m": [0, 0, low + 0.5], "rotation_deg": {"yaw": 30},
+             "position_m": [0, 0, lift]}  # fmt: skip
+    path = recipe(tmp_path, people={"objects": [WALKER], "count": 12, "area_m": [[-9, -9], [9, 9]]})
+    text = yaml.safe_load(path.read_text())
+    text["run"] |= {"scene": [FLOOR, block], "pose": {"position_m": [0, 0, 20]}}
+    path.write_text(yaml.safe_dump(text))
+    scene, found = scene_and_objects(path)
+    people = [parts for parts in instances(scene) if parts[0].label == 2]
+    assert len(people) == len(found) == 12
+    turn = np.array([[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]])
+    least = min(np.abs(plan(parts, 0.0) @ turn).max(axis=1).min() for parts in people)
+    assert (least > 6.0) == (low + lift == 0.0)
+
+
 def test_a_rotation_is_obeyed(tmp_path: Path) -> None:
     turned = {"shape": "box", "size_m": [1, 4, 1], "center_m": [0, 0, 0.5], "rotation_deg": {"yaw": 90},
               "position_m": [0.5, 0, 0.1]}  # fmt: skip

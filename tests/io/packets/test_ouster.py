@@ -303,6 +303,11 @@ def test_a_part_of_a_turn(first: int, count: int) -> None:
     packets, metadata = packets_of(lidar, scan)
     last = (first + count - 1) % 512
     assert metadata["lidar_data_format"]["column_window"] == [first, last]
+    # The window of directions, in thousandths of a degree, holds those of the columns: column 0 looks along 0.
+    start, end = metadata["config_params"]["azimuth_window"]
+    beyond = (-360_000 * np.arange(512) / 512 - start + 0.5) % 360_000
+    inside = beyond <= ((end - start) % 360_000 or 360_000 * (count == 512)) + 1.0
+    assert set(np.flatnonzero(inside)) == {(first + k) % 512 for k in range(count)}
     columns = [column for packet in packets for column in decode(packet.payload, metadata)]
     numbers = 2 * 512 + first + np.arange(count)
     assert len(packets) == numbers[-1] // 16 - numbers[0] // 16 + 1
