@@ -61,6 +61,17 @@ def test_python_writes_what_the_command_line_writes(config: str, suffix: str) ->
             assert path.read_bytes() == Path("cli", path.name).read_bytes()
 
 
+def test_frames_are_repeated_once_the_slowest_sensor_has_had_its_own() -> None:
+    assert ls.config.load("run.yaml").period == 0.3
+    run = ls.config.load("rig.yaml")
+    assert isinstance(run.sensor, ls.Rig)
+    counts = {"top": 1, "low": 3}  # frames of 0.1 s and of 0.02 s
+    assert run.sensor["low"].lidar.pattern.rate == 50.0
+    for name, count in counts.items():
+        assert sum(name in scans for scans in run.scans()) == count
+    assert run.period == 0.1
+
+
 TRIANGLE = """\
 ply
 format ascii 1.0
