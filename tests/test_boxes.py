@@ -585,6 +585,8 @@ def test_selections_corners_and_copies() -> None:
         _ = boxes[boxes.points[1:] > 0]
     assert len(seen) == len(scan.boxes(min_points=200)) < len(boxes)
     corners = boxes[:1].corners[0]
+    for k, ahead in enumerate(np.ndindex(2, 2, 2)):  # back before front, right before left, bottom before top
+        assert ((((corners[k] - boxes.center[0]) @ boxes.rotation[0]) > 0) == ahead).all()
     assert boxes[:1].contain(boxes.center[0] + 0.999 * (corners - boxes.center[0])).all()
     assert not boxes[:1].contain(boxes.center[0] + 1.001 * (corners - boxes.center[0])).any()
     yaw = Rotation.from_matrix(boxes.rotation).as_euler("zyx")[:, 0]
