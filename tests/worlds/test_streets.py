@@ -92,6 +92,37 @@ def test_the_ground_has_no_gaps(world: ls.worlds.Street) -> None:
     assert np.isfinite(under(scene, inside)[0]).all()
 
 
+def test_each_ground_has_its_reflectivity_and_roads_are_painted(world: ls.worlds.Street) -> None:
+    usual = {"road": (0.2, 0.34), "parking": (0.2, 0.34), "sidewalk": (0.26, 0.4), "terrain": (0.4, 0.55)}
+    paint = ls.materials.ROAD_PAINT_WORN.reflectivity
+    for name, (least, most) in usual.items():
+        for number in world.scene.find(name):
+            material = world.scene[number].material
+            assert material.per == "face"
+            values, counts = np.unique(material.reflectivity, return_counts=True)
+            assert least < values[counts.argmax()] < most, name
+            assert (paint in values) == (name == "road")
+
+
+def test_rural_roads_have_lines_along_their_edges() -> None:
+    """Outside of both lanes, away from the junction, what is painted is two lines of 12 cm."""
+    world = ls.worlds.street(5, "rural", length=160.0)
+    (number,) = world.scene.find("road")
+    mesh, material = world.scene[number].shape, world.scene[number].material
+    assert isinstance(mesh, ls.TriangleMesh)
+    painted = mesh.vertices[mesh.faces[material.reflectivity == ls.materials.ROAD_PAINT_WORN.reflectivity]]
+    middles = painted.mean(axis=1)
+    there, back = (np.linalg.norm(middles[:, None, :2] - lane[:, :2], axis=2).min(axis=1) for lane in world.ways.lanes)
+    turns = np.concatenate(world.ways.turns)
+    side_road = turns[np.abs(turns[:, 1]).argmax(), 0]
+    stretches = [(-75.0, side_road - 15.0), (side_road + 15.0, 75.0)]
+    x, aside = middles[:, 0], np.abs(there - back) > 2.0
+    area = 0.5 * np.linalg.norm(np.cross(*np.diff(painted, axis=1).swapaxes(0, 1)), axis=1)
+    for start, stop in stretches:
+        assert stop - start > 20.0
+        assert area[aside & (start < x) & (x < stop)].sum() == pytest.approx(2 * (stop - start) * 0.12, rel=0.1)
+
+
 @pytest.mark.parametrize("kind", sorted({*STREETS} - {"rural"}))
 def test_kerbs_do_not_slope_over_the_roadway(kind: StreetKind) -> None:
     """Faces of a roadway are steep only where they are cut by a round corner, less than 1 % of them."""
