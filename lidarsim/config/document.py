@@ -355,8 +355,8 @@ class Place:
     def refusals(self, keys: Mapping[str, tuple[str, str]] | None = None) -> Iterator[None]:
         """Turn an error in the block into one at this place.
 
-        `keys` maps an argument that cannot be used to its key, and to the unit to append to numbers if the key has
-        another unit: a hint about units does not apply then.
+        `keys` maps an argument that cannot be used to the path of its key, and to the unit to append to numbers if
+        the key has another unit: a hint about units does not apply then. A key that is not in the document is named.
         """
         try:
             yield
@@ -368,7 +368,9 @@ class Place:
             key, unit = keys[error.argument]
             after = unit if re.search(r"\d", error.problem) else ""
             hint = f"; {error.hint}" if error.hint and not unit else ""
-            raise (self / key).error(f"{error.problem}{after}{hint}") from error
+            where = self.at(tuple(path_of(key)))
+            missing = f"{key}: " if key and where._walk()[1] == self._walk()[1] else ""
+            raise where.error(f"{missing}{error.problem}{after}{hint}") from error
         except (LidarsimError, OSError, TypeError, ValueError) as error:
             raise self.error(format_error(error)) from error
 

@@ -52,27 +52,40 @@ class Model(BaseModel):
         return value
 
 
-def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], place: Place, **more: object) -> T:
+def construct(constructor: Callable[..., T], model: Model, keys: Collection[str], place: Place, **more: object) -> T:
     """Call `constructor` with `more` and the given values of `keys`, in SI units and radians.
 
     Raises
     ------
     ConfigError
-        If the constructor raises an error: at the key of the argument that it names, else at `place`.
+        If the constructor raises an error: at the key of the argument that it names, its own or one of a part, else at
+        `place`.
     """
     arguments: dict[str, object] = {}
     key_of: dict[str, tuple[str, str]] = {}
-    for key in sorted(model.model_fields_set.intersection(keys)):
-        value: Any = _build(getattr(model, key), place / key)
+    for key in sorted(keys):
         name, unit = argument_of(key), unit_of(key)
-        if unit and value is not None:
-            value = in_si(value, unit)
-        if name in key_of:
-            raise (place / key).error(f"given already as {key_of[name][0]}")
-        arguments[name] = value
-        key_of[name] = key, f" (in {UNITS[unit][0]})" if unit and UNITS[unit][0] else ""
+        if key in model.model_fields_set:
+            value: Any = _build(getattr(model, key), place / key)
+            if unit and value is not None:
+                value = in_si(value, unit)
+            if name in arguments:
+                raise (place / key).error(f"given already as {key_of[name][0]}")
+            arguments[name] = value
+        elif name in key_of:
+            continue
+        key_of[name] = key, _other_unit(unit)
+    for argument in sorted(arguments | more):
+        part = getattr(model, argument, None)
+        for key in sorted(part.model_fields_set) if isinstance(part, Part) else ():
+            key_of.setdefault(argument_of(key), (f"{argument}.{key}", _other_unit(unit_of(key))))
     with place.refusals(key_of):
         return constructor(**{**arguments, **more})
+
+
+def _other_unit(unit: str | None) -> str:
+    """Return what tells the unit of an argument in a message if that of its key is another."""
+    return f" (in {UNITS[unit][0]})" if unit and UNITS[unit][0] else ""
 
 
 def _build(value: object, place: Place) -> object:

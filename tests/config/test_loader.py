@@ -373,13 +373,23 @@ def test_effects_that_cannot_be_are_refused_at_their_keys() -> None:
         ("{crossover_m: 3}", "measurement.crossover_m: "),
         ("{range_sigma_limit_m: 0.1}", "measurement.range_sigma_limit_m: expected 0 without a detection limit"),
         ("{false_returns: 2}", "measurement.false_returns: expected a finite number from 0 to 1, got 2.0"),
-        ("{false_returns: 0.1}", "max_range: expected a finite number with false_returns, got inf"),
+        (
+            "{false_returns: 0.1}",
+            "run.yaml:1: sensor: max_range_m: expected a finite number with false_returns, got inf",
+        ),
         ("{depth: 256}", "measurement.depth: expected an integer from 1 to 255, got 256"),
         ("{beam: {divergence_azimuth_mrad: 1, separation_m: -1}}", "beam.separation_m: expected a finite number >= 0"),
     ):
         sensor = f"{{pattern: {{type: spinning, elevations_deg: [0]}}, measurement: {measurement}}}"
         with pytest.raises(ls.errors.ConfigError, match=re.escape(message)):
             load(f"sensor: {sensor}\nscene: []")
+
+
+def test_errors_of_several_parts_name_the_key_and_its_line() -> None:
+    sensor = "sensor:\n  preset: velodyne-vlp16\n  datasheet_noise: {range_bias_m: 0}\n  measurement:\n"
+    assert refusal(f"{sensor}    range_bias_m: [0.1, 0.2]\nscene: []") == (
+        "run.yaml:5: sensor.measurement.range_bias_m: expected one number, or one per ring (16), got 2"
+    )
 
 
 def test_range_offset_is_a_number_or_a_list() -> None:
