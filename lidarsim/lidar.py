@@ -27,13 +27,16 @@ if TYPE_CHECKING:
 HEAD = 1 << 16
 """Bytes at the start of a file that determine its kind."""
 
+OWN = "lidarsim YAML"
+"""Kind of lidarsim's own files: every YAML that is of no other kind."""
+
 PRESETS = Path(__file__).parent / "presets"
 
 _readers: dict[str, tuple[Callable[[Path, str], bool], Callable[..., Lidar]]] = {}
 
 
 def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], read: Callable[..., Lidar]) -> None:
-    """Let `Lidar.from_file` read one more kind of file.
+    """Let `Lidar.from_file` read one more kind of file; the kind registered last is tried first.
 
     Parameters
     ----------
@@ -300,7 +303,7 @@ class Lidar(Sensor):
         >>> ls.Lidar.preset("hesai-xt32", noise="measured").measurement.range_sigma
         0.0028
         """
-        _, read = _readers["lidarsim YAML"]
+        _, read = _readers[OWN]
         lidar = read(preset_path(name), mode=mode, noise=noise)
         if rate is None:
             return lidar
@@ -339,21 +342,33 @@ class Lidar(Sensor):
             If a file of this kind has no such option.
         """
         path = check_path(path)
-        try:
-            check_regular(path)
-            with path.open("rb") as file:
-                text = file.read(HEAD).decode("utf-8-sig", errors="replace")
-        except OSError as error:
-            raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
-        for kind, (recognise, read) in _readers.items():
-            if recognise(path, text):
-                known = [name for name in inspect.signature(read).parameters if name != "path"]
-                for name, value in options.items():
-                    if name not in known:
-                        expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
-                        raise ArgumentTypeError(name, expected, short_repr(value))
-                return read(path, **options)
-        raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
+        kind = kind_of(path)
+        if kind is None:
+            raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
+        _, read = _readers[kind]
+        known = [name for name in inspect.signature(read).parameters if name != "path"]
+        for name, value in options.items():
+            if name not in known:
+                expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
+                raise ArgumentTypeError(name, expected, short_repr(value))
+        return read(path, **options)
+
+
+def kind_of(path: Path) -> str | None:
+    """Return the kind of a sensor's file, as its reader is registered; None if it is unknown.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read.
+    """
+    try:
+        check_regular(path)
+        with path.open("rb") as file:
+            text = file.read(HEAD).decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
+    return next((kind for kind, (recognise, _) in reversed(_readers.items()) if recognise(path, text)), None)
 
 
 def preset_path(name: str) -> Path:

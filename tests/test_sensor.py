@@ -165,6 +165,21 @@ def test_foreign_file_is_named(tmp_path: Path, content: bytes | None, message: s
         ls.Lidar.from_file(path)
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("# mine\nmin_range_m: 1\n", "2: expected one of the keys preset, file, pattern, got none of them"),
+        ("\tpattern:\n", "1: not valid YAML: found character '\\t' that cannot start any token"),
+        ("{pattern: {type: spinning}}\n", "1: pattern: missing key 'elevations_deg'"),
+    ],
+)
+def test_yaml_of_no_vendor_is_our_own(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "sensor.yaml"
+    path.write_text(content)
+    with pytest.raises(ls.errors.ConfigError, match=f"^{re.escape(f'{path}:{message}')}$"):
+        ls.Lidar.from_file(path)
+
+
 def test_reader_is_one_registration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lidar, "_readers", dict(lidar._readers))
     given: list[object] = []

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidarsim._base.files import check_path
-from lidarsim.config.recognition import recognise
-from lidarsim.lidar import Lidar, register_lidar_reader
+from lidarsim.lidar import OWN, Lidar, register_lidar_reader
 from lidarsim.world.scene import Scene, register_scene_reader
 
 if TYPE_CHECKING:
@@ -88,5 +87,9 @@ def read_scene(path: Path) -> Scene:
     return loader.read_scene(path)
 
 
-register_lidar_reader("lidarsim YAML", recognise, read_lidar)
-register_scene_reader("lidarsim YAML", lambda path, _: path.suffix.lower() in {".yaml", ".yml"}, read_scene)
+def _recognise(path: Path, _: object) -> bool:
+    return path.suffix.lower() in {".yaml", ".yml"}
+
+
+register_lidar_reader(OWN, _recognise, read_lidar)
+register_scene_reader(OWN, _recognise, read_scene)

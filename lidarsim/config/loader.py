@@ -29,14 +29,13 @@ from lidarsim.config.document import (
 from lidarsim.config.factories import Model
 from lidarsim.config.objects import World
 from lidarsim.config.poses import Drive, Stations, Strips, build_pose
-from lidarsim.config.recognition import recognise
 from lidarsim.config.schema import Config, SceneDocument, names_by_label
 from lidarsim.config.sensors import Sensor, VendorSensor, build_rig
 from lidarsim.config.starter import configuration
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.io.raster import same_crs
 from lidarsim.io.scenes import Imported
-from lidarsim.lidar import HEAD, PRESETS, Lidar, preset_path
+from lidarsim.lidar import OWN, PRESETS, Lidar, kind_of, preset_path
 from lidarsim.motion.georeference import projected_crs
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
@@ -272,7 +271,7 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
             base = replace(_preset(preset_path(preset)), ["model"], entries(node)["preset"][1])
     elif file is not None:
         path = (place / "file").file(file)
-        if not recognise(path, path.read_bytes()[:HEAD].decode("utf-8-sig", errors="replace")):
+        if kind_of(path) != OWN:
             return node
         if path.resolve() in above:
             raise (place / "file").error("expected another file, got one that includes this one")
