@@ -854,6 +854,14 @@ def test_unlike_sensors_are_noted(real: list[ls.PointCloud]) -> None:
     assert ls.compare(real, few, sensor=SENSOR).notes == ()
 
 
+def test_points_in_millimetres_are_noted(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
+    in_mm = [change(cloud, 1000.0 * cloud.range) for cloud in again]
+    (note,) = ls.compare(real[:1], in_mm[:1]).notes
+    middle = 1000.0 * np.median(again[0].range)
+    assert note == f"half of the simulated points are beyond {middle:.4g} m, and all real ones nearer: mm?"
+    assert ls.compare(real[:1], again[:1]).notes == ()
+
+
 def test_what_does_not_overlap_is_not_paired(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
     elsewhere = [change(cloud, 5.0 * cloud.range) for cloud in again]
     comparison = ls.compare(real, elsewhere)
@@ -955,6 +963,11 @@ MISTAKES: dict[str, tuple[Callable[[Path], Any], type[Exception], str]] = {
         lambda folder: ls.compare(*[ls.PointCloud([[1.0, 0, 0]])] * 2, sensor=folder / "own.yaml"),
         ls.errors.FileFormatError,
         "own.yaml: cannot read the file",
+    ),
+    "points in millimetres": (
+        lambda _: ls.compare(*(ls.PointCloud([[x, 0, 0]] * 2) for x in (9.0, 9e3)), sensor="velodyne-vlp16"),
+        ValueError,
+        "simulated: expected frames of velodyne-vlp16, which sees 100 m, got half of the points beyond 9000 m; mm?",
     ),
     "an empty folder": (
         lambda folder: ls.compare(folder, folder),

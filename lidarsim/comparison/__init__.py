@@ -10,6 +10,7 @@ the least that would have counted.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -23,7 +24,7 @@ from lidarsim._base.shown import quantity
 from lidarsim._base.validation import short_repr
 from lidarsim.comparison import _report as _report  # registers the page
 from lidarsim.comparison._fit import fit_source, recognise, sensor_of
-from lidarsim.comparison._frame import Frame
+from lidarsim.comparison._frame import Frame, check_reach
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
 from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, Verdict, reasons, values
 from lidarsim.comparison._sources import Given, Source, intensity_unit, source
@@ -95,7 +96,8 @@ def compare(real: Given, simulated: Given, *, sensor: SensorLike = None) -> Comp
     FileFormatError, OSError
         If a file cannot be read.
     TypeError, ValueError
-        If an argument is none of these, or one side has no points.
+        If an argument is none of these, one side has no points, or half of the points of a frame are farther than the
+        sensor sees.
 
     Notes
     -----
@@ -154,7 +156,7 @@ def fit(
         If a file cannot be read.
     TypeError, ValueError
         If an argument is none of these, there are too few points, or they are not of the sensor: their rings are not
-        told, more than it has, or not where its beams are, or most of them are farther than it sees.
+        told, more than it has, or not where its beams are, or half of them are farther than it sees.
 
     Notes
     -----
@@ -211,6 +213,7 @@ class _Side:
     def __init__(self, argument: str, name: str) -> None:
         self.argument, self.name = argument, name
         self.frames = self.points = 0
+        self.middle, self.farthest = math.inf, 0.0  # least of the medians of frames, and greatest distance, m
         self.rings = np.zeros(0, np.intp)
         self.inferred: dict[str, None] = {}  # an ordered set
         self.missing: dict[str, str] = {}
@@ -225,11 +228,16 @@ class _Side:
         if self._unit is None and (isinstance(given, Scan) or len(given)):
             self._unit = intensity_unit(given)
         frame = Frame.of(given, sensor, self._unit or 1.0)
-        return frame if len(frame) else None
+        if not len(frame):
+            return None
+        if sensor is not None:
+            check_reach(self.argument, frame, sensor)
+        return frame
 
     def add(self, frame: Frame) -> None:
         """Add the samples of a frame."""
         self.points += len(frame)
+        self.middle, self.farthest = min(self.middle, frame.middle), max(self.farthest, float(frame.reach.max()))
         if frame.ring is not None:
             self.rings = np.union1d(self.rings, frame.ring)
         self.missing |= frame.missing
@@ -311,6 +319,11 @@ def _judge(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: bool
         if side.inferred
     ]
     notes += [f"{unlike}: these are unlike sensors"] if unlike else []
+    notes += [
+        f"half of the {side.argument} points are beyond {side.middle:.4g} m, and all {other.argument} ones nearer: mm?"
+        for side, other in ((real, simulated), (simulated, real))
+        if side.middle > other.farthest
+    ]
     return Comparison(tuple(measures), real.summary, simulated.summary, tuple(notes))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats
-from lidarsim.comparison._frame import Frame, Image, Mask, tile_shape
+from lidarsim.comparison._frame import Frame, Image, Mask, check_reach, tile_shape
 from lidarsim.comparison._inferred import Beams
 from lidarsim.comparison._measures import INTENSITIES, RANGES, SIGMA, STEPS, bin_of, range_noise, smooth
 from lidarsim.comparison._sources import intensity_unit
@@ -223,10 +223,7 @@ class Captures:
         if angle > MISFIT:
             got = f"points {np.degrees(angle):.1f}° from the beams of their rings"
             raise ArgumentValueError("real", f"frames of {self._name}", got, "is it another sensor?")
-        middle = float(np.median(np.linalg.norm(frame.xyz, axis=1)))
-        if middle > self.lidar.max_range:
-            expected = f"frames of {self._name}, which sees {self.lidar.max_range:g} m"
-            raise ArgumentValueError("real", expected, f"half of the points beyond {middle:.4g} m", "mm?")
+        check_reach("real", frame, self.lidar)
 
     def _report_ranges(self, frame: Frame) -> Floats:
         """Return the range of each point as the sensor reports it: from the origin of its beam, and its offset."""

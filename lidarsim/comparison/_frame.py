@@ -13,6 +13,7 @@ import numpy.typing as npt
 from lidarsim._base.validation import Floats
 from lidarsim.comparison._inferred import ELEVATIONS, TURN, NoRingsError, circular_mean, columns_of, rings_of
 from lidarsim.comparison._statistics import BLOCKS, Indices
+from lidarsim.errors import ArgumentValueError
 from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.scan.scan import Scan
 from lidarsim.sensor.sensor import Sensor
@@ -100,6 +101,11 @@ class Frame:
     def __len__(self) -> int:
         return len(self.reach)
 
+    @property
+    def middle(self) -> float:
+        """Median distance of the points, m."""
+        return float(np.median(self.reach))
+
     @classmethod
     def of(cls, given: PointCloud | Scan, sensor: Sensor | None, intensity_unit: float) -> Frame:
         """Return a cloud or a scan, in the sensor frame, as a frame.
@@ -155,6 +161,13 @@ class Frame:
             missing=missing,
             inferred=inferred,
         )
+
+
+def check_reach(argument: str, frame: Frame, sensor: Sensor) -> None:
+    """Raise `ArgumentValueError` if half of the points are beyond what the sensor sees."""
+    if frame.middle > sensor.max_range:
+        expected = f"frames of {sensor.name or 'the sensor'}, which sees {sensor.max_range:g} m"
+        raise ArgumentValueError(argument, expected, f"half of the points beyond {frame.middle:.4g} m", "mm?")
 
 
 @dataclass(frozen=True)
