@@ -248,12 +248,12 @@ def load(folder: PathLike, *, split: str | None = None) -> DataSet:
         A sequence of frames, ordered by sequence, frame and sensor: ``len(frames)`` is their number, and ``frames[i]``
         reads one, with the cloud as the layout holds it, its boxes, poses and time, and images on demand; with a rig,
         the frames of each sensor count. It can be pickled, and used in threads and forked processes, and is a map-style
-        data set of PyTorch. Reading a frame from bags reads the bag up to it; bags with a cut cannot be read.
+        data set of PyTorch. Reading a frame from bags reads the bag up to it; bags with a cut are refused.
 
     Raises
     ------
     FileFormatError
-        If there is no complete data set, or its notes are damaged.
+        If there is no complete data set, its notes are damaged, or it is of bags with a cut.
     TypeError, ValueError
         If the data set has no such split, or `folder` is no path.
 

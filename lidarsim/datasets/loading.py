@@ -236,6 +236,8 @@ def load(folder: PathLike, split: str | None) -> DataSet:
         names = names_in(recipe.get("class_names") or {}, f"{store}/{manifest.RECIPE}")
     except ArgumentValueError as error:
         raise FileFormatError(f"{store}/{manifest.RECIPE}: {error}") from None
+    if not layout.has_frames:
+        raise FileFormatError(f"{store}: expected bags whose messages are frames, got bags with a cut")
     return DataSet(layout, names, split, store, np.array(places, np.int64).reshape(-1, 3), has_world_points(recipe))
 
 

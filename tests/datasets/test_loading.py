@@ -244,7 +244,7 @@ def test_bags_with_a_cut_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path, "bags")
     ls.generate(path, tmp_path / "out", layout={"type": "bags", "cut": "driver"}, pictures=0)
     with pytest.raises(FileFormatError, match="expected bags whose messages are frames, got bags with a cut"):
-        ls.datasets.load(tmp_path / "out")[0]
+        ls.datasets.load(tmp_path / "out")
 
 
 def test_object_stores(made: Any) -> None:

@@ -194,6 +194,11 @@ class Layout(Model):
     type: str
 
     @property
+    def has_frames(self) -> bool:
+        """Whether the files hold the cloud of each frame, which `read` returns."""
+        return True
+
+    @property
     def columns(self) -> tuple[str, ...] | None:
         """Fields of a cloud that the files hold besides `xyz`; None for any."""
         return None

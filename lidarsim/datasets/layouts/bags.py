@@ -59,6 +59,11 @@ class Bags(Layout):
             raise PydanticCustomError("cut", "expected either cut or cut_deg, got both")
         return self
 
+    @property
+    def has_frames(self) -> bool:
+        """Whether each message is a frame: with a cut, messages hold the end of one frame and the start of the next."""
+        return self.cut in {None, "pattern"} and self.cut_deg is None
+
     def _bag(self, path: PathLike, run: Run) -> rosbag.Writer:
         cut = self.cut or "pattern" if self.cut_deg is None else math.radians(self.cut_deg)
         return bag(run, path, cut=cut)
@@ -108,8 +113,6 @@ class Bags(Layout):
 
     def read(self, store: Store, record: Record) -> Fields:
         """Return the fields of a message; the bag is read up to it."""
-        if self.cut not in {None, "pattern"} or self.cut_deg is not None:
-            raise FileFormatError("expected bags whose messages are frames, got bags with a cut")
         name, number = record.extra["bag"], record.extra["message"]
         with store.reading(name) as path:
             own = (one for one in rosbag.read(path) if record.sensor in {"", one.frame_id})
