@@ -44,7 +44,8 @@ class LabelledFrame:
         the data set says so. Labels, where the layout has them, are ``cloud.label`` and ``cloud.instance``.
     boxes : Boxes or None
         The boxes that the layout has of the frame, in the coordinates of the points; None for a layout without boxes,
-        and for sweeps of nuScenes, which are not annotated.
+        and for sweeps of nuScenes, which are not annotated. ``boxes.points``, and thus the `min_points` of the layout,
+        count the points of this sensor; the tables of nuScenes count those of all sensors of a rig.
     pose, body : ndarray of float64, shape (4, 4)
         Poses of the sensor and of its body at `time`, to world.
     time : float

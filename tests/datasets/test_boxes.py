@@ -309,6 +309,13 @@ def test_filters(tmp_path: Path) -> None:
     least = sorted(row["num_lidar_pts"] for row in rows)
     assert sum(count_with(min_points=least[2]).values()) == 2
     assert sum(count_with(min_points=least[2] + 1).values()) == 1
+    # Tables count the points of all sensors, frames those of their own.
+    own = [points for frame in ls.datasets.load(tmp_path / "0") for points in frame.boxes.points]
+    assert sum(own) == sum(least)
+    assert len(own) > len(least)
+    assert max(own) < least[3]
+    assert sum(count_with(min_points=least[3]).values()) == 1
+    assert all(len(frame.boxes) == 0 for frame in ls.datasets.load(max(tmp_path.iterdir())))
 
 
 @pytest.mark.parametrize(

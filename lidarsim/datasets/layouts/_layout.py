@@ -118,7 +118,7 @@ class BoxFilter(Model):
     Attributes
     ----------
     min_points : int
-        Least number of points on an instance.
+        Least number of points of one sensor on an instance; in the tables of `nuscenes`, of all sensors together.
     max_range_m : float or None
         Greatest distance of the centre from the body of the rig, or from the sensor without a rig, m.
     classes : list of str or int, or None
