@@ -623,6 +623,40 @@ run:
     assert "models: ramp.obj (2 × 1 × 0.5 m)\n" in capsys.readouterr().out
 
 
+VARIED = """
+layout: {type: shards}
+vary: {scene.0.radius_m: {uniform: [0, 1]}, scene.0.center_m.0: {choice: [4, 5, 6]}}
+run: {sensor: {preset: velodyne-vlp16}, scene: [{shape: sphere, center_m: [5, 0, 0], radius_m: 1}]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("vary.scene.0.radius_m={uniform: [-1e-9, 1]}", "scene.0.radius_m: expected a finite number > 0, got -9.9"),
+        ("vary.scene.0.radius_m={uniform: [1, .inf]}", "expected [least, greatest], got [1.0, inf]"),
+        ("vary.scene.0.radius_m={integer: [0, 9]}", "expected a finite number > 0, got 0"),
+        ("vary.scene.0.center_m.0={choice: [4, 5, far]}", "expected a number, got 'far'"),
+        ("layout.fields=[foo]", "fields: expected fields of this point cloud ("),
+    ],
+)
+def test_check_finds_what_later_sequences_refuse(
+    assignment: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("recipe.yaml").write_text(VARIED, encoding="utf-8")
+    assert lidarsim("check", "recipe.yaml") == 0
+    assert lidarsim("check", "recipe.yaml", "--set", assignment) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_check_calls_after_scan(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("thin.py").write_text("def thin(cloud, rng):\n    return cloud[::2]\n", encoding="utf-8")
+    Path("recipe.yaml").write_text("after_scan: thin:thin" + VARIED, encoding="utf-8")
+    assert lidarsim("check", "recipe.yaml") == 0
+    assert lidarsim("check", "recipe.yaml", "--set", "layout.fields=[foo]") == 2
+    assert "fields: expected some of xyz, range, " in capsys.readouterr().err
+
+
 def test_check_says_whether_the_sensor_meets_an_object_or_comes_near_it(capsys: pytest.CaptureFixture[str]) -> None:
     Path("recipe.yaml").write_text(
         """

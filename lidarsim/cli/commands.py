@@ -703,18 +703,25 @@ def _check_run(config: Path, overrides: list[str] | None) -> None:
 def _check_recipe(path: Path, overrides: list[str] | None, count: int, screenshot: Path | None) -> None:
     """Draw the first sequences of a recipe, and print and draw what is in them."""
     from lidarsim.datasets import recipe
+    from lidarsim.datasets.sampling import samples
     from lidarsim.datasets.scattered import Scattered
 
     _check_screenshot(screenshot)
     made = recipe.load(path, overrides or ())
+
+    def check(run: Run) -> None:
+        run.check_coverage()
+        made.layout.check(run)
+        made.layout.check_labels(made.class_names, run.scene)
+
+    for run in made.source.extremes():
+        check(run)
     count = min(count, made.sequences)
     total, warnings, pictures = Scattered(), [], []
     imports: list[Imported] = []
     for sequence in track(range(count), count):
         run = made.source.run(sequence, 0)
-        run.check_coverage()
-        made.layout.check(run)
-        made.layout.check_labels(made.class_names, run.scene)
+        check(run)
         counts = made.source.scatter_counts(sequence)
         total += counts
         imports += run.imports
@@ -722,6 +729,8 @@ def _check_recipe(path: Path, overrides: list[str] | None, count: int, screensho
         for name, moment in made.source.nearby(sequence).items():
             warnings.append(f"in sequence {sequence}, the sensor {meets} {plain(name)} of the scene at {moment:.1f} s")
         (scans,) = dataclasses.replace(run, frames=range(run.frames.start, run.frames.start + 1)).scans()
+        for _ in samples(made, run, sequence, 0, scans):
+            pass  # raises an error if the layout cannot hold the cloud, or `after_scan` fails
         if screenshot:
             picture = screenshot.with_stem(f"{screenshot.stem}-{sequence}") if sequence else screenshot
             ls.show(scans, scene=run.scene, color_by="label", class_names=made.class_names, save=picture)

@@ -81,6 +81,16 @@ class Stream:
         return int(np.searchsorted(sums[:-1], self.unit() * sums[-1], side="right"))
 
 
+class _End(Stream):
+    """A stream that repeats one word."""
+
+    def __init__(self, word: int) -> None:
+        self._word = word
+
+    def word(self) -> int:
+        return self._word
+
+
 class Draw(Model):
     """Distribution of a drawn value."""
 
@@ -157,6 +167,13 @@ class Draw(Model):
         """Least and greatest possible number; None for a normal distribution, which is unbounded."""
         values = self.uniform or self.log_uniform or self.integer or self.choice
         return (min(values), max(values)) if values else None
+
+    @property
+    def extremes(self) -> Sequence[float]:
+        """What `draw` returns at the ends of its range, or all that it returns of choices; none if it is unbounded."""
+        if self.normal is not None:
+            return ()
+        return range(len(self.choice)) if self.choice else [self.draw(_End(word)) for word in (0, 2**64 - 1)]
 
     def draw(self, stream: Stream) -> Any:
         """Return the drawn value, or the index of a choice."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -138,6 +138,10 @@ class Source(ABC):
     def sizes(self) -> dict[str, Floats]:
         """Return the size of each model that is scattered, by its file, m."""
         return {}
+
+    def extremes(self) -> Iterable[Run]:
+        """Yield the first run with the least and the greatest value of each draw, and with each choice."""
+        return ()
 
 
 @dataclass(frozen=True)
@@ -283,8 +287,12 @@ class Document(Source):
             if isinstance(item, Mesh | SceneFile)
         }
 
-    def _draw(self, sequence: int, frame: int | None) -> Run:
-        """Return the run with its drawn values."""
+    def extremes(self) -> Iterable[Run]:
+        """Yield the first run with the least and the greatest value of each draw, and with each choice."""
+        return (self._draw(0, 0, {key: end}) for key, draw in self.settings.vary.items() for end in draw.extremes)
+
+    def _draw(self, sequence: int, frame: int | None, numbers: Mapping[str, float] | None = None) -> Run:
+        """Return the run with its drawn values; `numbers` replace what draws give, by key."""
         settings = self.settings
         choices: list[Change] = []
         others: list[Change] = []
@@ -293,7 +301,8 @@ class Document(Source):
         for key, draw in settings.vary.items():
             stream = Stream(settings.seed, f"vary.{key}", sequence, frame if draw.per == "frame" else None)
             there = entries(draws[key][1])
-            number = draw.draw(stream)
+            given = (numbers or {}).get(key)
+            number = draw.draw(stream) if given is None else given
             value = (
                 node_of(number, next(iter(there.values()))[0])
                 if draw.choice is None
@@ -376,7 +385,8 @@ def load(
     path = configuration(path).absolute()
     root = read(path)
     for assignment in overrides:
-        root = replace(root, *parse_assignment(assignment))
+        assigned, new = parse_assignment(assignment)
+        root = replace(root, _path(assigned), new)
     for name, value in (given or {}).items():
         root = replace(root, [name], argument(name, value))
     root = expand_files(root)
@@ -414,6 +424,11 @@ def load(
     if made.shards > MOST_SHARDS:
         raise (place / "shard_frames").error(f"expected at most {MOST_SHARDS:,} shards, got {made.shards:,}")
     return made
+
+
+def _path(keys: list[str]) -> list[str]:
+    """Return the path in a recipe of the keys of an assignment: the key of a draw has dots of its own."""
+    return ["vary", ".".join(keys[1:])] if keys[0] == "vary" and keys[1:] else keys
 
 
 def _run(place: Place, root: Node) -> Node:

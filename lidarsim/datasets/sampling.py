@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats
+from lidarsim._base.validation import Floats, short_repr
 from lidarsim.datasets.draws import Stream
 from lidarsim.datasets.frames import boxes_at
 from lidarsim.datasets.samples import Annotation, Record, Sample
+from lidarsim.errors import ArgumentValueError
 from lidarsim.scan.scan import moment_and_pose, moment_of
 
 if TYPE_CHECKING:
@@ -58,6 +59,8 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
             needed = (held & {*cloud.fields}) | ({"instance"} if layout.box_filter else set())
             stream = Stream(recipe.seed, f"after_scan.{name}", sequence, frame)
             cloud = change.apply(cloud, np.random.Generator(stream.bits), sorted(needed))
+            if missing := [field for field in layout.columns or () if field not in cloud.fields]:
+                raise ArgumentValueError("fields", f"some of {', '.join(cloud.fields)}", short_repr(missing[0]))
             if found is not None:
                 counts = _counts(cloud, found)
                 found = dataclasses.replace(found, points=counts)[counts >= layout.least_points]

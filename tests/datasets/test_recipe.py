@@ -31,6 +31,15 @@ def test_adding_a_draw_leaves_the_others(recipe: Path) -> None:
     assert [radius(recipe, k, "seed=8") for k in range(3)] != [radius(recipe, k) for k in range(3)]
 
 
+def test_one_draw_can_be_set(recipe: Path) -> None:
+    others = load(recipe).source.to_dict()["vary"]
+    assert load(recipe, ["vary.scene.1.radius_m={uniform: [3, 4]}"]).source.to_dict()["vary"] == others | {
+        "scene.1.radius_m": {"uniform": [3, 4]}
+    }
+    with pytest.raises(ConfigError, match=r"^--set vary\.scene\.1\.radius_m=3: expected a mapping with keys uniform,"):
+        load(recipe, ["vary.scene.1.radius_m=3"])
+
+
 def test_values_by_frame_change_within_a_sequence(recipe: Path) -> None:
     source = load(recipe).source
     sigmas = [source.run(1, frame).lidar.measurement.range_sigma for frame in range(4)]

@@ -117,9 +117,6 @@ class Shards(Layout):
 
     def _arrays(self, sample: Sample) -> dict[str, Any]:
         cloud = sample.cloud
-        for name in self.fields:
-            if name not in cloud.fields:
-                raise FileFormatError(f"fields: expected some of {', '.join(cloud.fields)}, got {name!r}")
         in_world = sample.run.cloud["frame"] == "world"
         if not in_world and (misfit := first_misfit("xyz", cloud.xyz, np.float32)):
             raise FileFormatError("xyz: expected {}, got {}".format(*misfit))
