@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarsim._base.files import check_path, check_regular
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.validation import Instances, Transform, frames, integer, items, short_repr
+from lidarsim._base.validation import Instances, Transform, frames, function, integer, items, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.scan import scan as _scan
 from lidarsim.scan.batch import Poses, ScanBatch, scan_many
@@ -47,7 +47,14 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
         order mark and with invalid UTF-8 replaced.
     read : callable
         ``read(path, **options)`` returns the `Lidar`; its keyword arguments are the options that `from_file` takes.
+
+    Raises
+    ------
+    TypeError
+        If `recognise` or `read` is no such function.
     """
+    function("recognise", recognise, "a path and a text", 2)
+    function("read", read, "a path", 1)
     _readers[name] = recognise, read
 
 

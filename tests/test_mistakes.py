@@ -13,6 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim.errors import ArgumentError
+from lidarsim.io import npz
+from lidarsim.io.scenes import mjcf
+from lidarsim.io.trajectories import tum
 from lidarsim.scan.columns import ScanColumns
 from lidarsim.scan.formats import FORMATS
 
@@ -33,7 +36,66 @@ def read_only(batch: ls.ScanBatch) -> ls.ScanBatch:
     return batch
 
 
+def register_trajectories(**changes: Any) -> None:
+    given = {"recognise": tum.recognise, "read": tum.read, "suffixes": (".mine",), "write": tum.write}
+    ls.register_trajectory_format("mine", "a line", **given | changes)
+
+
+def takes_a_path(_: object) -> bool:
+    return True
+
+
 MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
+    "a suffix without its dot": (
+        lambda: ls.register_format("mine", save=npz.save, load=npz.load),
+        ValueError,
+        "suffix: expected a suffix with its dot, in lower case, such as .pcd, got 'mine'",
+    ),
+    "a suffix in upper case": (
+        lambda: ls.register_format(".MINE", save=npz.save, load=npz.load),
+        ValueError,
+        "suffix: expected a suffix with its dot, in lower case, such as .pcd, got '.MINE'",
+    ),
+    "a format that saves to a path alone": (
+        lambda: ls.register_format(".mine", save=takes_a_path, load=npz.load),
+        TypeError,
+        "save: expected a function of fields and a file, got one of (_: object) -> bool",
+    ),
+    "a format without a function": (
+        lambda: ls.register_format(".mine", save=npz.save, load=None),
+        TypeError,
+        "load: expected a function of a file, got None",
+    ),
+    "a signature in text": (
+        lambda: ls.register_format(".mine", save=npz.save, load=npz.load, signature="PK"),
+        TypeError,
+        "signature: expected bytes, got 'PK'",
+    ),
+    "a format of trajectories with one suffix": (
+        lambda: register_trajectories(suffixes=".mine"),
+        TypeError,
+        "suffixes: expected a tuple of suffixes, got '.mine'",
+    ),
+    "a format of trajectories whose suffix has no dot": (
+        lambda: register_trajectories(suffixes=(".mine", "mine")),
+        ValueError,
+        "suffixes[1]: expected a suffix with its dot, in lower case, such as .pcd, got 'mine'",
+    ),
+    "a format of trajectories that writes no times": (
+        lambda: register_trajectories(write=takes_a_path),
+        TypeError,
+        "write: expected a function of times, poses and a file, got one of (_: object) -> bool",
+    ),
+    "a reader of sensors that recognises paths alone": (
+        lambda: ls.register_lidar_reader("mine", takes_a_path, takes_a_path),
+        TypeError,
+        "recognise: expected a function of a path and a text, got one of (_: object) -> bool",
+    ),
+    "a reader of scenes that reads nothing": (
+        lambda: ls.register_scene_reader("mine", mjcf.recognise, lambda: SCENE),
+        TypeError,
+        "read: expected a function of a path, got one of ()",
+    ),
     "elevations in degrees": (
         lambda: ls.patterns.Spinning(np.linspace(-15, 15, 16)),
         ValueError,

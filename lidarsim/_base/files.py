@@ -57,6 +57,15 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
     return max(fitting, key=len)
 
 
+def check_new_suffix(argument: str, suffix: object) -> None:
+    """Check a suffix that is to be known: `check_suffix` finds it at the end of a name in lower case."""
+    expected = "a suffix with its dot, in lower case, such as .pcd"
+    if not isinstance(suffix, str):
+        raise ArgumentTypeError(argument, expected, short_repr(suffix))
+    if not re.fullmatch(r"(\.[^./\\]+)+", suffix) or suffix != suffix.lower():
+        raise ArgumentValueError(argument, expected, short_repr(suffix))
+
+
 def name_problem(name: str) -> str:
     """Return what is expected of a name that cannot be part of a path on some file system, or "" if it can."""
     if not _NAME.fullmatch(name):

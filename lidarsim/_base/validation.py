@@ -118,6 +118,20 @@ def one_of(name: str, value: object, options: Sequence[str]) -> None:
         raise ArgumentValueError(name, f"{', '.join(others)} or {last}", short_repr(value))
 
 
+def function(name: str, value: object, takes: str, count: int) -> None:
+    """Check that `value` can be called with `count` arguments, which `takes` names."""
+    if not callable(value):
+        raise ArgumentTypeError(name, f"a function of {takes}", short_repr(value))
+    try:
+        signature = inspect.signature(value)
+    except ValueError:  # a C function has none
+        return
+    try:
+        signature.bind(*[None] * count)
+    except TypeError:
+        raise ArgumentTypeError(name, f"a function of {takes}", f"one of {signature}") from None
+
+
 def items(name: str, value: object, kind: str) -> list[Any]:
     """Return the items of `value`, an iterable, as a list; the error names their `kind`."""
     try:

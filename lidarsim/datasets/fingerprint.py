@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base import validation
 from lidarsim._base.files import format_error
 from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentTypeError
@@ -49,14 +50,7 @@ def check_function(argument: str, function: object, takes: str, expected: str = 
     for kind, holds in kinds.items():
         if holds(function):
             raise ArgumentTypeError(argument, expected, f"the {kind} {name_of(function)}")
-    try:
-        signature = inspect.signature(function)
-    except ValueError:  # a C function has none
-        return function
-    try:
-        signature.bind(None, None)
-    except TypeError:
-        raise ArgumentTypeError(argument, f"a function of {takes}", f"one of {signature}") from None
+    validation.function(argument, function, takes, 2)
     return function
 
 

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base import validation
-from lidarsim._base.files import PathLike, check_path, check_suffix
+from lidarsim._base.files import PathLike, check_new_suffix, check_path, check_suffix
 from lidarsim._base.lines import LineReader, numbers
 from lidarsim._base.validation import Floats, array
-from lidarsim.errors import ArgumentValueError, FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,19 @@ def register_trajectory_format(
         Suffixes for which `save` chooses this format, with their dot, in lower case.
     write : callable
         ``write(times, poses, file)`` writes times, shape (n,), and poses, shape (n, 4, 4), to an open binary file.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is none of these.
     """
+    validation.function("recognise", recognise, "a line", 1)
+    validation.function("read", read, "lines", 1)
+    validation.function("write", write, "times, poses and a file", 3)
+    if not isinstance(suffixes, tuple):
+        raise ArgumentTypeError("suffixes", "a tuple of suffixes", validation.short_repr(suffixes))
+    for index, suffix in enumerate(suffixes):
+        check_new_suffix(f"suffixes[{index}]", suffix)
     _FORMATS.append(_Format(name, looks, recognise, read, suffixes, write))
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from lidarsim._base.files import PathLike, check_folder, check_suffix
-from lidarsim.errors import FileFormatError
+from lidarsim._base.files import PathLike, check_folder, check_new_suffix, check_suffix
+from lidarsim._base.validation import function, short_repr
+from lidarsim.errors import ArgumentTypeError, FileFormatError
 from lidarsim.scan.fields import Fields
 
 
@@ -57,7 +58,17 @@ def register_format(
         name their columns takes the names given to `PointCloud.load` as the keyword `columns`: a list, or None.
     signature : bytes
         First bytes of every file of the format, which identify it whatever its name; empty if there are none.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is none of these.
     """
+    check_new_suffix("suffix", suffix)
+    function("save", save, "fields and a file", 2)
+    function("load", load, "a file", 1)
+    if not isinstance(signature, bytes):
+        raise ArgumentTypeError("signature", "bytes", short_repr(signature))
     FORMATS[suffix] = Format(save, load, signature)
 
 

@@ -26,6 +26,7 @@ from lidarsim._base.validation import (
     Transform,
     array,
     as_array,
+    function,
     instances,
     integer,
     named_labels,
@@ -1016,7 +1017,14 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
         ``recognise(path, head)`` returns whether a file is of this kind; `head` is its first 64 KiB.
     read : callable
         ``read(path, **options)`` returns the `Scene`; its keyword arguments are the options of `from_file` that apply.
+
+    Raises
+    ------
+    TypeError
+        If `recognise` or `read` is no such function.
     """
+    function("recognise", recognise, "a path and its first bytes", 2)
+    function("read", read, "a path", 1)
     _readers[name] = recognise, read
 
 
