@@ -228,6 +228,11 @@ def test_one_noisy_surface_tells_little() -> None:
     assert likely[:2] == pytest.approx(values[:2], rel=0.02)
     assert 1.1 < likely[2] < 1.5
     assert _draw_to(1.0, np.array([1.0, 1.01]), np.array([0.5, 0.5])) == pytest.approx([1.0, 1.0])
+    # With errors alike, the square of the spread is the variance of the values less that of their errors.
+    values = np.array([0.7, 1.0, 1.1, 1.6])
+    spread = values.var(ddof=1) - 0.2**2
+    expected = values.mean() + spread / (spread + 0.2**2) * (values - values.mean())
+    assert _draw_to(values.mean(), values, np.full(4, 0.2)) == pytest.approx(expected)
 
 
 def test_drop_out_is_that_beyond_the_near_field() -> None:
