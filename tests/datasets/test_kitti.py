@@ -119,8 +119,22 @@ def test_calibration_and_rectangles_fit_together(fast: Path) -> None:
                 expected = [*pixels.min(axis=0), *pixels.max(axis=0)]
                 np.testing.assert_allclose(rectangle, expected, rtol=0, atol=2.0**11 * 256 * 2.0**-53)
             assert occlusion in {0, 1, 2}
-            assert np.sin(turn - np.arctan2(x, z) - alpha) == pytest.approx(0, abs=64 * 2.0**-53)
+            seen_from = turn - np.arctan2(x, z) - alpha
+            assert np.sin(seen_from) == pytest.approx(0, abs=64 * 2.0**-53)
+            assert np.cos(seen_from) > 0.0
             assert -np.pi <= alpha <= np.pi
+
+
+def test_rotations_are_those_of_the_fronts(fast: Path) -> None:
+    """Not of the backs, which boxes have as well: the front is along the x axis of the development kit's box."""
+    turns = {"Pedestrian": lambda _: -1.6, "Car": lambda time: 0.6 * time, "Van": lambda _: 0.5}
+    for number, frame in enumerate(ls.datasets.load(fast)):
+        _, labels, matrices = read(fast / "training", number)
+        for label in labels:
+            rotation = float(label[14])
+            front = matrices["Tr_velo_to_cam"][:, :3].T @ (np.cos(rotation), 0.0, -np.sin(rotation))
+            expected = frame.pose[:3, :3].T @ pose(0, 0, 0, turns[label[0]](frame.time))[:3, 0]
+            np.testing.assert_allclose(front, expected, rtol=0, atol=64 * 2.0**-53)  # some tens of roundings
 
 
 def test_images_tell_their_size(fast: Path) -> None:

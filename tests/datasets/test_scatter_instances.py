@@ -332,6 +332,15 @@ def test_people_stand_upright_on_slopes(tmp_path: Path) -> None:
         assert parts[0].motion is not None
 
 
+@pytest.mark.parametrize("size", [1e-3, 0.3, 4.0])
+def test_gaps_are_in_metres_whatever_the_size(size: float) -> None:
+    """Squares whose sides are a metre apart keep a gap of less, and none of more."""
+    square = size * np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+    near, far = (Outline(square[None] + [shift, 0.0], 0.0, 1.0) for shift in (0.0, size + 1.0))
+    assert near.apart(far, 0.999)
+    assert not near.apart(far, 1.001)
+
+
 # Rotation and scene files
 
 

@@ -49,8 +49,8 @@ def test_a_pts_file_by_hand(tmp_path: Path) -> None:
     assert cloud.xyz.tolist() == [[1, 2, 3], [4.5, 5, 6], [7, 8, 9]]
     assert cloud.intensity.tolist() == [-2048, 2047, 12]
     assert cloud.red.tolist() == [255, 0, 1]
-    PointCloud(xyz=[[1, 2, 3], [0.1, 5, 1e-9]]).save(path)
-    assert path.read_text() == "2\n1.0 2.0 3.0\n0.1 5.0 1e-09\n"
+    PointCloud(xyz=[[1, 2, 3], [0.1, 5, 1e-9]], intensity=[0.1, 0.7]).save(path)
+    assert path.read_text() == "2\n1.0 2.0 3.0 0.1\n0.1 5.0 1e-09 0.7\n"  # the fewest digits for each float32, too
 
 
 def test_a_ptx_file_by_hand(tmp_path: Path) -> None:
