@@ -269,6 +269,26 @@ def test_an_imu_drives_along_a_way_on_a_spline() -> None:
     assert np.abs(a - b).max() < 0.05
 
 
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_sensor_on_a_way_looks_ahead(number: int) -> None:
+    """And the other way in the lane of the other direction."""
+    Path("way.yaml").write_text(
+        "sensor: {preset: velodyne-vlp16}\nscene: {street: {kind: rural, length_m: 100}}\n"
+        f"pose: {{way: lanes, number: {number}, start_m: 3.5, speed_m_per_s: 8}}\nframes: 5\n",
+        encoding="utf-8",
+    )
+    pose = ls.config.load("way.yaml").pose
+    assert isinstance(pose, ls.Trajectory)
+    poses = pose.at(np.linspace(*pose.span, 40)).as_matrix()
+    steps = np.diff(poses[:, :3, 3], axis=0)
+    assert (np.sign(steps[:, 0]) == (-1.0) ** number).all()
+    ahead = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    # Within a step of 2.5 m the course turns by less than 3°.
+    assert ((poses[:-1, :3, 0] * ahead).sum(axis=1) > np.cos(np.radians(3.0))).all()
+    # Without roll, but for the product of turn and pitch between two points, each below 0.05 rad · m⁻¹, over eight.
+    np.testing.assert_allclose(poses[:, 2, 1], 0.0, atol=0.05**2 / 8)
+
+
 def test_bags_and_packets_of_a_run_are_on_its_clock(tmp_path: Path) -> None:
     """Unix time, unlike GPS time, does not count the 18 leap seconds since 1980."""
     zero = 1_777_622_400 * 10**9 + 1000  # `date -u -d 2026-05-01T08:00:00 +%s`, and 1 µs

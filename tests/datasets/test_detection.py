@@ -74,7 +74,7 @@ def inside(points: np.ndarray, box: np.ndarray, height: float) -> np.ndarray:
 
 def test_points_and_boxes_all_around(made: dict[str, Path], layout: str) -> None:
     height = {"openpcdet": 0.5, "mmdetection3d": 0.0}[layout]
-    sides = set()
+    sides, frames = set(), ls.datasets.load(made[layout])
     for number in (0, 1, 4, 5):
         points, (boxes, names) = points_of(made[layout], number), labels_of(made[layout], number)
         assert points.dtype == np.float32
@@ -91,6 +91,12 @@ def test_points_and_boxes_all_around(made: dict[str, Path], layout: str) -> None
         walker = boxes[names.index("Pedestrian")]
         np.testing.assert_allclose(walker[3:6], [0.6, 0.6, 1.8], atol=1e-5)  # float32 and its allowance
         np.testing.assert_allclose(walker[2] + (0.5 - height) * 1.8, 0.91 - 1.9, atol=1e-5)
+        told = frames[number].boxes
+        assert told is not None
+        for box in boxes:  # the front is where that of the box is, not its back
+            (same,) = np.flatnonzero(np.abs(told.center[:, :2] - box[:2]).max(axis=1) < 1e-3)
+            front = told.rotation[same, :2, 0] / np.linalg.norm(told.rotation[same, :2, 0])
+            np.testing.assert_allclose([np.cos(box[6]), np.sin(box[6])], front, atol=1e-6)  # of float32
     assert sides == {-1.0, 1.0}  # behind, too
 
 

@@ -175,6 +175,9 @@ def test_range_images(made: Any) -> None:
     np.testing.assert_allclose(
         [columns.min(), columns.max()], 900 - np.array([azimuth.max(), azimuth.min()]) * 900 / np.pi, atol=1.5
     )
+    # The highest points are in the first row, and the lowest in the last.
+    rows = np.nonzero(seen)[0]
+    assert (rows.min(), rows.max()) == (0, 15)
     # Each pixel shows the nearest of its points.
     coarse = frame.image(size=(1, 1))
     assert coarse[0, 0] == distance.min()
