@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +17,8 @@ from markdown_it import MarkdownIt
 import lidarsim as ls
 from lidarsim.datasets import card, manifest
 from lidarsim.datasets.card import escape
-from lidarsim.datasets.statistics import POINTS, RANGES, VISIBILITY, _bin
+from lidarsim.datasets.samples import RANGES
+from lidarsim.datasets.statistics import POINTS, VISIBILITY, _bin
 from lidarsim.datasets.store import open_store
 
 NASTY = [
@@ -89,6 +91,42 @@ def test_the_card_of_a_data_set(tmp_path: Path) -> None:
     classes = {int(row[0]): unescape(row[1]) for row in rows if len(row) == 5}
     assert classes == {label: printable(name) for label, name in (names | {7: NASTY[6]}).items()}
     assert text.isascii() or "\x1b" not in text
+
+
+def test_the_card_counts_the_boxes_of_the_data_set(tmp_path: Path) -> None:
+    """As one who reads all frames does."""
+
+    def scenes(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Lidar, npt.NDArray[np.float64]]:  # noqa: ARG001
+        scene = ls.Scene(class_names={1: "car", 2: "person"})
+        scene.add(ls.Plane((0, 0, 1), -1.8), instance=0)
+        for k, turn in enumerate(rng.uniform(0.0, 2 * np.pi, 12)):
+            x, y = (4 + 5 * k) * np.array([np.cos(turn), np.sin(turn)])
+            scene.add(ls.Box((4, 2, 1.5) if k % 2 else (0.5, 0.5, 1.8), center=(x, y, -0.9)), label=2 - k % 2)
+        lidar = ls.Lidar(ls.patterns.Spinning(np.radians(np.linspace(-20, 5, 32)), columns=600))
+        return scene, lidar, np.eye(4)
+
+    ls.generate(scenes, tmp_path, sequences=3, frames=2, pictures=0, layout="openpcdet")
+    boxes = [frame.boxes for frame in ls.datasets.load(tmp_path) if frame.boxes is not None]
+    label, points, visibility = (
+        np.concatenate([getattr(box, name) for box in boxes]) for name in ("label", "points", "visibility")
+    )
+    distance = np.linalg.norm(np.concatenate([box.center for box in boxes]), axis=1)
+    text = (tmp_path / "README.md").read_text(encoding="utf-8").partition("## Boxes")[2]
+    assert f"\n{len(label)} boxes" in text
+    for number, name in ((1, "car"), (2, "person")):
+        whole, *histograms = re.findall(rf"^\| {name} \| (.*) \|$", text, re.MULTILINE)
+        of = label == number
+        count, share, _, *means = whole.split(" | ")
+        assert (int(count), share) == (of.sum(), f"{of.mean():.2%}")
+        assert float(means[3]) == pytest.approx(distance[of].mean(), abs=0.051)
+        assert float(means[4]) == pytest.approx(points[of].mean(), abs=0.051)
+        for values, edges, told in zip(
+            (distance, points, visibility), (RANGES, POINTS, VISIBILITY), histograms, strict=True
+        ):
+            counts = np.histogram(values[of], edges)[0].tolist()
+            row = [int(part) for part in told.split(" | ")]
+            assert "-".join(map(str, row)) in "-".join(map(str, counts))  # without empty bins at the ends
+            assert sum(row) == sum(counts) == of.sum() > 10
 
 
 def test_pictures_show_the_boxes_of_the_data_set_from_two_cameras(
