@@ -156,6 +156,15 @@ def infos(folder: Path, split: str) -> Any:
     return Plain(io.BytesIO((folder / f"custom_infos_{split}.pkl").read_bytes())).load()
 
 
+def test_without_splits_all_frames_are_to_train_with(tmp_path: Path, layout: str) -> None:
+    generate(tmp_path, layout)
+    sets = {path.stem: len(path.read_text().split()) for path in (tmp_path / "ImageSets").iterdir()}
+    assert sets["train"] == sets["trainval"] > 1
+    assert sets["val"] == sets["test"] == 0
+    if layout == "mmdetection3d":
+        assert [len(infos(tmp_path, split)["data_list"]) for split in ("train", "val", "test")] == [sets["train"], 0, 0]
+
+
 def test_mmdetection3d_infos(made: dict[str, Path]) -> None:
     """What Det3DDataset.parse_data_info and parse_ann_info take from them."""
     folder, count = made["mmdetection3d"], 0

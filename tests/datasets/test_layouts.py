@@ -73,6 +73,8 @@ def test_semantickitti(recipe: Path, tmp_path: Path) -> None:
     assert classes["split"]["train"] == [0, 1, 2]
     assert {classes["learning_map_inv"][index] for index in classes["learning_map"].values()} == set(classes["labels"])
     assert set(classes["color_map"]) == set(classes["labels"])
+    unlabeled = classes["learning_map"][0]
+    assert classes["learning_ignore"] == {index: index == unlabeled for index in classes["learning_map_inv"]}
     found = np.concatenate([np.fromfile(path, np.uint32) & 0xFFFF for path in (tmp_path / "out").rglob("*.label")])
     assert classes["content"] == {label: np.mean(found == label) for label in (0, 30, 40)}
     for sequence in range(3):
