@@ -16,6 +16,7 @@ import pytest
 import lidarsim as ls
 from lidarsim.viewers._classes import SEMANTIC_KITTI
 from lidarsim.worlds import _labels as labels
+from lidarsim.worlds import _walker
 from lidarsim.worlds.buildings import BUILDINGS
 from lidarsim.worlds.furnishings import FURNITURE
 from lidarsim.worlds.pedestrians import LOADS, POSTURES
@@ -322,3 +323,29 @@ def test_an_asset_is_added_to_a_scene() -> None:
     asset = ls.worlds.furniture("bin", np.random.default_rng(0))
     with pytest.raises(TypeError, match=r"scene: expected a Scene, got 7"):
         asset.add_to(cast("Any", 7))
+
+
+def test_limbs_hang_from_their_joints() -> None:
+    """However fast someone walks, and however someone sits; the right side is the left one, half a cycle later."""
+    height, count = 1.8, 40
+    phase, speed = np.linspace(0.0, 1.0, count), np.linspace(0.2, 1.6, count)
+    bends = {"hip": (75, 20), "knee": (95, 10), "ankle": (5, 0), "shoulder": (30, -10), "elbow": (70, 15), "lean": 15.0}
+    names = [name for name, _ in _walker.limbs(height)]
+    walking = dict(zip(names, _walker.postures(height, phase, speed), strict=True))
+    sitting = dict(zip(names, _walker.figure(height, **bends), strict=True))
+    lengths = {("thigh", "shank"): _walker.THIGH, ("shank", "foot"): _walker.SHANK,
+               ("upper arm", "forearm"): _walker.UPPER_ARM}  # fmt: skip
+    for poses in (walking, sitting):
+        for (upper, lower), length in lengths.items():
+            for side in ("left", "right"):
+                end = poses[f"{side} {upper}"] @ (0.0, 0.0, -length * height, 1.0)
+                np.testing.assert_allclose(poses[f"{side} {lower}"][..., :, 3], end, rtol=0, atol=64 * 2.0**-53)
+    for upper in ("thigh", "upper arm"):
+        left, right = (poses[f"{side} {upper}"] for side in ("left", "right"))
+        np.testing.assert_array_equal(left[..., 1, 3], -right[..., 1, 3])
+    later = dict(zip(names, _walker.postures(height, phase + 0.5, speed), strict=True))
+    for name in ("thigh", "shank", "foot", "upper arm", "forearm"):
+        left, right = later[f"left {name}"].copy(), walking[f"right {name}"]
+        left[:, 1, 3] *= -1.0
+        # The phase rounds by 2⁻⁵³, and no angle changes by 2⁹ rad a cycle.
+        np.testing.assert_allclose(left, right, rtol=0, atol=2.0**-44)
