@@ -66,7 +66,7 @@ class Object(Part, Placement):
     label: int = 0
     """Class of its points."""
     instance: int | None = None
-    """Objects that share it have one box: a number beyond that of objects. Default: the id + 1."""
+    """Objects with the same number have one box. Default: the id + 1; so choose numbers above the number of objects."""
     material: str | None = None
     """One of the [library](#materials); the keys below override its values."""
     reflectivity: Numbers = 1.0

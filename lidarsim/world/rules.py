@@ -35,8 +35,8 @@ class Rule:
         Reflectivity >= 0, a material, or "color" for the luminance of the base colours as reflectivity.
     instance : {"node", "parent", "file"} or int, optional
         Which objects are one instance: those of one node, of all nodes with the same parent (a top node is its own),
-        or all to which such a rule applies; or the number of the instance, 0 to 2³² − 1, beyond that of objects, since
-        all others have the id of an object + 1. Default: those of one top node.
+        or all to which such a rule applies; or the number of the instance, 0 to 2³² − 1, above the number of objects,
+        as default numbers are ids + 1. Default: those of one top node.
     name : str, optional
         Name of the objects. Default: the name of their node.
     skip : bool
