@@ -362,7 +362,7 @@ class Lidar(Sensor):
 
 
 def kind_of(path: Path) -> str | None:
-    """Return the kind of a sensor's file, as its reader is registered; None if it is unknown.
+    """Return the name of the reader that recognises a file; None if none does.
 
     Raises
     ------

@@ -58,7 +58,7 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
 
 
 def check_new_suffix(argument: str, suffix: object) -> None:
-    """Check a suffix that is to be known: `check_suffix` finds it at the end of a name in lower case."""
+    """Check a suffix to register: `check_suffix` compares it with the end of a name in lower case."""
     expected = "a suffix with its dot, in lower case, such as .pcd"
     if not isinstance(suffix, str):
         raise ArgumentTypeError(argument, expected, short_repr(suffix))

@@ -11,6 +11,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin
@@ -294,6 +295,7 @@ def _meanings(section: Section) -> dict[str, str]:
     return found | _own_meanings(section.model)
 
 
+@cache
 def _own_meanings(of: type[BaseModel]) -> dict[str, str]:
     """Return what a model says below its keys."""
     found: dict[str, str] = {}

@@ -199,7 +199,7 @@ def format_times(span: tuple[float, float]) -> str:
 
 
 def print_objects(scene: ls.Scene) -> None:
-    """Print a table of the first objects of a scene, and how many there are by name of the others.
+    """Print a table of the first objects of a scene, and count the others by name.
 
     Sizes of meshes are along their own axes.
     """

@@ -84,7 +84,7 @@ def construct(constructor: Callable[..., T], model: Model, keys: Collection[str]
 
 
 def _other_unit(unit: str | None) -> str:
-    """Return what tells the unit of an argument in a message if that of its key is another."""
+    """Return the words that give the unit of an argument whose key has another unit, else ""."""
     return f" (in {UNITS[unit][0]})" if unit and UNITS[unit][0] else ""
 
 

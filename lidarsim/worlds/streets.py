@@ -86,7 +86,7 @@ KERB = 0.12
 """Height of a kerb, m; 3 cm at crossings (RASt 06 and DIN 18040-3)."""
 
 STEP = 1e-6
-"""Step of places of lines of the ground, m: a line along the edge of a roadway is off it by less, and belongs to it."""
+"""Places of grid lines are multiples of this, m: a line at the edge of a roadway is off by less, and belongs to it."""
 
 CAMBER = 0.025
 """Slope of a road across (RASt 06)."""
