@@ -133,6 +133,18 @@ def test_boxes_of_instances_at_rest_hold_their_points_as_they_are(pose: Any) -> 
         assert boxes.contain(cloud.xyz)[own].all()
 
 
+def test_pulses_that_meet_the_ground_far_beyond_the_range_widen_no_boxes() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), 0.0))
+    scene.add(ls.Box((4, 2, 2), center=(10, 3, 1)))
+    mast = np.eye(4)
+    mast[2, 3] = 1.9
+    mast[:3, :3] = Rotation.from_euler("y", 1, degrees=True).as_matrix()  # 90° aside, its pulses are nearly level
+    scan = ls.Lidar(ls.patterns.Spinning([0.0], columns=900), max_range=80.0).scan(scene, mast)
+    assert np.nanmax(scan.true_range) > 1e9
+    np.testing.assert_allclose(scan.boxes().size, [[4, 2, 2]], rtol=1e-9)
+
+
 def test_boxes_of_a_rig_hold_the_points_of_all_its_sensors() -> None:
     """At the moment of one key frame, in the world: of a sensor above and of one ahead, half a frame later."""
     lidar = sensor()

@@ -225,7 +225,8 @@ def boxes_of(
     time = scan.time + mean_time[listed] if moment is None else np.full(len(listed), moment)
     center, size, rotation, velocity = instances.boxes(listed, time)
     sensor = path.at(time)
-    distance = np.fmax.reduce(scan.true_range, axis=None, initial=0.0)
+    on_instance = np.append(instances.of_object, NO_INSTANCE)[places] != NO_INSTANCE
+    distance = scan.true_range.max(initial=0.0, where=on_instance)  # a level pulse may meet the ground anywhere
     farthest = distance + np.abs(sensor[:, :3, 3]).max(initial=0.0)
     size = _round_up(size, center, farthest)
     back = sensor[:, :3, :3].transpose(0, 2, 1)
