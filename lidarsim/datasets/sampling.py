@@ -57,6 +57,10 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
             found = found[layout.box_filter.of(found, here)]
         if change:
             needed = (held & {*cloud.fields}) | ({"instance"} if layout.box_filter else set())
+            if found is not None and scan.mirrored_point is not None:
+                returned = np.arange(scan.range.shape[1]) < scan.return_count[:, None]
+                cloud.mirrored = ~np.isnan(scan.mirrored_point[returned][:, 0])
+                needed |= {"mirrored"}
             stream = Stream(recipe.seed, f"after_scan.{name}", sequence, frame)
             cloud = change.apply(cloud, np.random.Generator(stream.bits), sorted(needed))
             if missing := [field for field in layout.columns or () if field not in cloud.fields]:
@@ -70,8 +74,9 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
 
 
 def _counts(cloud: PointCloud, boxes: Boxes) -> npt.NDArray[np.int64]:
-    """Return the number of points on the instance of each box."""
-    instances, counts = np.unique(cloud.instance, return_counts=True)
+    """Return the number of points on the instance of each box, without ghosts in mirrors."""
+    on = cloud.instance[~cloud.mirrored.astype(bool)] if "mirrored" in cloud.fields else cloud.instance
+    instances, counts = np.unique(on, return_counts=True)
     index = np.minimum(np.searchsorted(instances, boxes.instance), len(instances) - 1)
     if not len(instances):
         return np.zeros(len(boxes), np.int64)

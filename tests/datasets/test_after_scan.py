@@ -191,6 +191,25 @@ def test_boxes_count_the_points_that_are_left(recipe: Path, tmp_path: Path) -> N
     assert count > 0
 
 
+def test_boxes_count_no_ghosts_in_mirrors(tmp_path: Path) -> None:
+    def scenes(rng: np.random.Generator, number: int) -> Any:
+        del rng, number
+        scene = ls.Scene()
+        scene.add(ls.Plane((0, 0, 1), -1.0), material=ls.materials.ASPHALT_WET)
+        scene.add(ls.Box((2, 2, 2), center=(8, 0, 0)))
+        pattern = ls.patterns.Spinning(np.radians([-10.0, -5.0, 0.0]), columns=360)
+        return scene, ls.Lidar(pattern, measurement=ls.Measurement(depth=2, returns="dual")), None
+
+    layout = {"type": "shards", "fields": ["instance"], "boxes": True}
+    for name, change in (("before", None), ("after", keep)):
+        ls.generate(scenes, tmp_path / name, layout=layout, after_scan=change, pictures=0)
+    (before,), (after,) = (ls.datasets.load(tmp_path / name) for name in ("before", "after"))
+    assert before.boxes is not None
+    assert after.boxes is not None
+    assert before.boxes.points.tolist() == after.boxes.points.tolist()
+    assert before.boxes.points[0] < np.count_nonzero(before.cloud.instance == before.boxes.instance[0])
+
+
 def test_it_is_part_of_what_a_data_set_is_made_of(named: Path, tmp_path: Path) -> None:
     out = make(named, tmp_path / "out")
     head = manifest.complete_head(open_store(out))
