@@ -655,6 +655,10 @@ def test_check_calls_after_scan(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("check", "recipe.yaml") == 0
     assert lidarsim("check", "recipe.yaml", "--set", "layout.fields=[foo]") == 2
     assert "fields: expected some of xyz, range, " in capsys.readouterr().err
+    Path("thin.py").write_text("def thin(cloud, rng):\n    return cloud[0 / 0]\n", encoding="utf-8")
+    assert lidarsim("check", "recipe.yaml") == 2
+    expected = "after_scan: expected thin:thin to return a PointCloud, got ZeroDivisionError: division by zero"
+    assert expected in capsys.readouterr().err
 
 
 def test_check_says_whether_the_sensor_meets_an_object_or_comes_near_it(capsys: pytest.CaptureFixture[str]) -> None:

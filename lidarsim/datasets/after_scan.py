@@ -60,11 +60,15 @@ class AfterScan:
         Raises
         ------
         TypeError, ValueError
-            If the function returns anything but a cloud with the fields `needed` and finite coordinates.
+            If the function fails, or returns anything but a cloud with the fields `needed` and finite coordinates.
         """
-        changed = self.function(cloud, rng)
+        expected = f"{self.name} to return a PointCloud"
+        try:
+            changed = self.function(cloud, rng)
+        except Exception as error:  # a function of others may raise anything
+            raise ArgumentValueError(NAME, expected, f"{type(error).__name__}: {format_error(error)}") from error
         if not isinstance(changed, PointCloud):
-            raise ArgumentTypeError(NAME, f"{self.name} to return a PointCloud", type(changed).__name__)
+            raise ArgumentTypeError(NAME, expected, type(changed).__name__)
         if missing := [name for name in needed if name not in changed.fields]:
             expected = f"{self.name} to return a cloud with {', '.join(missing)}"
             raise ArgumentValueError(NAME, expected, f"one with {', '.join(changed.fields)}")
