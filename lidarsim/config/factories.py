@@ -191,7 +191,7 @@ def is_table(value: object) -> bool:
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]
@@ -210,7 +210,7 @@ if TYPE_CHECKING:
 else:
     Numbers = either(float, list[float], is_list)
     Vectors = either(Vector, list[Vector], is_table)
-    Scale = either(Finite, Annotated[list[Finite], Field(min_length=3, max_length=3)], is_list)
+    Scale = either(Finite, Vector, is_list)
     SigmaTable = either(float, list[Pair], is_list)
     Area = either(list[float], list[Pair], is_table)
     Returns = either(int, str, is_text)

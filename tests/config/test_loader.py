@@ -980,6 +980,8 @@ VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
         ("frames: 2", "first_frame: 4294967296",
          "run.yaml:2: first_frame: expected a value < 4294967296, got 4294967296"),
         ("frames: 2", "cloud: {deskew_s: .nan}", "run.yaml:2: cloud.deskew_s: expected a finite number, got nan"),
+        ("position_m: [1, 2, 3]", "position_m: [1, 2, .nan]",
+         "run.yaml:12: pose.position_m.2: expected a finite number, got nan"),
         ("{yaw: 90}", "{yaw: .inf}", "run.yaml:13: pose.rotation_deg.yaw: expected a finite number, got inf"),
         ("radius_m: 0.5", "radius_m: 0.5\n    scale: [1, .inf, 1]",
          "run.yaml:19: scene.1.scale.1: expected a finite number, got inf"),

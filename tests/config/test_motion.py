@@ -182,11 +182,9 @@ MISTAKES = {
         "scene.1.motion.velocity: unknown key; expected one of linear_m_per_s, angular_deg_per_s"
     ),
     "motion: {linear_m_per_s: 5}": "scene.1.motion.linear_m_per_s: expected a list, got 5",
-    "motion: {linear_m_per_s: [.nan, 0, 0]}": (
-        "scene.1.motion.linear_m_per_s: expected finite numbers, got linear[0] = nan"
-    ),
+    "motion: {linear_m_per_s: [.nan, 0, 0]}": "scene.1.motion.linear_m_per_s.0: expected a finite number, got nan",
     "motion: {angular_deg_per_s: [0, .inf, 0]}": (
-        "scene.1.motion.angular_deg_per_s: expected finite numbers, got angular[1] = inf (in rad/s)"
+        "scene.1.motion.angular_deg_per_s.1: expected a finite number, got inf"
     ),
     "matrix: [[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], motion: {linear_m_per_s: [1, 0, 0]}": (
         "scene.1.matrix: expected a rigid transform (orthonormal rotation), got one 3 away from it, determinant 2"
