@@ -11,6 +11,7 @@ import pyproj
 import pytest
 
 import lidarsim as ls
+from lidarsim.motion.georeference import unix_time
 
 AXIS, FLATTENING = 6_378_137.0, 1 / 298.257223563
 SQUARED = FLATTENING * (2 - FLATTENING)
@@ -113,3 +114,7 @@ def test_positions_far_away_are_refused() -> None:
     )
     with pytest.raises(ValueError, match=expected):
         world.geodetic([[0, 0, 0], [0, 2e6, 0]])
+
+
+def test_fractions_of_a_second_keep_their_nanoseconds() -> None:
+    assert unix_time(1_700_000_000.25, limit=2**32) == 1_700_000_000_250_000_000

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import KW_ONLY, dataclass
 from datetime import UTC, datetime, timedelta
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -99,7 +100,7 @@ def unix_time(start: object, *, limit: int) -> int:
         raise ArgumentValueError("start", f"a moment from 1970-01-01 to {end:%Y-%m-%d} UTC", got)
     if isinstance(start, datetime):
         return (start - UNIX_EPOCH) // timedelta(microseconds=1) * 1000
-    return round(seconds * 1e9)
+    return round(Fraction(seconds) * 1_000_000_000)
 
 
 def _check_zone(start: datetime) -> None:
