@@ -130,7 +130,7 @@ def read_poses(path: PathLike, times: PathLike | npt.ArrayLike | None, scene: st
     if own is not None:
         if times is not None:
             raise ArgumentValueError("times", f"none for {path}, which is {form.name} and has its own", "some")
-        return lines.rising(own), poses
+        return lines.rising(array("times", own, ("n",))), poses
     if times is None:
         raise ArgumentValueError("times", f"those of {path}, since {form.name} has none of its own", "none")
     if isinstance(times, str | os.PathLike):

@@ -14,6 +14,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import lidarsim as ls
 from lidarsim._base import lines
 from lidarsim.errors import FileFormatError
+from lidarsim.io.trajectories import tum
+from lidarsim.motion import formats
 
 EPS = np.finfo(float).eps
 LOOKS = (
@@ -330,3 +332,21 @@ def test_quoted_names_and_numbers(tmp_path: Path) -> None:
     table = tmp_path / "pulses.csv"
     table.write_text('"x","y","z","time_s"\n1,0,0,0\n"0","1","0","0.01"\n')
     assert ls.patterns.Table.from_file(table, rate=10.0).directions.tolist() == [[1, 0, 0], [0, 1, 0]]
+
+
+def test_a_format_of_ones_own_may_return_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(formats, "_FORMATS", formats._FORMATS.copy())
+    ls.register_trajectory_format(
+        "mine",
+        "a line",
+        lambda line: line == "mine",
+        lambda lines: ([float(len(line)) for line in lines], [np.eye(4).tolist()] * 2),
+        suffixes=(".mine",),
+        write=tum.write,
+    )
+    path = tmp_path / "drive.mine"
+    path.write_text("mine\nof it\n")
+    assert ls.Trajectory.load(path).times.tolist() == [4.0, 5.0]
+    path.write_text("mine\nown\n")
+    with pytest.raises(FileFormatError, match=r"drive\.mine:2: expected rising times, got 3\.0 after 4\.0"):
+        ls.Trajectory.load(path)
