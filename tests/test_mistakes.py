@@ -5,6 +5,7 @@ import dataclasses
 from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -793,6 +794,27 @@ def test_a_mistake_is_explained(mistake: Callable[[], Any], kind: type[Exception
     if kind in (TypeError, ValueError) and "missing 1 required" not in message:  # which is Python's own
         assert isinstance(raised.value, ArgumentError)
     assert message in (raised.value.args[-1], str(raised.value))
+
+
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        lambda given: ls.Measurement(beam=given),
+        lambda given: ls.Measurement(detection=given),
+        lambda given: ls.Measurement(response=given),
+        lambda given: ls.Lidar(LIDAR.pattern, measurement=given),
+        lambda given: ls.Lidar(LIDAR.pattern, model=given),
+        lambda given: ls.Lidar(SimpleNamespace(rate=10.0, shape=given, pulses=LIDAR.pattern.pulses)),
+        lambda given: ls.Scene().add(BALL, name=given),
+        SCENE.find,
+        lambda given: ls.Cylinder((0, 0, 0), (0, 0, 1), 1.0, capped=given),
+        lambda given: LIDAR.scan(SCENE).image(size=given),
+        lambda given: LIDAR.scan(SCENE).point_cloud(deskew=given),
+    ],
+)
+def test_an_array_takes_one_line_of_an_error(mistake: Callable[[Any], Any]) -> None:
+    with pytest.raises(ArgumentError, match=r", got an array of shape \(2, 2\)$"):
+        mistake(np.eye(2))
 
 
 @pytest.mark.parametrize("half", [Fraction(1, 2), Decimal("0.5"), np.array(0.5), np.float16(0.5), np.longdouble(0.5)])

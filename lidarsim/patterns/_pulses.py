@@ -233,7 +233,7 @@ def check_pattern(pattern: object) -> None:
     frequency("pattern.rate", pattern.rate)
     shape = pattern.shape
     if not isinstance(shape, tuple | list) or len(shape) != 2:
-        raise ArgumentTypeError("pattern.shape", "(rings, columns)", repr(shape))
+        raise ArgumentTypeError("pattern.shape", "(rings, columns)", short_repr(shape))
     for count in shape:
         integer("pattern.shape", count, at_least=0)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.validation import Floats, integer
+from lidarsim._base.validation import Floats, integer, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import TURN
 from lidarsim.patterns._pulses import Pulses
@@ -106,7 +106,7 @@ def projection(frame: Pulses, pulses: Pulses, size: tuple[int, int]) -> tuple[In
         If `size` is not two integers >= 1.
     """
     if not isinstance(size, tuple | list) or len(size) != 2:
-        raise ArgumentTypeError("size", "(rows, columns)", repr(size))
+        raise ArgumentTypeError("size", "(rows, columns)", short_repr(size))
     rows, columns = (integer("size", count, at_least=1) for count in size)
     azimuths, elevations = _angles(frame.directions)
     azimuth, elevation = _angles(pulses.directions)

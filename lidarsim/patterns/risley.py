@@ -24,6 +24,7 @@ from lidarsim._base.validation import (
     items,
     nonzero_vectors,
     real,
+    short_repr,
 )
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles, rings, unit
@@ -154,7 +155,7 @@ class Risley(ScanPattern):
         set_(self, "prisms", tuple(items("prisms", prisms, "Prism objects")))
         for i, prism in enumerate(self.prisms):
             if not isinstance(prism, Prism):
-                raise ArgumentTypeError("prisms", "Prism objects", f"prisms[{i}] = {prism!r}")
+                raise ArgumentTypeError("prisms", "Prism objects", f"prisms[{i}] = {short_repr(prism)}")
         set_(self, "refractive_index", real("refractive_index", refractive_index, at_least=1.0))
         if self.refractive_index > DENSEST:
             raise ArgumentValueError("refractive_index", f"one up to {DENSEST:g}", f"{self.refractive_index:g}")

@@ -832,7 +832,7 @@ def moment_of(deskew: object, rate: float) -> float | None:
     except TypeError:
         expected = "True, False, 'start', 'middle', 'end' or seconds from the start of the scan"
         wrong = ArgumentValueError if isinstance(deskew, str) else ArgumentTypeError
-        raise wrong("deskew", expected, repr(deskew)) from None
+        raise wrong("deskew", expected, short_repr(deskew)) from None
 
 
 def moment_and_pose(

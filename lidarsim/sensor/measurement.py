@@ -31,7 +31,18 @@ import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Immutable
-from lidarsim._base.validation import angle, array, ask_above, beam_angle, each_ring, integer, is_several, real, share
+from lidarsim._base.validation import (
+    angle,
+    array,
+    ask_above,
+    beam_angle,
+    each_ring,
+    integer,
+    is_several,
+    real,
+    share,
+    short_repr,
+)
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 PULSE_LENGTH = 5e-9
@@ -414,16 +425,16 @@ class Measurement(Immutable):
         if is_table:
             object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))
         if self.detection is not None and not isinstance(self.detection, Detection):
-            raise ArgumentTypeError("detection", "a Detection or None", repr(self.detection))
+            raise ArgumentTypeError("detection", "a Detection or None", short_repr(self.detection))
         if self.range_sigma_limit > 0.0 and self.detection is None:
             given = self.range_sigma_limit
             raise ArgumentValueError("range_sigma_limit", "0 without a detection limit", given, "give `detection`")
         if self.crossover is not None:
             object.__setattr__(self, "crossover", _crossover(self.crossover))
         if self.beam is not None and not isinstance(self.beam, Beam):
-            raise ArgumentTypeError("beam", "a Beam or None", repr(self.beam))
+            raise ArgumentTypeError("beam", "a Beam or None", short_repr(self.beam))
         if self.response is not None and not isinstance(self.response, Response):
-            raise ArgumentTypeError("response", "a Response or None", repr(self.response))
+            raise ArgumentTypeError("response", "a Response or None", short_repr(self.response))
         object.__setattr__(self, "depth", integer("depth", self.depth, at_least=1, at_most=255))
         object.__setattr__(self, "returns", _returns(self.returns))
         for name, (most, unit, question) in _USUAL.items():

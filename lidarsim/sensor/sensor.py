@@ -12,7 +12,7 @@ import numpy as np
 from lidarsim import _native
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import short, text_table
-from lidarsim._base.validation import ask_above, each_ring, real
+from lidarsim._base.validation import ask_above, each_ring, real, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns import Pattern
 from lidarsim.patterns._pulses import check_pattern, pulses_of
@@ -43,10 +43,10 @@ class Sensor(Pickled):
         """Check the arguments."""
         check_pattern(self.pattern)
         if not isinstance(self.measurement, Measurement):
-            raise ArgumentTypeError("measurement", "a Measurement", repr(self.measurement))
+            raise ArgumentTypeError("measurement", "a Measurement", short_repr(self.measurement))
         sensor_name(self.name)
         if not isinstance(self.model, str):
-            raise ArgumentTypeError("model", "a string", repr(self.model))
+            raise ArgumentTypeError("model", "a string", short_repr(self.model))
         object.__setattr__(self, "model", self.model or self.name)
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))

@@ -119,7 +119,7 @@ def _check(  # noqa: PLR0917 - the fields, in their order
             "shape", "a lidarsim shape", type(shape).__name__, FILES if isinstance(shape, str | Path) else ""
         )
     if not isinstance(name, str):
-        raise ArgumentTypeError("name", "a string", repr(name))
+        raise ArgumentTypeError("name", "a string", short_repr(name))
     if not isinstance(material, Material):
         raise ArgumentTypeError("material", "a Material", type(material).__name__)
     if motion is not None and not isinstance(motion, Trajectory):
@@ -469,7 +469,7 @@ class Scene(Pickled, Plotted):
             Ids in ascending order; empty if there are none.
         """
         if not isinstance(name, str):
-            raise ArgumentTypeError("name", "a string", repr(name))
+            raise ArgumentTypeError("name", "a string", short_repr(name))
         return [item.id for item in self if item.name == name]
 
     @classmethod

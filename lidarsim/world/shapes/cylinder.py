@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.validation import Floats, Transform, Vector, freeze
+from lidarsim._base.validation import Floats, Transform, Vector, freeze, short_repr
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, circle, frame
@@ -65,7 +65,7 @@ class Cylinder(Shape):
         transform: Transform | None = None,
     ) -> None:
         if not isinstance(capped, (bool, np.bool_)):
-            raise ArgumentTypeError("capped", "a bool", repr(capped))
+            raise ArgumentTypeError("capped", "a bool", short_repr(capped))
         self._set("Cylinder", {"start": start, "end": end}, {"radius": radius, "capped": float(capped)}, transform)
 
     @property
