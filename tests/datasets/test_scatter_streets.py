@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
 import lidarsim as ls
@@ -160,6 +161,11 @@ def test_models_join_by_folder(tmp_path: Path) -> None:
     assert {item.label for item in scene if "wheel" in item.name and "hub" not in item.name} >= {18}
     files = load(path).source.files()
     assert {"models/a.glb", "models/b.glb"} <= set(files)
+    (tmp_path / "models" / "c.glb").write_bytes(trimesh.Scene(trimesh.creation.box()).export(file_type="glb"))
+    with pytest.raises(
+        ConfigError, match=r"objects\.2\.wheels: expected the name of a part, .* in 'models/c\.glb', got"
+    ):
+        scene_and_objects(path)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +183,11 @@ def test_models_join_by_folder(tmp_path: Path) -> None:
             STREET,
             "expected 1 to 1000 files that match 'none/*.glb', got none",
         ),
-        (CARS | {"weights": [1, 2, 3]}, STREET, "weights: expected one for each of 2 objects, got 3"),
+        (
+            CARS | {"weights": [1, 2, 3]},
+            STREET,
+            "weights: expected one for each of 2 objects and matches of files, got 3",
+        ),
         (CARS | {"weights": [1, 0]}, STREET, "expected a value > 0"),
         *(
             (

@@ -81,7 +81,7 @@ class Scatter(Model):
     objects: Annotated[list[AnyItem], Field(min_length=1)]
     """Objects without a `motion`, of which each member is one. One with `files: models/*.glb` stands for any match."""
     weights: list[Annotated[float, Field(gt=0, le=FAR)]] | None = None
-    """Weight of each of the objects. Default: equal."""
+    """Weight of each of the objects, of which each match of `files` is one. Default: equal."""
     on: Annotated[list[str], Field(min_length=1)]
     """Names of the scene objects on which the entire outline stands."""
     count: DrawOr
@@ -136,7 +136,7 @@ class Scatter(Model):
             raise place.error(f"expected one of area_m, along_m and along, got {' and '.join(given_keys) or 'none'}")
         if self.weights is not None and len(self.weights) != len(self.objects):
             raise (place / "weights").error(
-                f"expected one for each of {len(self.objects)} objects, got {len(self.weights)}"
+                f"expected one for each of {len(self.objects)} objects and matches of files, got {len(self.weights)}"
             )
         if self.along_m is None and self.interpolation != "linear":
             raise (place / "interpolation").error(f"expected along_m beside it, got {given_keys[0]}")

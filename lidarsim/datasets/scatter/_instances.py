@@ -282,7 +282,8 @@ def instance_of(item: AnyItem, place: Place, seed: int = 0) -> Instance:
         if len({part.wheel for part in parts}) == 1:
             names = ", ".join(sorted({short_repr(_name(part)) for part in parts}))
             which = "a part that is no wheel" if parts[0].wheel else f"the name of a part, of {names}"
-            raise (place / "wheels").error(f"expected {which}, got {short_repr(pattern)}")
+            there = f" in {short_repr(item.file)}" if isinstance(item, ModelFile) else ""
+            raise (place / "wheels").error(f"expected {which}{there}, got {short_repr(pattern)}")
     parts.sort(key=lambda part: part.wheel)
     return Instance(parts)
 
