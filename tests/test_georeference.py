@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ import pyproj
 import pytest
 
 import lidarsim as ls
-from lidarsim.motion.georeference import unix_time
+from lidarsim.motion.georeference import gps_time, unix_time
 
 AXIS, FLATTENING = 6_378_137.0, 1 / 298.257223563
 SQUARED = FLATTENING * (2 - FLATTENING)
@@ -118,3 +120,9 @@ def test_positions_far_away_are_refused() -> None:
 
 def test_fractions_of_a_second_keep_their_nanoseconds() -> None:
     assert unix_time(1_700_000_000.25, limit=2**32) == 1_700_000_000_250_000_000
+
+
+@pytest.mark.parametrize("moment", [gps_time, partial(unix_time, limit=2**32)])
+def test_a_start_is_seconds_or_a_datetime(moment: Callable[[object], object]) -> None:
+    with pytest.raises(TypeError, match=r"^start: expected seconds or a datetime with a time zone, got '2026-05-01'$"):
+        moment("2026-05-01")

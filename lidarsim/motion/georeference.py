@@ -63,9 +63,7 @@ def gps_time(start: object) -> tuple[float, bool]:
         If it is neither, has no time zone or is before the GPS epoch.
     """
     if not isinstance(start, datetime):
-        if isinstance(start, str):
-            raise ArgumentTypeError("start", "seconds or a datetime with a time zone", short_repr(start))
-        return real("start", start), False
+        return _seconds(start), False
     _check_zone(start)
     if start < GPS_EPOCH:
         raise ArgumentValueError("start", "a moment since the GPS epoch, 1980-01-06 UTC", start.isoformat())
@@ -93,7 +91,7 @@ def unix_time(start: object, *, limit: int) -> int:
         _check_zone(start)
         seconds, got = (start - UNIX_EPOCH).total_seconds(), start.isoformat()
     else:
-        seconds = real("start", start)
+        seconds = _seconds(start)
         got = f"{seconds:.16g} s since 1970"
     if not 0 <= seconds < limit:
         end = UNIX_EPOCH + timedelta(seconds=limit)
@@ -101,6 +99,14 @@ def unix_time(start: object, *, limit: int) -> int:
     if isinstance(start, datetime):
         return (start - UNIX_EPOCH) // timedelta(microseconds=1) * 1000
     return round(Fraction(seconds) * 1_000_000_000)
+
+
+def _seconds(start: object) -> float:
+    """Return a start that is no datetime as a float."""
+    try:
+        return real("start", start)
+    except ArgumentTypeError as error:
+        raise ArgumentTypeError("start", "seconds or a datetime with a time zone", error.got) from None
 
 
 def _check_zone(start: datetime) -> None:
