@@ -30,7 +30,12 @@ class Merged:
         """Return the packets, by sensor, that follow from a scan of the only sensor, or from scans by sensor name."""
         for name, scan in self.by_name(scans).items():
             if name not in self._encoders:
-                raise ArgumentValueError("sensor", f"one of {', '.join(self._encoders)}", repr(name))
+                known = (
+                    f"one of {', '.join(self._encoders)}"
+                    if any(self._encoders)
+                    else "no name, as the only one has none"
+                )
+                raise ArgumentValueError("sensor", known, repr(name))
             self._waiting[name].extend(self._encoders[name].packets(scan))
         ready = self._until(min(packets[-1].time if packets else -math.inf for packets in self._waiting.values()))
         waiting = [packet for packets in self._waiting.values() for packet in packets]

@@ -195,6 +195,8 @@ class Sender:
         TypeError, ValueError
             If an argument is of the wrong type or out of its range.
         """
+        if not callable(scans) and not isinstance(scans, Iterable):
+            raise ArgumentTypeError("scans", "an iterable of scans, or a callable", type(scans).__name__)
         if repeat != math.inf:
             repeat = validation.integer("repeat", repeat, at_least=1)
         if repeat > 1:

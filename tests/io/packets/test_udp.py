@@ -367,9 +367,13 @@ def test_bad_arguments() -> None:
             sender.send(list, repeat=2)
         with pytest.raises(TypeError, match="scans: expected scans, or mappings"):
             sender.send([1])  # type: ignore[list-item]
-        with pytest.raises(ValueError, match="sensor: expected one of"):
+        with pytest.raises(ValueError, match="sensor: expected no name, as the only one has none, got 'top'"):
             sender.send([{"top": lidar.scan(room())}])
+        with pytest.raises(TypeError, match="scans: expected an iterable of scans, or a callable, got Scan"):
+            sender.send(lidar.scan(room()))  # type: ignore[arg-type]
         assert sender.send([]).packets == 0
+    with Sender({"top": lidar}) as sender, pytest.raises(ValueError, match="sensor: expected one of top, got 'left'"):
+        sender.send([{"left": lidar.scan(room())}])
 
 
 CONFIG = """\
