@@ -425,6 +425,7 @@ def _picture(
 ) -> Picture:
     points = [frame.cloud.xyz for frame in frames]
     places = np.array([frame.pose[:3, 3] for frame in frames])
+    empty = not any(map(len, points))
     everything = np.concatenate([*points, places])
     bounds = np.stack([everything.min(axis=0), everything.max(axis=0)])
     labels: dict[int, str] = {}
@@ -443,14 +444,14 @@ def _picture(
         known,
         names={**known.names, "sensor": {number: name for name, number in sensors.items()}, "instance": instances},
     )
-    if color_by is None and scene is not None and not any(map(len, points)):
+    if color_by is None and scene is not None and empty:
         color_by = "instance" if instances else "label"
     found: list[Surface] = []
     if scene is not None:
-        found = surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=starts[0] if starts else 0.0)
-    surface_heights = [surface.points()[:, 2] for surface in found if len(surface.vertices)]
-    if surface_heights:
-        known = replace(known, heights=np.array([end(end(z) for z in surface_heights) for end in (min, max)]))
+        found = surfaces(scene, bounds=None if empty else bounds, time=starts[0] if starts else 0.0)
+    if color_by == "height" and empty and any(len(surface.vertices) for surface in found):
+        heights = np.concatenate([surface.points()[:, 2] for surface in found])
+        known = replace(known, heights=np.array([heights.min(), heights.max()]))
     if starts:
         movers = [surface for surface in found if surface.item.motion is not None]
         frames = [

@@ -55,7 +55,7 @@ class Surface:
 
     def is_flat(self, slope: float) -> bool:
         """Return whether the height of the surface is at most `slope` times its greater width."""
-        x, y, z = map(float, np.ptp(self.points(), axis=0))
+        x, y, z = (float(np.ptp(along)) for along in self.points().T)
         return z <= slope * max(x, y)
 
     @property
@@ -133,18 +133,18 @@ def surfaces(
         found[item.id] = surface = Surface(item.id, item, *triangles, matrix)
         return surface
 
+    unbounded = [item for item in scene if not item.shape.bounded]
     for item in scene:
         if item.shape.bounded:
-            points = add(item, np.zeros((8, 3))).points()
-            if len(points):
-                extent.append(np.stack([points.min(axis=0), points.max(axis=0)]))
+            surface = add(item, np.zeros((8, 3)))
+            if unbounded and len(surface.vertices):
+                extent.append(np.array([(along.min(), along.max()) for along in surface.points().T]).T)
     ends = np.concatenate(extent or [np.full((1, 3), -ALONE), np.full((1, 3), ALONE)])
     low, high = ends.min(axis=0), ends.max(axis=0)
     thin = 1e-3 * float((high - low).max()) or ALONE  # a flat box has no inside
     low, high = np.where(high - low < thin, low - thin, low), np.where(high - low < thin, high + thin, high)
-    for item in scene:
-        if not item.shape.bounded:
-            add(item, low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
+    for item in unbounded:
+        add(item, low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
     return [found[item.id] for item in scene]
 
 
@@ -162,8 +162,7 @@ def _placement(item: SceneObject, time: float) -> Floats:
         if own is not None:
             matrix = own @ matrix
     if item.motion is not None:
-        first, last = item.motion.span
-        matrix = item.motion.at(min(max(time, first), last)).as_matrix() @ matrix
+        matrix = item.motion._native.at(np.clip([time], *item.motion.span))[0] @ matrix
     return matrix
 
 
