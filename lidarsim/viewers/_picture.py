@@ -167,13 +167,12 @@ class Picture:
         surfaces = [surface for surface in self.every_surface if len(surface.faces)]
         if self.has_points or not surfaces:
             return self.points_to_show()
+        sides = (np.diff(surface.points()[surface.faces], axis=1) for surface in surfaces)
+        ends = np.cumsum(np.concatenate([np.linalg.norm(np.cross(own[:, 0], own[:, 1]), axis=1) for own in sides]))
         points, faces = merge_surfaces(surfaces, np.zeros(3))
-        corners = points[faces]
-        sides = corners[:, 1:] - corners[:, :1]
-        ends = np.cumsum(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
         rng = np.random.default_rng(0)
         chosen = np.searchsorted(ends, rng.uniform(0.0, ends[-1], SAMPLES)).clip(max=len(faces) - 1)
-        spread: Floats = (rng.dirichlet((1, 1, 1), SAMPLES)[:, :, None] * corners[chosen]).sum(axis=1)
+        spread: Floats = (rng.dirichlet((1, 1, 1), SAMPLES)[:, :, None] * points[faces[chosen]]).sum(axis=1)
         return spread
 
     def points_to_show(self) -> Floats:
@@ -264,7 +263,7 @@ def _fit_view(seen: Floats, towards: Floats, up: Floats, angle: float, aspect: f
     right /= np.linalg.norm(right)
     above = np.cross(back, right)
     middle = seen.mean(axis=0)
-    x, y, z = ((seen - middle) @ axis for axis in (right, above, back))
+    x, y, z = np.stack([right, above, back]) @ (seen - middle).T
     tangent = math.tan(angle / 2) / MARGIN
     places, distances = [], []
     for along, slope in ((x, tangent * aspect), (y, tangent)):
@@ -309,7 +308,7 @@ def check_camera(camera: object) -> Camera | Floats:
 
 def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
     """Return the spacing and height of a grid under the points, and the coordinates of its lines along x and y, m."""
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    low, high = np.array([(along.min(), along.max()) for along in seen.T]).T
     spacing = float(round_step(Fraction(float((high - low)[:2].max())) / 12 or Fraction(1)))
     x, y = (
         (np.arange(math.floor(start / spacing), math.ceil(end / spacing) + 1) * spacing).tolist()
