@@ -48,7 +48,7 @@ LONGEST = 22
 """Greatest length of a text in the legend, characters."""
 FONT_FILE = 4
 """VTK's constant for a font from a file (``VTK_FONT_FILE``)."""
-SHADING: dict[str, Any] = {"smooth_shading": False, "ambient": 0.35, "diffuse": 0.65}
+SHADING = {"ambient": 0.35, "diffuse": 0.65}
 SUN, HEADLIGHT = 0.9, 0.35
 """Intensities of the light from `TO_SUN`, which shows relief from above, and of the light from the camera."""
 
@@ -333,18 +333,13 @@ class _Stage:
             self.plotter.render()
             yield np.asarray(self.plotter.screenshot(return_img=True))
 
-    def _add(self, mesh: pyvista.DataSet, **look: Any) -> pyvista.Actor:
-        """Add a mesh under a unique name: PyVista names meshes by address, which another mesh may reuse."""
-        self.added += 1
-        return self.plotter.add_mesh(mesh, name=f"mesh {self.added}", **look)
-
     def _frame(self, frame: Frame, size: float) -> list[pyvista.Actor]:
         cloud, actors = frame.cloud, self._surfaces(frame.movers)
         if len(cloud):  # PyVista refuses to draw nothing
             points = self.pv.PolyData(cloud.xyz - self.middle)
             points.point_data["rgb"] = self.picture.rgb(cloud)
-            round_dots = {"point_size": size, "render_points_as_spheres": True, "lighting": False}
-            actors.append(self._add(points, scalars="rgb", rgb=True, copy_mesh=False, **round_dots))
+            dots: dict[str, Any] = {"point_size": size, "render_points_as_spheres": True, "lighting": False}
+            actors.append(self.plotter.add_mesh(points, scalars="rgb", rgb=True, copy_mesh=False, **dots))
         if frame.boxes:
             actors += self._boxes(frame.boxes)
         position = frame.pose[:3, 3] - self.middle
@@ -353,7 +348,7 @@ class _Stage:
         if shown and np.linalg.norm(position) < 1000 * self.reach:  # far axes would be a dot and spoil the depth buffer
             for axis, color in enumerate(AXES):
                 arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=AXIS * self.reach)
-                actors.append(self._add(arrow, color=color, lighting=False))
+                actors.append(self.plotter.add_mesh(arrow, color=color, lighting=False))
         return actors
 
     def _boxes(self, boxes: Boxes) -> list[pyvista.Actor]:
@@ -362,8 +357,8 @@ class _Stage:
         wires = self.pv.line_segments_from_points(ends)
         colors = [self.picture.class_color(label) for label in boxes.label.tolist()]
         wires.cell_data["rgb"] = np.repeat(_channels(colors), LINES, axis=0)
-        height = self.plotter.window_size[1]
-        actors = [self._add(wires, scalars="rgb", rgb=True, lighting=False, line_width=max(2, round(height / 300)))]
+        width = max(2, round(self.plotter.window_size[1] / 300))
+        actors = [self.plotter.add_mesh(wires, scalars="rgb", rgb=True, lighting=False, line_width=width)]
         names = [self._choose_text(self.picture.class_name(label), str(label)) for label in boxes.label.tolist()]
         tops = boxes.center * [1, 1, 0] + boxes.corners.max(axis=1) * [0, 0, 1]
         self.added += 1
@@ -386,7 +381,8 @@ class _Stage:
         """Add translucent surfaces: large shared meshes as instances, all others merged."""
         colors, actors = self.picture.colors, []
         by_height = colors.field == "height"
-        look = {"opacity": 0.15 if self.picture.has_points else 1.0, **SHADING}
+        look: dict[str, Any] = {"opacity": 0.15 if self.picture.has_points else 1.0, **SHADING}
+        properties: dict[str, pyvista.Property] = {}
         groups: dict[int, list[Surface]] = {}
         for surface in surfaces:
             if len(surface.faces):
@@ -399,33 +395,30 @@ class _Stage:
                 others += group
                 continue
             centre = vertices.mean(axis=0)
-            shared = _add_normals(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
-            first = self._add(shared, **look)
+            mapper = self.pv.DataSetMapper(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
             for surface in group:
-                actor = first
-                if surface is not group[0]:  # PyVista takes longer to add an actor the more there are
-                    actor = first.copy(deep=False)
-                    actor.prop = first.prop.copy()
-                    self.plotter.renderers[0].AddActor(actor)
-                ((actor.prop.color, _),) = split_by_color(surface, self.picture)
+                ((color, _),) = split_by_color(surface, self.picture)
+                if color not in properties:
+                    properties[color] = self.pv.Property(color=color, interpolation="flat", **look)
+                actor = self.pv.Actor(mapper=mapper, prop=properties[color])
                 matrix = surface.matrix.copy()
                 matrix[:3, 3] += matrix[:3, :3] @ centre - self.middle
                 actor.user_matrix = matrix
+                self.plotter.renderers[0].AddActor(actor)
                 actors.append(actor)
         if others and by_height:
             mesh = self.pv.PolyData.from_regular_faces(*merge_surfaces(others, self.middle))
             mesh.point_data["height"] = mesh.points[:, 2] + self.middle[2]
             # Interpolates heights instead of colours within large triangles.
             scale = {"cmap": colors.table, "clim": colors.limits, "interpolate_before_map": True}
-            actors.append(self._add(_add_normals(mesh), scalars="height", show_scalar_bar=False, **scale, **look))
+            look |= {"scalars": "height", "show_scalar_bar": False, "smooth_shading": False, **scale}
+            actors.append(self.plotter.add_mesh(mesh, **look))
         elif others:
             parts = [part for surface in others for part in split_by_color(surface, self.picture)]
             mesh = self.pv.PolyData.from_regular_faces(*merge_surfaces([surface for _, surface in parts], self.middle))
             table = _channels([color for color, _ in parts])
             mesh.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for _, surface in parts], axis=0)
-            actors.append(self._add(_add_normals(mesh), scalars="rgb", rgb=True, **look))
-        if groups and self.picture.has_points:
-            self.plotter.enable_depth_peeling(8)  # type: ignore[arg-type]  # its types lost the self of this method
+            actors.append(self.plotter.add_mesh(mesh, scalars="rgb", rgb=True, smooth_shading=False, **look))
         return actors
 
     def _grid(self) -> float:
@@ -481,7 +474,7 @@ class _Stage:
                 j_resolution=len(rgb),
             )
             plane.cell_data["rgb"] = rgb
-            self._add(plane, scalars="rgb", rgb=True, lighting=False)
+            self.plotter.add_mesh(plane, scalars="rgb", rgb=True, lighting=False)
 
         font, line = self.font, legend.line
         y = line
@@ -581,14 +574,6 @@ def _write_jpg(image: BytesIO, file: BinaryIO) -> None:
 
     with Image.open(image) as picture:
         picture.convert("RGB").save(file, "JPEG", quality=QUALITY, subsampling=0)
-
-
-def _add_normals(mesh: pyvista.PolyData) -> pyvista.PolyData:
-    """Return a mesh with normals that smooth round surfaces and keep edges sharp."""
-    shaded: pyvista.PolyData = mesh.compute_normals(
-        cell_normals=False, split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
-    )
-    return shaded
 
 
 def _write_film(path: PathLike, images: Iterator[npt.NDArray[np.uint8]], rate: float) -> None:
