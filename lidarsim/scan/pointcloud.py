@@ -492,7 +492,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
         }.items():
             if name not in known and given:
                 held = " and ".join(suffix for suffix, other in FORMATS.items() if name in options_of(other))
-                raise ArgumentValueError(name, f"a file that can hold it ({held})", short_repr(path))
+                raise ArgumentValueError(name, f"a file that can hold it ({held})", short_repr(str(path)))
         options = {name: option for name, option in options.items() if name in known}
         with atomic_writer(path) as file:
             save(arrays, file, **options)

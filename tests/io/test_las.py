@@ -556,7 +556,7 @@ def test_a_system_is_for_points_in_the_world_and_for_las(tmp_path: Path) -> None
     ):
         scan.point_cloud().save(tmp_path / "cloud.las", crs=UTM_ZONE)
     with pytest.raises(
-        ValueError, match=r"^crs: expected a file that can hold it \(\.las and \.laz\), got .*cloud\.ply"
+        ValueError, match=r"^crs: expected a file that can hold it \(\.las and \.laz\), got '.*cloud\.ply'$"
     ):
         scan.point_cloud("world").save(tmp_path / "cloud.ply", crs=UTM_ZONE)
     with pytest.raises(ValueError, match=r"^start: expected a file that can hold it \(\.las and \.laz\), got "):
