@@ -230,8 +230,10 @@ def _check_claim(store: Store, found: Head | None, head: Head, others: Collectio
     if found.recipe != head.recipe:
         raise LidarsimError(f"{expected} recipe, got another {RECIPE} there")
     key = next(key for key in Head.model_fields if getattr(found, key) != getattr(head, key))
-    got = short(ascii(getattr(found, key)))
-    raise LidarsimError(f"{expected} {key} ({getattr(head, key)}), got {got} there")
+    own, theirs = getattr(head, key), getattr(found, key)
+    if isinstance(own, dict):
+        own, theirs = (dict(sorted(one.items() - two.items())) for one, two in ((own, theirs), (theirs, own)))
+    raise LidarsimError(f"{expected} {key} ({short(ascii(own))}), got {short(ascii(theirs))} there")
 
 
 def _is_cut(store: Store) -> bool:
