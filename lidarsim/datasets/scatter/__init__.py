@@ -208,9 +208,9 @@ def nearby(run: Run, groups: dict[str, Scatter]) -> dict[str, float]:
     for item in run.scene.objects:
         low, high = item.bounds
         carried = item.motion is run.pose and item.motion is not None
-        if carried or item.name in on or not _is_solid(item) or low[2] == high[2]:
-            continue
         if item.motion is None and ((low >= path.box[1]) | (high <= path.box[0])).any():
+            continue
+        if carried or item.name in on or not _is_solid(item) or low[2] == high[2]:
             continue
         outline = _obstacle(item, times)
         encloses = (outline.box[0, :2] <= path.box[0, :2]).all() and (outline.box[1] >= path.box[1]).all()
@@ -406,7 +406,7 @@ def _name(item: SceneObject) -> str:
 
 def _is_solid(item: SceneObject) -> bool:
     """Return whether an object takes up a bounded space: it is not a plane, for example, nor an empty shape."""
-    return item.shape.bounded and not np.isnan(item.shape.bounds).any()
+    return bool(np.isfinite(item.shape.bounds).all())
 
 
 def _obstacle(item: SceneObject, times: Floats) -> Outline:

@@ -145,8 +145,9 @@ class Swing:
         Between two of its poses a part stays within its own bulge of the segments between their corners (see
         `_outlines`). Both ends of these are in the outline of the instance, which is convex. So the bulges add.
         """
-        bulges = [bulge_of(far, (own + turn / self.per_step)[:, None]) for far, own in self.reach]
-        return np.max(bulges, axis=0, initial=0.0) if bulges else np.zeros(len(turn))
+        far, own = np.reshape(self.reach, (-1, 2)).T[..., None]
+        most: Floats = bulge_of(far, (own + turn / self.per_step)[..., None]).max(axis=0, initial=0.0)
+        return most
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,10 +49,12 @@ class Outline:
     @cached_property
     def box(self) -> Floats:
         """Least and greatest coordinates at any time, shape (2, 3)."""
-        bulge = np.asarray(self.bulge)[..., None]
         box = np.empty((*self.corners.shape[:-3], 2, 3))
-        box[..., 0, :2], box[..., 0, 2] = self.corners.min(axis=(-3, -2)) - bulge, self.low
-        box[..., 1, :2], box[..., 1, 2] = self.corners.max(axis=(-3, -2)) + bulge, self.high
+        for axis in range(2):  # NumPy takes many times as long for both at once
+            along = self.corners[..., axis]
+            box[..., 0, axis] = along.min(axis=(-2, -1)) - self.bulge
+            box[..., 1, axis] = along.max(axis=(-2, -1)) + self.bulge
+        box[..., 0, 2], box[..., 1, 2] = self.low, self.high
         return box
 
     def at(self, places: int | npt.NDArray[np.intp]) -> Outline:
@@ -68,18 +70,17 @@ class Outline:
     def apart_each_step(self, other: Outline, gap: float) -> npt.NDArray[np.bool_]:
         """Return whether a line separates two outlines by the gap, in each step: shape (…, k)."""
         shape = np.broadcast_shapes(self.corners.shape[:-2], other.corners.shape[:-2])
-        both = self.corners, other.corners
-        sides = [corners[..., 1:3, :] - corners[..., :2, :] for corners in both]
-        axes = np.concatenate([np.broadcast_to(side, (*shape, 2, 2)) for side in sides], axis=-2)
+        whole = [np.broadcast_to(one.corners, (*shape, *one.corners.shape[-2:])) for one in (self, other)]
+        # Corners and coordinates come first: NumPy takes twice as long if the innermost axis is short.
+        both = [np.moveaxis(corners, (-2, -1), (0, 1)).copy() for corners in whole]
+        axes = np.concatenate([corners[1:3] - corners[:2] for corners in both])
         # Far away, corners may coincide and give a zero axis; on overflow, no axis separates the outlines.
         with np.errstate(over="ignore", invalid="ignore"):
-            lengths = np.sqrt((axes * axes).sum(axis=-1))
-            axes = axes / np.where(lengths > 0, lengths, 1.0)[..., None]
-            mine, its = (
-                axes[..., :1] * corners[..., None, :, 0] + axes[..., 1:] * corners[..., None, :, 1] for corners in both
-            )
-            free = np.maximum(mine.min(-1) - its.max(-1), its.min(-1) - mine.max(-1))
-        free = np.where(lengths > 0, free, -np.inf).max(-1)
+            lengths = np.sqrt((axes * axes).sum(axis=1))
+            x, y = np.moveaxis(axes / np.where(lengths > 0, lengths, 1.0)[:, None], 1, 0)
+            mine, its = (x * corners[:, None, 0] + y * corners[:, None, 1] for corners in both)
+            free = np.maximum(mine.min(axis=0) - its.max(axis=0), its.min(axis=0) - mine.max(axis=0))
+        free = np.where(lengths > 0, free, -np.inf).max(axis=0)
         room = gap + np.asarray(self.bulge) + np.asarray(other.bulge)
         result: npt.NDArray[np.bool_] = free >= room[..., None]
         return result
@@ -92,7 +93,7 @@ def steps(corners: Floats) -> Floats:
     return np.concatenate([corners[..., :-1, :, :], corners[..., 1:, :, :]], axis=-2)
 
 
-def bulge_of(radius: float, turns: Floats) -> Floats:
+def bulge_of(radius: float | Floats, turns: Floats) -> Floats:
     """Return how far a point at `radius` from the origin is beyond the hull if the steps turn by `turns`, rad."""
     bulge: Floats = radius * (1.0 - np.cos(np.max(np.abs(turns), axis=-1, initial=0.0) / 2.0))
     return bulge
