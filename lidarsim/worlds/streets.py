@@ -561,8 +561,10 @@ def _ground(rng: np.random.Generator, plan: Plan) -> Iterator[tuple[str, Triangl
     for name in GROUND:
         there = surface == _CLASSES[name]
         if there.any():
-            used, own = np.unique(faces[there].reshape(-1, 3), return_inverse=True)
-            mesh = TriangleMesh(points[used], own.reshape(-1, 3).astype(np.uint32))
+            corners = faces[there].reshape(-1, 3)
+            used = np.bincount(corners.ravel(), minlength=len(points)) > 0
+            number = np.cumsum(used, dtype=np.uint32) - np.uint32(1)
+            mesh = TriangleMesh(points[used], number[corners])
             yield name, mesh, Material(reflectivity=np.repeat(bright[there], 2), per="face", roughness=0.3)
 
 
