@@ -58,7 +58,7 @@ def run(
         failed = [shard for shard in made if shard.problem]
         # Other parts may have left damaged notes.
         if not failed and manifest.finished_shards(plan.store).issuperset(shards):
-            rest = manifest.missing_shards(plan, shards)
+            rest = manifest.missing_shards(plan, (shard for shard in shards if shard not in todo))
             todo |= rest
             made += _make_until_complete(plan, rest, client, progress)
             failed = [shard for shard in made if shard.problem]
