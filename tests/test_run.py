@@ -254,6 +254,14 @@ def test_las_files_of_a_run_are_on_one_clock_and_in_one_system(tmp_path: Path) -
     assert ls.PointCloud.load(tmp_path / "a_0002.npz").time.max() < 1 / 10  # since the start of the scan, as ever
 
 
+def test_las_files_in_the_sensor_frame_have_no_system_though_a_receiver_needs_one() -> None:
+    Path("gnss.yaml").write_text(RIG.replace("rig: {", WITH_GNSS, 1), encoding="utf-8")
+    run = ls.config.load("gnss.yaml", [GEOREFERENCE, "pose={position_m: [691000, 5334000, 520]}"])
+    written = [path for path in run.write("a.las") if path.suffix == ".las"]
+    assert len(written) == 4
+    assert all(laspy.read(path).header.parse_crs() is None for path in written)
+
+
 def test_an_imu_drives_along_a_way_on_a_spline() -> None:
     Path("way.yaml").write_text(
         "rig: {top: {sensor: {preset: velodyne-vlp16}}, imu: {imu: {rate_hz: 100}}}\n"

@@ -76,7 +76,7 @@ class Clouds(Output):
                 pose = None if in_world else frame.poses[name]
                 if path.suffix.lower() in las.SUFFIXES:
                     of_run = _of_run(part, frame.scans[name], cloud)
-                    of_run.save(file, pose=pose, crs=part.crs, start=part.start, **self.given)
+                    of_run.save(file, pose=pose, crs=part.crs if in_world else None, start=part.start, **self.given)
                 else:
                     cloud.save(file, pose=pose, **self.given)
                 yield file
