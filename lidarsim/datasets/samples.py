@@ -48,7 +48,7 @@ class Annotation:
     instance, label, points : int
         Instance number, label, and number of points.
     center, size, velocity : tuple of 3 floats
-        Centre and size of the box, m, and velocity, m/s. The size allows for the rounding of points to float32.
+        Centre and size of the box, m, and velocity, m/s. The size allows for the rounding of points.
     rotation : tuple of 9 floats
         Rows of the matrix with the axes of the box in its columns.
     visibility : float or None

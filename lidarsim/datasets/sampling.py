@@ -68,6 +68,8 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
             if found is not None:
                 counts = _counts(cloud, found)
                 found = dataclasses.replace(found, points=counts)[counts >= layout.least_points]
+        if found is not None and frame_of == "sensor":  # world coordinates are written in float64
+            found = _round_up(found)
         boxes = () if found is None else _annotations(found)
         record = Record(sequence, frame, name, moment, len(cloud), _rows(pose), _rows(body), split, boxes)
         yield Sample(record, run, scan, cloud, sequence * recipe.frames + frame, recipe.class_names)
@@ -102,16 +104,19 @@ def boxes_of(annotations: Sequence[Annotation], names: Mapping[int, str]) -> Box
     )
 
 
-def _annotations(boxes: Boxes) -> tuple[Annotation, ...]:
-    """Return the boxes, with room for points in float32.
+def _round_up(boxes: Boxes) -> Boxes:
+    """Return the boxes with room for points in float32.
 
     Points and centre have coordinates of at most `reach`, and each of these is rounded by at most `UNIT32` of it. In
     the axes of the box, the difference of two then moves by less than √3 times both, and a box grows at both ends.
     """
     reach = np.abs(boxes.center).max(axis=1, initial=0.0) + np.linalg.norm(boxes.size, axis=1)
-    size = boxes.size + 2.0 * np.sqrt(3.0) * 2.0 * UNIT32 * reach[:, None]
+    return dataclasses.replace(boxes, size=boxes.size + 2.0 * np.sqrt(3.0) * 2.0 * UNIT32 * reach[:, None])
+
+
+def _annotations(boxes: Boxes) -> tuple[Annotation, ...]:
     seen = [None if np.isnan(share) else share for share in boxes.visibility.tolist()]
-    three = zip(boxes.center.tolist(), size.tolist(), boxes.velocity.tolist(), strict=True)
+    three = zip(boxes.center.tolist(), boxes.size.tolist(), boxes.velocity.tolist(), strict=True)
     return tuple(
         Annotation(
             instance=instance,

@@ -285,6 +285,19 @@ def test_points_in_the_world(tmp_path: Path) -> None:
     )
 
 
+def test_boxes_are_no_larger_far_from_the_origin_of_the_world(tmp_path: Path) -> None:
+    def survey(*_: object) -> Any:
+        scene = ls.Scene()
+        scene.add(ls.Box((9, 2.5, 3)), transform=pose(612_012, 5_263_990, 500))
+        return scene, ls.Lidar.preset("velodyne-vlp16"), pose(612_000, 5_264_000, 500)
+
+    ls.generate(survey, tmp_path, layout={"type": "shards", "boxes": True}, frame="world", pictures=0)
+    (frame,) = ls.datasets.load(tmp_path)
+    assert frame.boxes is not None
+    np.testing.assert_allclose(frame.boxes.size, [[9, 2.5, 3]], atol=1e-6)
+    assert frame.boxes.contain(frame.cloud.xyz).all()
+
+
 def count(folder: Path) -> dict[str, int]:
     index = tables(folder)
     names = [
