@@ -614,6 +614,14 @@ def test_mistakes_are_named(tmp_path: Path, instance: dict[str, Any], more: dict
     assert re.match(r".*recipe\.yaml:\d+: ", str(caught.value))
 
 
+def test_scattered_objects_share_no_instance_with_the_scene(tmp_path: Path) -> None:
+    groups = {"objects": [BODY, CART], "weights": [1, 1], "count": 6, "area_m": [[-30, -30], [30, 30]]}
+    path = recipe(tmp_path, ground=FLOOR | {"instance": 2}, things=groups)
+    scene, placed = scene_and_objects(path)
+    assert 2 not in {item.instance for item in scene if item.name != "floor"}
+    assert [len(own) for own in instances(scene)] == [len(own.parts) for own in placed]
+
+
 def test_a_scene_file_has_no_instances_of_its_own(tmp_path: Path) -> None:
     instance = scene_file(tmp_path) | {"rules": [{"node": "*", "instance": 3}]}
     group = {"objects": [instance], "count": 1, "area_m": [[-1, -1], [1, 1]]}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -58,7 +59,9 @@ class Placed:
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the object to a scene as one instance; `place` is that of the groups."""
-        instance = len(scene) + 1  # as `Scene.add` numbers an object by default
+        taken = {item.instance for item in scene}
+        # As `Scene.add` numbers an object by default, unless an object of the scene was given that number.
+        instance = next(number for number in itertools.count(len(scene) + 1) if number not in taken)
         for part in self.parts:
             part.add_to(scene, place / self.group / "objects" / self.index, instance)
 
