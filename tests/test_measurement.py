@@ -1017,18 +1017,15 @@ def test_a_slanted_plane_gives_one_return_with_the_right_mean(slant: float) -> N
 
     expected = footprint_mean(range_of, divergence)
     errors = []
-    for rays in (4, 7, 19, 37, 61, 91):
+    for rays in (5, 7, 19, 37, 61, 91):
         beam = ls.Beam(divergence, pulse_length=SLOW_PULSE, rays=rays)
         scan = measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=min(rays, 5))
         assert scan.return_count.tolist() == [1]
         assert scan.true_range[0, 0] == distance
         errors.append(abs(scan.range[0, 0] - expected))
     # The mean is off the axis by the second moments of the profile, which the layouts keep to 1 %, and by far smaller
-    # ones of higher order. Three sub-rays on a ring have a third moment, Σy³ = 3/4 of a radius³.
-    tolerances = np.full(6, 0.01 * abs(expected - distance))
-    share = (1.0 - (1.0 - math.exp(-2 / 9)) / (1.0 - math.exp(-2))) / 3
-    tolerances[0] += distance * share * 0.75 * (divergence / 3 * math.tan(slant)) ** 3
-    assert (np.array(errors) < tolerances).all()
+    # ones of higher order.
+    assert max(errors) < 0.01 * abs(expected - distance)
     if slant >= 1.4:
         assert distance * (math.tan(slant + divergence / 2) - math.tan(slant - divergence / 2)) > 0.75
 
@@ -1129,7 +1126,7 @@ def slope_normal(around: float, slope: float) -> Floats:
     return normal / np.linalg.norm(normal)
 
 
-@pytest.mark.parametrize("rays", [4, 7, 19, 37, 61, 91])
+@pytest.mark.parametrize("rays", [5, 7, 19, 37, 61, 91])
 def test_a_slanted_plane_is_one_return_however_far_apart_its_sub_rays_lie(rays: int) -> None:
     beam = ls.Beam(6e-3, 2e-3, pulse_length=1e-9, rays=rays)
     extents = []
@@ -1184,11 +1181,11 @@ def test_a_canopy_has_as_many_returns_as_its_waveform_has_peaks() -> None:
     peaks = np.mean([len(signal.find_peaks(waveform(scene, divergence, pulse_length)[1])[0]) for scene in scenes])
     assert peaks > 4
     counts = {}
-    for rays in (4, 7, 19, 37, 61, 91):
+    for rays in (5, 7, 19, 37, 61, 91):
         beam = ls.Beam(divergence, pulse_length=pulse_length, rays=rays)
         scans = [measure(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=rays) for scene in scenes]
         counts[rays] = np.mean([scan.return_count[0] for scan in scans])
-    assert counts[4] < counts[7] < counts[19] < counts[37]
+    assert counts[5] < counts[7] < counts[19] < counts[37]
     assert abs(counts[37] / counts[91] - 1.0) < 0.05
     for rays in (37, 61, 91):
         assert abs(counts[rays] / peaks - 1.0) < 0.15
@@ -1756,7 +1753,7 @@ def test_wrong_types_are_refused(parameters: dict[str, Any], message: str) -> No
         (lambda: ls.Beam(1e-3, pulse_length=0.0), "pulse_length: expected a finite number > 0 and <= 1e-06, got 0.0"),
         (lambda: ls.Beam(1e-3, separation=-1.0), "separation: expected a finite number >= 0, got -1.0"),
         (lambda: ls.Beam(1e-3, separation=math.inf), "separation: expected a finite number >= 0, got inf"),
-        (lambda: ls.Beam(1e-3, rays=10), "rays: expected 4, 7, 19, 37, 61 or 91, got 10"),
+        (lambda: ls.Beam(1e-3, rays=10), "rays: expected 5, 7, 19, 37, 61 or 91, got 10"),
     ],
 )
 def test_parts_refuse_what_cannot_be(make: Callable[[], object], message: str) -> None:

@@ -414,7 +414,7 @@ def test_range_offset_is_a_number_or_a_list() -> None:
          "detection.reflectivity: expected a finite number > 0 and <= 1, got 20.0; percent?"),
         ("beam: {divergence_azimuth_mrad: -1}",
          "beam.divergence_azimuth_mrad: expected a finite number from 0 to 0.1, got -0.001 (in rad)"),
-        ("beam: {divergence_azimuth_mrad: 1, rays: 8}", "beam.rays: expected 4, 7, 19, 37, 61 or 91, got 8"),
+        ("beam: {divergence_azimuth_mrad: 1, rays: 8}", "beam.rays: expected 5, 7, 19, 37, 61 or 91, got 8"),
         ("returns: all", "returns: expected 'strongest', 'first', 'last', 'dual' or a number, got 'all'"),
     ],
 )  # fmt: skip

@@ -127,7 +127,7 @@ class _StopError(Exception):
 )
 def test_the_default_variant_is_the_first_that_holds_the_returns(preset: str, returns: str, scene: ls.Scene) -> None:
     lidar = ls.Lidar.preset(preset)
-    lidar = replace(lidar, measurement=ls.Measurement(beam=ls.Beam(0.002, rays=4), returns=returns))
+    lidar = replace(lidar, measurement=ls.Measurement(beam=ls.Beam(0.002, rays=5), returns=returns))
     scan = lidar.scan(scene)
 
     def sent(variant: str | None) -> list[Packet] | None:

@@ -21,7 +21,7 @@ from lidarsim.patterns import Grid
 from lidarsim.scan.scan import Scan
 
 START = 1_600_000_000.25  # 1600 s past the hour
-ORIGIN = round(START * 1e9)
+ORIGIN = 1_600_000_000_250_000_000
 HOUR = 3600 * 10**9  # ns
 FRAMES = 3
 MODES = {"strongest": 0x37, "last": 0x38, "dual": 0x39}

@@ -184,17 +184,17 @@ impl Scratch {
     ///
     /// Rays of direction d from one point meet the plane of normal n where R·n·d is the same, so dR =
     /// −R·n·dd/(n·d). The first ray is the axis, the next is to its left, and the two after that above
-    /// it, to the left and to the right by half of the way. Of four, the next is above it, the two after that
-    /// to the right and to the left.
+    /// it, to the left and to the right by half of the way. Of five, the two after the axis are at right
+    /// angles.
     fn to_next_sub_ray(&self, beam: &Beam, light: &Light, first: usize) -> f64 {
         let normal = self.normal_of_image(light.ray);
         let [axis, a, b, c] = [0, 1, 2, 3].map(|k| dot(normal, self.rays.directions[first + k]));
-        let (leftward, upward) = match beam.len() {
-            4 => ((c - b) / 3.0_f64.sqrt(), a - axis),
-            _ => (a - axis, (b + c - 2.0 * axis) / 3.0_f64.sqrt()),
+        let across = match beam.len() {
+            5 => b - axis,
+            _ => (b + c - 2.0 * axis) / 3.0_f64.sqrt(),
         };
-        let range = light.range / self.light.cosine[light.ray];
-        range * range * (leftward * leftward + upward * upward)
+        let (along, range) = (a - axis, light.range / self.light.cosine[light.ray]);
+        range * range * (along * along + across * across)
     }
 
     /// The echo of a pulse whose sub-rays all end at one object, within an extent of 2σ: as `merge` has it.
