@@ -77,7 +77,7 @@ def test_roads_return_as_many_pulses(run: Run) -> None:
 def test_edges_have_as_many_dual_returns(run: Run) -> None:
     figures = run.of("dual returns")
     assert len(figures) == 7
-    assert [row["preset"] for row, real, measured, _ in figures if abs(measured - real) > 0.07] == []
+    assert [row["preset"] for row, real, measured, _ in figures if abs(measured - real) > 0.09] == []
     assert {sheet for *_, sheet in figures} == {0.0}  # they have no beam
 
 
