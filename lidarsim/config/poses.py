@@ -229,7 +229,7 @@ class Twist(Model):
 def build_motion(start: Floats, twist: Pose | Twist, place: Place) -> Floats | Trajectory:
     """Return the pose, or the trajectory from it if there are velocities."""
     if any(twist.linear_m_per_s) or any(twist.angular_deg_per_s):
-        keys = {"linear": ("linear_m_per_s", ""), "angular": ("angular_deg_per_s", " (in rad/s)")}
+        keys = {"pose": ("", ""), "linear": ("linear_m_per_s", ""), "angular": ("angular_deg_per_s", " (in rad/s)")}
         with place.refusals(keys):
             return Trajectory.from_twist(start, twist.linear_m_per_s, np.radians(twist.angular_deg_per_s))
     return start

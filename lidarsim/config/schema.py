@@ -83,7 +83,7 @@ class Georeference(Model):
         if self.crs is not None:
             if self.origin is not None:
                 raise (place / "origin").error("expected either crs or origin, got both")
-            with (place / "crs").refusals():
+            with (place / "crs").refusals({"crs": ("", "")}):
                 projected_crs(self.crs)
         if self.start is None:
             return self.crs, 0.0

@@ -1149,7 +1149,7 @@ def test_a_document_that_is_no_mapping() -> None:
     [
         (
             "crs: EPSG:4326",
-            "crs: expected a projected system, since coordinates are in m, got WGS 84, whose coordinate",
+            "georeference.crs: expected a projected system, since coordinates are in m, got WGS 84, whose coordinate",
         ),
         ("crs: EPSG:25832", "expected points in the world, with cloud.frame: world"),
         ("crs: 25832, origin: {latitude_deg: 1, longitude_deg: 1}", "origin: expected either crs or origin, got both"),
