@@ -64,8 +64,6 @@ def _clip(polygon: Floats, sides: Floats) -> Floats:
     """Return the part of a polygon on the positive side of planes through the origin (Sutherland and Hodgman 1974)."""
     for side in sides:
         above = polygon @ side
-        if (above >= 0).all():
-            continue
         kept: list[Floats] = []
         for index in range(len(polygon)):
             start, end, h0, h1 = polygon[index - 1], polygon[index], above[index - 1], above[index]
