@@ -268,6 +268,8 @@ def test_the_other_sensors_of_a_rig_are_told_and_written(capsys: pytest.CaptureF
         "gnss: GNSS receiver, 5 Hz, at 0, 0, 0 m, noise 0.5, 0.5, 1 m, drift 2 m",
     ):
         assert f"{line}\n" in printed
+    assert lidarsim("check", "rig.yaml", "--set", "pose.position_m=[2.0e+6, 0, 1]") == 2
+    assert "positions: expected coordinates within 1,000,000 m of the origin" in capsys.readouterr().err
     assert lidarsim("scan", "rig.yaml", "-o", "drive/", "--max-bag-duration", "0.1") == 0
     assert capsys.readouterr().out.endswith(" s: drive\n")
     assert {path.name for path in Path("drive").iterdir()} >= {"metadata.yaml", "drive_0.mcap", "drive_1.mcap"}

@@ -670,6 +670,8 @@ def _check_run(config: Path, overrides: list[str] | None) -> None:
     """Scan the first and the last frame of a run, and print a summary."""
     run = _load(config, overrides)
     run.check_coverage()
+    for part in run.parts:
+        part.samples()
     notes: dict[str, None] = {}
     for number in sorted({run.numbers[0], run.numbers[-1]}):
         frame = next(run.only(number).measured())
