@@ -231,7 +231,7 @@ def test_sensors_are_timed_beside_open3d_on_their_own_rays(results: dict[str, An
 def test_scans_of_real_sensors_are_over_clean_ones_and_beside_all_sub_rays(results: dict[str, Any]) -> None:
     rows = {row["sensor"]: row for row in results["realistic"]}
     assert list(rows) == list(realistic.SENSORS)
-    assert {row["sub_rays"] for row in rows.values()} == {1, 7}
+    assert {row["sub_rays"] for row in rows.values()} == {1, 5}
     for name, row in rows.items():
         assert row["pulses"] == len(ls.Lidar.preset(name).pattern.pulses(0))
         assert row["ratio"] == pytest.approx(row["measured"] / row["clean"])
@@ -246,13 +246,13 @@ def test_sub_rays_lie_within_the_beam() -> None:
     beam, pulses = lidar.measurement.beam, lidar.pattern.pulses(0)
     assert beam is not None
     rays = realistic.sub_rays(lidar, beam, world)
-    assert len(rays) == 7 * len(pulses)
-    each = rays.directions.reshape(-1, 7, 3)
+    assert len(rays) == beam.rays * len(pulses)
+    each = rays.directions.reshape(-1, beam.rays, 3)
     assert np.allclose(each[:, 0], pulses.directions, rtol=0.0, atol=1e-15)
     apart = np.linalg.norm(np.cross(each, each[:, :1]), axis=2)
     assert (apart[:, 1:] > 0.0).all()
     assert (apart < beam.divergence_azimuth / 2.0).all()
-    assert np.array_equal(rays.origins[::7], pulses.origins + world.sensor)
+    assert np.array_equal(rays.origins[:: beam.rays], pulses.origins + world.sensor)
 
 
 def test_rays_of_sensors_start_where_their_beams_do() -> None:
