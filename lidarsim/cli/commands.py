@@ -670,7 +670,7 @@ def _check_run(config: Path, overrides: list[str] | None) -> None:
     """Scan the first and the last frame of a run, and print a summary."""
     run = _load(config, overrides)
     run.check_coverage()
-    for part in run.parts:
+    for part in run.parts:  # raises an error if an IMU or a receiver cannot measure along the path
         part.samples()
     notes: dict[str, None] = {}
     for number in sorted({run.numbers[0], run.numbers[-1]}):

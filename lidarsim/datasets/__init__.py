@@ -86,8 +86,8 @@ def generate(
         that is seeded by the recipe's seed, the sequence, the frame and the sensor, and returns the cloud to write,
         such as one without the points that a learned model drops. It replaces that of the recipe, and is compared on
         resuming as a recipe function is. Boxes count the points that it returns; those with fewer than the `min_points`
-        of the layout are left out. In layouts with boxes, where something mirrors, the field `mirrored` tells ghosts,
-        which boxes do not count. Default: that of the recipe; none for a function.
+        of the layout are left out. In layouts with boxes, clouds of scenes with mirrors have a field `mirrored`,
+        bool: whether a point is a ghost, which boxes do not count. Default: that of the recipe; none for a function.
     part : tuple of int
         ``(i, n)`` makes only part i of n, counting from 0. The call that completes the data set writes its tables.
     overrides : sequence of str

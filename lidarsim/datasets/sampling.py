@@ -58,8 +58,7 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
         if change:
             needed = (held & {*cloud.fields}) | ({"instance"} if layout.box_filter else set())
             if found is not None and scan.mirrored_point is not None:
-                returned = np.arange(scan.range.shape[1]) < scan.return_count[:, None]
-                cloud.mirrored = ~np.isnan(scan.mirrored_point[returned][:, 0])
+                cloud.mirrored = ~np.isnan(scan.mirrored_point[scan._returned][:, 0])
                 needed |= {"mirrored"}
             stream = Stream(recipe.seed, f"after_scan.{name}", sequence, frame)
             cloud = change.apply(cloud, np.random.Generator(stream.bits), sorted(needed))

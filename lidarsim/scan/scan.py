@@ -601,6 +601,12 @@ class Scan(ScanColumns[None], Pickled, Plotted):
             image[row[order], column[order]] = values[order]
         return image
 
+    @property
+    def _returned(self) -> npt.NDArray[np.bool_]:
+        """Which entries are returns: ndarray of bool, shape (n, k)."""
+        returned: npt.NDArray[np.bool_] = np.arange(self.range.shape[1]) < self.return_count[:, None]
+        return returned
+
     def true_points(self, frame: Literal["sensor", "world"] = "sensor") -> Floats:
         """Return the true points of the returns, as opposed to the measured points of `point_cloud`.
 
@@ -624,7 +630,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
             If `frame` is neither.
         """
         one_of("frame", frame, ("sensor", "world"))
-        returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
+        returned = self._returned
         pulse = np.nonzero(returned)[0]
         took = self.pulses.directions[pulse] if self.true_direction is None else self.true_direction[returned]
         # The length of a direction may be 1 only to float32 precision, but the range is a distance.

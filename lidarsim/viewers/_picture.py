@@ -18,7 +18,7 @@ from lidarsim.errors import ArgumentValueError
 from lidarsim.scan.boxes import Boxes
 from lidarsim.scan.pointcloud import PointCloud
 from lidarsim.viewers._colors import DARK, Coloring, Theme, round_step
-from lidarsim.viewers._surfaces import Surface, merge_surfaces
+from lidarsim.viewers._surfaces import Surface, extent_of, merge_surfaces
 
 CAMERAS: tuple[Camera, ...] = get_args(Camera)
 AXIS = 0.06
@@ -308,7 +308,7 @@ def check_camera(camera: object) -> Camera | Floats:
 
 def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
     """Return the spacing and height of a grid under the points, and the coordinates of its lines along x and y, m."""
-    low, high = np.array([(along.min(), along.max()) for along in seen.T]).T
+    low, high = extent_of(seen)
     spacing = float(round_step(Fraction(float((high - low)[:2].max())) / 12 or Fraction(1)))
     x, y = (
         (np.arange(math.floor(start / spacing), math.ceil(end / spacing) + 1) * spacing).tolist()

@@ -55,7 +55,7 @@ class Surface:
 
     def is_flat(self, slope: float) -> bool:
         """Return whether the height of the surface is at most `slope` times its greater width."""
-        x, y, z = (float(np.ptp(along)) for along in self.points().T)
+        x, y, z = map(float, np.ptp(extent_of(self.points()), axis=0))
         return z <= slope * max(x, y)
 
     @property
@@ -138,7 +138,7 @@ def surfaces(
         if item.shape.bounded:
             surface = add(item, np.zeros((8, 3)))
             if unbounded and len(surface.vertices):
-                extent.append(np.array([(along.min(), along.max()) for along in surface.points().T]).T)
+                extent.append(extent_of(surface.points()))
     ends = np.concatenate(extent or [np.full((1, 3), -ALONE), np.full((1, 3), ALONE)])
     low, high = ends.min(axis=0), ends.max(axis=0)
     thin = 1e-3 * float((high - low).max()) or ALONE  # a flat box has no inside
@@ -146,6 +146,12 @@ def surfaces(
     for item in unbounded:
         add(item, low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
     return [found[item.id] for item in scene]
+
+
+def extent_of(points: Floats) -> Floats:
+    """Return the least and greatest coordinates of points, shape (n, 3): ndarray of float64, shape (2, 3)."""
+    # Axis by axis, which NumPy does many times as fast as all at once.
+    return np.array([(along.min(), along.max()) for along in points.T]).T
 
 
 def merge_surfaces(parts: Sequence[Surface], origin: Floats) -> Triangles:

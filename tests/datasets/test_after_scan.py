@@ -285,7 +285,7 @@ def test_the_layout_bags_refuses_a_function_by_its_key(named: Path, tmp_path: Pa
     ("change", "said"),
     [
         (lambda cloud, rng: None, "to return a PointCloud, got NoneType"),  # noqa: ARG005
-        (lambda cloud, rng: 1 / 0, "to return a PointCloud, got ZeroDivisionError: division by zero"),  # noqa: ARG005
+        (lambda *_: 1 / 0, "to return a PointCloud, got ZeroDivisionError: division by zero"),
         (lambda cloud, rng: ls.PointCloud(cloud.xyz), "to return a cloud with instance, intensity, label, range"),  # noqa: ARG005
         (lambda cloud, rng: infinite(cloud), "to return finite points"),  # noqa: ARG005
     ],

@@ -96,7 +96,7 @@ def test_the_card_of_a_data_set(tmp_path: Path) -> None:
 def test_the_card_counts_the_boxes_of_the_data_set(tmp_path: Path) -> None:
     """As one who reads all frames does."""
 
-    def scenes(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Lidar, npt.NDArray[np.float64]]:  # noqa: ARG001
+    def scenes(rng: np.random.Generator, *_: object) -> tuple[ls.Scene, ls.Lidar, npt.NDArray[np.float64]]:
         scene = ls.Scene(class_names={1: "car", 2: "person"})
         scene.add(ls.Plane((0, 0, 1), -1.8), instance=0)
         for k, turn in enumerate(rng.uniform(0.0, 2 * np.pi, 12)):

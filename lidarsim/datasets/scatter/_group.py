@@ -81,7 +81,7 @@ class Scatter(Model):
     objects: Annotated[list[AnyItem], Field(min_length=1)]
     """Objects without a `motion`, of which each member is one. One with `files: models/*.glb` stands for any match."""
     weights: list[Annotated[float, Field(gt=0, le=FAR)]] | None = None
-    """Weight of each of the objects, of which each match of `files` is one. Default: equal."""
+    """Weight of each object; each match of `files` is an object. Default: equal."""
     on: Annotated[list[str], Field(min_length=1)]
     """Names of the scene objects on which the entire outline stands."""
     count: DrawOr

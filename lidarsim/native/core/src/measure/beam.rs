@@ -71,8 +71,8 @@ impl Beam {
     /// beam, of profile exp(−2r²/w²), has in its cell; what lies outside of the ellipse is spread over
     /// all.
     ///
-    /// Of five sub-rays, one ring has four, turned by an eighth of a half-turn: so an edge that is upright,
-    /// level or leans by 45° crosses them one by one, at ±cos(π/8) and ±sin(π/8) radii of the ring.
+    /// Of five sub-rays, one ring has four, turned by π/8, so that an edge that is upright, level or leans by
+    /// 45° crosses them one by one, at ±cos(π/8) and ±sin(π/8) radii of the ring.
     pub fn new(divergence: [f64; 2], rays: usize, pulse_length: f64) -> Self {
         let (rings, on_first, start) = match rays {
             5 => (1, 4, std::f64::consts::FRAC_PI_8),
