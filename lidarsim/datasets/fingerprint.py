@@ -121,13 +121,21 @@ def _outer_values(function: types.FunctionType) -> Iterator[tuple[str, object]]:
     for code in _codes(function.__code__):
         attributes.update(code.co_names)
         names.update(step.argval for step in dis.get_instructions(code) if step.opname in _GLOBAL)
+    entered = set[types.ModuleType]()
     for name in sorted(names & function.__globals__.keys()):
-        value = function.__globals__[name]
-        if isinstance(value, types.ModuleType) and not _is_installed(value.__name__):
-            for attribute in sorted(attributes & vars(value).keys()):
-                yield f"{name}.{attribute}", getattr(value, attribute)
-        else:
-            yield name, value
+        yield from _read_values(name, function.__globals__[name], attributes, entered)
+
+
+def _read_values(
+    name: str, value: object, attributes: set[str], entered: set[types.ModuleType]
+) -> Iterator[tuple[str, object]]:
+    """Yield a value or, of a module, the values of these attributes; modules may import each other."""
+    if not isinstance(value, types.ModuleType) or _is_installed(value.__name__):
+        yield name, value
+    elif value not in entered:
+        entered.add(value)
+        for attribute in sorted(attributes & vars(value).keys()):
+            yield from _read_values(f"{name}.{attribute}", getattr(value, attribute), attributes, entered)
 
 
 def _defaults(function: types.FunctionType) -> Iterator[tuple[str, object]]:

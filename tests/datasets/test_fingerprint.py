@@ -58,8 +58,8 @@ def decorated(function):
     return wrapper
 
 def scenes(rng, sequence, count=3, *, scale=2.0):
-    names = [name for name in NAMES if name in {"car", "bus"}]
-    return helper(count), scale, names, MESH, TABLE, PATTERN, LOG, WORDS, Colour.RED.shade(), beside.size(), beside.WIDE
+    names = [name for name in NAMES if name in {"car", "bus"}], beside.size(), beside.WIDE, beside.inner.depth()
+    return helper(count), scale, names, MESH, TABLE, PATTERN, LOG, WORDS, Colour.RED.shade()
 
 def closing(radius):
     def made(rng, sequence): return radius, Town(), (lambda: RADIUS)()
@@ -72,7 +72,15 @@ FUNCTIONS = {
     "of a set": closing({"x", "y", "z", Path("p")}), "of a generator": closing(np.random.default_rng(5)),
 }
 """
-BESIDE = "WIDE = 5.0\nLONG = 6.0\ndef size(): return 7.0\n"
+BESIDE = """
+import sys, types
+WIDE = 5.0
+LONG = 6.0
+def size(): return 7.0
+inner = types.ModuleType("beside.inner")
+inner.beside = sys.modules["beside"]
+exec("def depth(): return 9.0", vars(inner))
+"""
 
 CHANGES = {  # and the functions that may do something else then
     ("RADIUS = 1.0", "RADIUS = 1.5"): {
@@ -112,6 +120,7 @@ CHANGES = {  # and the functions that may do something else then
 BESIDE_CHANGES = {
     ("WIDE = 5.0", "WIDE = 6.0"): True,
     ("return 7.0", "return 8.0"): True,
+    ("return 9.0", "return 8.0"): True,
     ("LONG = 6.0", "LONG = 7.0"): False,
 }
 
