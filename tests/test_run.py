@@ -457,6 +457,16 @@ def test_errors_of_an_imu_and_a_receiver_differ_between_strips(strips: Path) -> 
         assert abs(one - two).min() > 1e-7  # exact altitudes differ by rounding only
 
 
+def test_a_trajectory_in_unix_time_is_named_as_the_mistake_of_a_rig_with_an_imu(tmp_path: Path) -> None:
+    ls.Trajectory(1.75e9 + np.arange(10.0), np.tile(np.eye(4), (10, 1, 1)), interpolation="spline").save("unix.tum")
+    path = "pose={file: unix.tum, interpolation: spline}"
+    Path("gnss.yaml").write_text(RIG.replace("rig: {", f"rig: {{{BOX}, {ROOF}, ", 1), encoding="utf-8")
+    run = ls.config.load("gnss.yaml", [ORIGIN, path])
+    for work in (lambda: run.write(tmp_path / "a.mcap"), run.inertial, run.fixes):
+        with pytest.raises(ValueError, match=r"^pose: expected a trajectory over all pulses.*start_s: 0"):
+            work()
+
+
 def test_errors_of_an_imu_and_a_receiver_differ_between_first_frames() -> None:
     Path("gnss.yaml").write_text(RIG.replace("rig: {", f"rig: {{{BOX}, {ROOF}, ", 1), encoding="utf-8")
     begin, again, later = (
@@ -545,6 +555,34 @@ def test_sensors_of_a_rig_have_a_file_a_strip_each(strips: Path) -> None:
     run.check_coverage()
     assert [path.name for path in run.write("r.laz")][:2] == ["r_1_a.laz", "r_2_a.laz"]
     assert (laspy.read("r_2_a.laz").point_source_id == 2).all()
+
+
+def test_each_sensor_of_a_rig_sees_the_area_from_end_to_end(strips: Path) -> None:
+    """Whatever the rates and offsets: whole frames of each sensor begin before the area and end behind it."""
+    _, pattern, *others = strips.read_text(encoding="utf-8").splitlines()
+    slow = pattern.replace("rate_hz: 2,", "rate_hz: 0.3,")
+    rig = [
+        "rig:",
+        f"  a: {{sensor: {{{pattern}}}, offset_s: -0.3}}",
+        f"  b: {{sensor: {{{slow}}}}}",
+        f"  c: {{sensor: {{{pattern.replace('rate_hz: 2,', 'rate_hz: 0.7,')}}}, offset_s: 0.4}}",
+    ]
+    strips.write_text("\n".join([*rig, *others]), encoding="utf-8")
+    run = ls.config.load(strips)
+    assert len(run.parts) == 2
+    for part in run.parts:
+        assert isinstance(part.pose, ls.Trajectory)
+        seen: dict[str, list[float]] = {}
+        for scans in part.scans():
+            for name, scan in scans.items():
+                seen.setdefault(name, []).extend((scan.time, scan.time + 1 / scan.lidar.pattern.rate))
+        assert set(seen) == {"a", "b", "c"}
+        for times in seen.values():
+            y = part.pose.at([min(times), max(times)]).translation[:, 1]
+            assert y.min() <= 5_264_000
+            assert y.max() >= 5_264_500
+    with pytest.raises(ConfigError, match=r"expected strips of a frame, 10 s, got one of 8\.33333"):
+        ls.config.load(strips, ["rig.b.sensor.pattern.rate_hz=0.1", "rig.a.offset_s=0", "pose.strips.margin_m=0"])
 
 
 def test_a_strip_in_las_is_in_the_world(strips: Path) -> None:

@@ -106,8 +106,9 @@ class Plan(Model):
     turn_s: float = 60.0
     ground_m: float = 0.0
     margin_m: float | None = None
-    """Distance for which each strip is flown beyond the area at both ends. Default: that of a frame. Only whole frames
-    are scanned, so a lesser one leaves up to a frame of the area unseen at either end."""
+    """Distance for which each strip is flown beyond the area at both ends. Default: that of a frame. For a rig: that of
+    a frame of each rate, and between the offsets. Only whole frames are scanned, so a lesser one leaves up to as much
+    of the area unseen at either end."""
 
 
 class Strips(Placement):
@@ -119,8 +120,14 @@ class Strips(Placement):
         """Return the strips, each with the frames that it holds."""
         plan, there = self.strips, place / "strips"
         rate = sensor.rate if isinstance(sensor, Rig) else sensor.pattern.rate
-        # Frames start at multiples of 1/rate, so a strip has up to one period without a frame at either end.
-        margin = {} if plan.margin_m is not None else {"margin": plan.speed_m_per_s / rate}
+        periods, offsets = [1.0 / rate], [0.0]
+        if isinstance(sensor, Rig):
+            periods = sorted({1.0 / part.lidar.pattern.rate for part in sensor.values()})
+            offsets += [part.offset for part in sensor.values()]
+        # Frames start at multiples of their period, so a strip has up to one of each period, and the time between the
+        # offsets, without a frame of some sensor at either end.
+        unseen = sum(periods) + max(offsets) - min(offsets)
+        margin = {} if plan.margin_m is not None else {"margin": plan.speed_m_per_s * unseen}
         keys = [key for key in Plan.model_fields if getattr(plan, key) is not None]
         legs, mount = [], build_rigid(self, place)
         for number, body in enumerate(construct(Trajectory.strips, plan, keys, there, **margin), 1):
@@ -128,21 +135,21 @@ class Strips(Placement):
             if not end * rate < 2**32:
                 raise there.error(f"expected at most 4294967296 frames, got {end * rate:.3g}")
             first, stop = math.ceil(start * rate), math.floor(end * rate)
-            while first / rate < start:  # rounding may exceed the span by a frame
+            while first < stop and _span(sensor, first, stop)[0] < start:  # also by rounding
                 first += 1
-            while stop / rate > end or _end(sensor, first, stop) > end:
+            while first < stop and _span(sensor, first, stop)[1] > end:
                 stop -= 1
             if stop <= first:
-                raise there.error(f"expected strips of a frame, {1.0 / rate:g} s, got one of {end - start:g} s")
+                raise there.error(f"expected strips of a frame, {periods[-1]:g} s, got one of {end - start:g} s")
             legs.append(Leg(number, pose, range(first, stop)))
         return tuple(legs)
 
 
-def _end(sensor: Lidar | Rig, first: int, stop: int) -> float:
-    """Return the end of the last frame of any sensor, s."""
-    if isinstance(sensor, Rig) and stop > first:
-        return sensor.span(stop - first, first=first)[1]
-    return -math.inf
+def _span(sensor: Lidar | Rig, first: int, stop: int) -> tuple[float, float]:
+    """Return the start of the first frame of any sensor and the end of the last, s."""
+    if isinstance(sensor, Rig):
+        return sensor.span(stop - first, first=first)
+    return first / sensor.pattern.rate, stop / sensor.pattern.rate
 
 
 class Stations(Placement):

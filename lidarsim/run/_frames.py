@@ -312,6 +312,7 @@ class Frames:
     @property
     def _moving(self) -> tuple[Trajectory, dict[str, Any]]:
         """The trajectory of the body, and the arguments of a measurement along it during the frames."""
+        self.check_coverage()
         body = self.pose if isinstance(self.pose, Trajectory) else Trajectory.from_twist(self.pose)
         (start, end), (first, last) = self.span, body.span
         return body, {"start": max(start, first), "end": min(end, last), "seed": self.seed}
