@@ -22,9 +22,9 @@ def flight_fields(scan: Scan, *, point_source_id: int = 0) -> dict[str, npt.NDAr
     right, and includes the roll of the aircraft. The line of flight is the horizontal direction of the sensor's
     velocity; where it has none, the angle is 0 below the horizon.
 
-    Mirrors that oscillate or are polygons scan lines. Their direction flag is 1 while the angle grows, from left to
-    right, and the edge flag is 1 for the last pulse of a line that ends within the frame. Other patterns have no lines:
-    both flags are 0.
+    Mirrors that oscillate or are polygons scan lines, which go on from frame to frame. Their direction flag is 1 while
+    the angle grows, from left to right, and the edge flag is 1 for the last pulse of a line. Other patterns have no
+    lines: both flags are 0.
 
     Parameters
     ----------
@@ -67,11 +67,16 @@ def flight_fields(scan: Scan, *, point_source_id: int = 0) -> dict[str, npt.NDAr
     angle = _angles(scan.poses, scan.pulses.directions, velocity)
     grows, ends = np.zeros((2, len(scan)), bool)
     if isinstance(scan.lidar.pattern, OscillatingMirror | PolygonMirror) and len(scan):
-        # Within a line the sign must be that of the mirror, so the attitude is that of the first pulse for all.
-        swept = _angles(scan.poses[:1], scan.pulses.directions, velocity[:1])
+        pattern, frame = scan.lidar.pattern, scan.frame
+        # Two pulses on either side tell the place of the first and the last pulse of the frame in their lines.
+        before, after = pattern.pulses(frame - 1) if frame else None, pattern.pulses(frame + 1)
         for ring in np.unique(scan.pulses.ring):
-            own = np.flatnonzero(scan.pulses.ring == ring)
-            grows[own], ends[own] = _lines(swept[own])
+            own = scan.pulses.ring == ring
+            earlier = before.directions[before.ring == ring][-2:] if before else np.empty((0, 3))
+            around = [earlier, scan.pulses.directions[own], after.directions[after.ring == ring][:2]]
+            # Within a line the sign must be that of the mirror, so the attitude is that of the first pulse for all.
+            swept = _lines(_angles(scan.poses[:1], np.concatenate(around), velocity[:1]))
+            grows[own], ends[own] = (flags[len(earlier) :][: own.sum()] for flags in swept)
     of_pulse = np.repeat(np.arange(len(scan)), scan.return_count)
     return {
         "scan_angle": angle[of_pulse],

@@ -636,14 +636,43 @@ def test_lines_of_a_polygon() -> None:
     pattern = ls.patterns.PolygonMirror(sweep=1.2, field_of_view=0.7, line_rate=100, pulse_rate=5e3, rate=10)
     fields = las.flight_fields(scan_of_a_flight(pattern, linear=(50, 0, 0)), point_source_id=7)
     angle, ends = fields["scan_angle"], np.flatnonzero(fields["edge_of_flight_line"])
-    # Ten lines a frame, from the left to the right: negative angles first. The last ends with the frame, not within it.
-    starts = np.append(0, ends + 1)
-    assert len(starts) == 10
-    assert (angle[starts] < -0.33).all()
+    # Ten lines a frame, from the left to the right: negative angles first.
+    assert len(ends) == 10
+    assert (angle[np.append(0, ends[:-1] + 1)] < -0.33).all()
     assert (angle[ends] > 0.33).all()
     assert (fields["scan_direction_flag"] == 1).all()
     assert (fields["point_source_id"] == 7).all()
     assert fields["point_source_id"].dtype == np.uint16
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        ls.patterns.OscillatingMirror(field_of_view=0.7, scan_rate=25.0, pulse_rate=3e3, rate=10.0, turn=0.2),
+        ls.patterns.OscillatingMirror(field_of_view=0.7, scan_rate=23.7, pulse_rate=1e3, rate=7.0),
+        ls.patterns.PolygonMirror(sweep=1.57, field_of_view=1.0, line_rate=30, pulse_rate=1e3, rate=7.0),
+        ls.patterns.PolygonMirror([0, 0.1], sweep=1.57, field_of_view=1.0, line_rate=33.3, pulse_rate=1e3, rate=7.0),
+    ],
+)
+def test_lines_go_on_from_frame_to_frame(pattern: ls.patterns.Pattern) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -100.0))
+    down = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+    flight = ls.Trajectory.from_twist(np.eye(4), linear=(50, 0, 0)) @ down
+    found = [(scan, las.flight_fields(scan)) for scan in ls.Lidar(pattern).frames(scene, flight, 30)]
+    rings = np.concatenate([scan.pulses.ring for scan, _ in found])
+    for ring in np.unique(rings):
+        angle, grows, ends = (
+            np.concatenate([fields[name] for _, fields in found])[rings == ring]
+            for name in ("scan_angle", "scan_direction_flag", "edge_of_flight_line")
+        )
+        steps = np.diff(angle) > 0
+        if isinstance(pattern, ls.patterns.PolygonMirror):  # it only falls back from the end of a line to a start
+            assert grows.all()
+            assert (ends[:-1] == ~steps).all()
+        else:  # it turns where the steps change their sign
+            assert (grows[1:] == steps).all()
+            assert (ends[1:-1] == (steps[1:] != steps[:-1])).all()
 
 
 def test_scan_angles_include_the_roll_and_other_patterns_have_no_lines() -> None:
