@@ -57,9 +57,9 @@ class World(Pickled):
     Attributes
     ----------
     scene : Scene
-        The scene. Things may be added to it and changed; `update` only sets the transforms of geoms that move.
+        The scene. Things may be added to it and changed; `update` only sets the transforms of geoms that have moved.
     model : mujoco.MjModel
-        The model.
+        The model. Changes of its shapes, such as of `geom_size`, are seen by a new `World` only.
 
     Raises
     ------
@@ -120,9 +120,9 @@ class World(Pickled):
         }
         self._instances = [(int(body[geom]), self.scene[number].instance) for geom, number in objects.items()]
         self._sizes = {"geom_xpos": int(model.ngeom), "site_xpos": int(model.nsite), "xpos": int(model.nbody)}
-        self._moving = np.array([geom for geom in objects if _moves(model, int(body[geom]))], np.intp)
-        self._objects = np.array([objects[geom] for geom in self._moving.tolist()], np.intp)
-        self._poses = mjcf.poses(data, self._moving)
+        self._geoms = np.array(geoms, np.intp)
+        self._moving = np.array([_moves(model, int(body[geom])) for geom in geoms], bool)
+        self._poses = mjcf.poses(data, self._geoms)
 
     @property
     def bodies(self) -> Mapping[str, int]:
@@ -178,10 +178,12 @@ class World(Pickled):
             moved.
         """
         self._check(data, "geom_xpos")
-        self._move(mjcf.poses(data, self._moving))
+        self._move(mjcf.poses(data, self._geoms))
 
     def move(self, xpos: npt.ArrayLike, xquat: npt.ArrayLike) -> None:
         """Move all objects to where these bodies are: as `update`, from the poses of one of many worlds.
+
+        Bodies that no joint and no mocap body moves stay, as does what is fixed to the world.
 
         Parameters
         ----------
@@ -196,9 +198,12 @@ class World(Pickled):
             If a shape is wrong, a number is not finite or a quaternion is zero; nothing is then moved.
         """
         positions, turns = self._body_poses(xpos, xquat, ())
-        body = self.model.geom_bodyid[self._moving]
-        local = self.model.geom_pos[self._moving], self.model.geom_quat[self._moving]
-        self._move(_place(positions[body], turns[body], *local))
+        geoms, poses = self._geoms[self._moving], self._poses.copy()
+        body = self.model.geom_bodyid[geoms]
+        poses[self._moving] = _place(
+            positions[body], turns[body], self.model.geom_pos[geoms], self.model.geom_quat[geoms]
+        )
+        self._move(poses)
 
     def poses(
         self,
@@ -261,15 +266,15 @@ class World(Pickled):
         return found if mount is None else found @ mount
 
     def _move(self, poses: Floats) -> None:
-        """Move the objects of the moving geoms to these places, geom to world."""
+        """Move the objects of all geoms to these places, geom to world."""
         if not np.isfinite(poses).all():
             wrong = ~np.isfinite(poses).all(axis=(1, 2))
-            name = self.scene[int(self._objects[np.argmax(wrong)])].name
+            name = self.scene[int(np.argmax(wrong))].name
             raise ArgumentValueError(
                 "data", "finite poses", f"one of {name!r} that is not", "is the simulation stable?"
             )
-        moved = (poses != self._poses).any(axis=(1, 2))
-        self.scene.update_transforms(self._objects[moved], poses[moved])
+        moved = np.flatnonzero((poses != self._poses).any(axis=(1, 2)))
+        self.scene.update_transforms(moved, poses[moved])
         self._poses = poses
 
     def pose(
@@ -398,7 +403,7 @@ class World(Pickled):
 
     def __repr__(self) -> str:
         """Return the number of bodies and objects."""
-        return f"World: {self.model.nbody} bodies, {len(self.scene)} objects of which {len(self._objects)} can move"
+        return f"World: {self.model.nbody} bodies, {len(self.scene)} objects of which {self._moving.sum()} can move"
 
     def _contents(self) -> dict[str, Any]:
         return dict(vars(self))

@@ -54,6 +54,15 @@ def test_after_an_update_rays_meet_what_mj_ray_meets() -> None:
         compare(world.scene, geoms, model, data, rays=10_000, seed=seed)
 
 
+def test_an_update_moves_what_a_change_of_the_model_moved() -> None:
+    model, data = every_geom()
+    world = ls.mujoco.World(model)
+    model.geom_pos += 0.3  # of the hill, the ramp and the floor, too, which no joint moves
+    mujoco.mj_forward(model, data)
+    world.update(data)
+    compare(world.scene, np.arange(model.ngeom), model, data, rays=2000)
+
+
 def test_mocap_bodies_and_their_children_move() -> None:
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body mocap="true"><body pos="0 0 1"><geom size="0.5"/></body></body></worldbody></mujoco>'
