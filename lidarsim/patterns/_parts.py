@@ -7,15 +7,15 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._base.validation import Floats, array, ask, freeze
+from lidarsim._base.validation import Floats, array, ask, dimensions, freeze
 from lidarsim.errors import ArgumentValueError
-from lidarsim.patterns._pulses import Pulses, make_pulses
+from lidarsim.patterns._pulses import Pulses, ScanPattern, make_pulses
 
 TURN = 2.0 * math.pi
 
@@ -32,11 +32,7 @@ PULSE_BYTES = 100
 def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | None = None) -> Floats:
     """Return `value`, one row per channel or one row for all, as a read-only array with one row per channel."""
     tail = () if width is None else (width,)
-    try:
-        one_for_all = np.ndim(value) == len(tail)
-    except ValueError:
-        one_for_all = False
-    values = array(name, value, tail if one_for_all else (channels, *tail))
+    values = array(name, value, tail if dimensions(value) == len(tail) else (channels, *tail))
     return freeze(np.broadcast_to(values, (channels, *tail)))
 
 
@@ -199,10 +195,10 @@ class Frames:
         self._cut = self._origins, self._ring, self._column
         self._last: tuple[tuple[float, int], Floats] | None = None
 
-    def fire_together(self, ticks: Ticks, fire: Callable[[Floats], object]) -> Pulses:
+    def fire_together(self, ticks: Ticks, fire: Callable[[Ticks, Floats], object]) -> Pulses:
         """Return the pulses of beams that fire together at each tick; `fire` writes their directions."""
         directions = np.empty((ticks.count * self._beams, 3))
-        fire(directions)
+        fire(ticks, directions)
         last = self._last
         if last is None or last[0] != (ticks.wait, ticks.count):
             last = self._last = ((ticks.wait, ticks.count), freeze(np.repeat(ticks.time, self._beams)))
@@ -216,6 +212,40 @@ class Frames:
         common, ring, column = cut
         origin = self._origin if count else None
         return make_pulses(directions, common if origins is None else origins, time, ring, column, origin=origin)
+
+
+class SteadyPattern(ScanPattern):
+    """Base of the patterns whose beams fire together at the ticks of a steady clock, on from frame to frame."""
+
+    __slots__ = ()
+
+    rate: float
+    pulse_rate: float
+
+    @property
+    def _beams(self) -> int:
+        return 1
+
+    @property
+    def _tick_rate(self) -> float:
+        return self.pulse_rate
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Beams, and most pulses of a beam in a frame."""
+        return self._beams, cycles("pulse_rate", self._tick_rate, self.rate)
+
+    def _fire_frame(self, frame: int, /) -> Pulses:
+        return self._frames.fire_together(Ticks.of(frame, self._tick_rate, self.rate), self._fire)
+
+    def _fire(self, ticks: Ticks, directions: Floats) -> None:
+        """Write the directions of all beams at each tick."""
+        raise NotImplementedError
+
+    @cached_property
+    def _frames(self) -> Frames:
+        beams, columns = self.shape
+        return Frames(np.arange(beams, dtype=np.uint16), columns, np.zeros((beams, 3)))
 
 
 class Cycles:

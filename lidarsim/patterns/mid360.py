@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
-from functools import cached_property, partial
 from typing import ClassVar
 
-import numpy as np
-
 from lidarsim import _native
-from lidarsim._base.validation import frequency
-from lidarsim.patterns._parts import Frames, Ticks, cycles
-from lidarsim.patterns._pulses import Pulses, ScanPattern
+from lidarsim._base.validation import Floats, frequency
+from lidarsim.patterns._parts import SteadyPattern, Ticks, cycles
 
 TICK_RATE = 50_000
 """Rate at which the four beams fire together, Hz."""
@@ -26,7 +22,7 @@ SLOW_TURN = 5000
 
 
 @dataclass(frozen=True)
-class Mid360(ScanPattern):
+class Mid360(SteadyPattern):
     """The four beams of the Livox Mid-360: all around z, from 7 degrees below the horizon to 52 above.
 
     The beams fire together every 20 us. With ``psi = 2 pi 2189/12 t``, ``phi = 2 pi 10 t`` and k = -1.5, -0.5, 0.5, 1.5
@@ -66,15 +62,12 @@ class Mid360(ScanPattern):
         cycles("rate", TICK_RATE, self.rate)
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Beams, and most pulses of a beam in a frame."""
-        return 4, cycles("rate", TICK_RATE, self.rate)
+    def _beams(self) -> int:
+        return 4
 
-    def _fire_frame(self, frame: int, /) -> Pulses:
-        ticks = Ticks.of(frame, TICK_RATE, self.rate)
-        fire = partial(_native.fire_mid360, ticks.turns(FAST), ticks.first % SLOW_TURN)
-        return self._frames.fire_together(ticks, fire)
+    @property
+    def _tick_rate(self) -> float:
+        return TICK_RATE
 
-    @cached_property
-    def _frames(self) -> Frames:
-        return Frames(np.arange(4, dtype=np.uint16), self.shape[1], np.zeros((4, 3)))
+    def _fire(self, ticks: Ticks, directions: Floats) -> None:
+        _native.fire_mid360(ticks.turns(FAST), ticks.first % SLOW_TURN, directions)

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
-from functools import cached_property, partial
 from typing import ClassVar
-
-import numpy as np
 
 from lidarsim import _native
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.validation import angle, frequency, real
-from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles
-from lidarsim.patterns._pulses import Pulses, ScanPattern
+from lidarsim._base.validation import Floats, angle, frequency, real
+from lidarsim.patterns._parts import TURN, SteadyPattern, Ticks, cycles
 
 
 @explain_arguments
 @dataclass(frozen=True)
-class OscillatingMirror(ScanPattern):
+class OscillatingMirror(SteadyPattern):
     """A beam that swings to and fro about x in the x-y plane: the zigzag of an airborne scanner that looks along x.
 
     The azimuth starts at the left end. The beam swings at constant speed and reverses at constant acceleration; the
@@ -78,18 +74,5 @@ class OscillatingMirror(ScanPattern):
         cycles("pulse_rate", self.pulse_rate, self.rate)
         set_(self, "turn", real("turn", self.turn, at_least=0.0, at_most=1.0))
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """One ring, and most pulses of a frame."""
-        return 1, cycles("pulse_rate", self.pulse_rate, self.rate)
-
-    def _fire_frame(self, frame: int, /) -> Pulses:
-        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
-        turns = ticks.turns(self.scan_rate)
-        return self._frames.fire_together(
-            ticks, partial(_native.fire_oscillating_mirror, self.field_of_view, self.turn, turns)
-        )
-
-    @cached_property
-    def _frames(self) -> Frames:
-        return Frames(np.zeros(1, np.uint16), self.shape[1], np.zeros((1, 3)))
+    def _fire(self, ticks: Ticks, directions: Floats) -> None:
+        _native.fire_oscillating_mirror(self.field_of_view, self.turn, ticks.turns(self.scan_rate), directions)

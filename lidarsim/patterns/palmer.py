@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
-from functools import cached_property, partial
 from typing import ClassVar
-
-import numpy as np
 
 from lidarsim import _native
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.validation import angle, frequency
-from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles
-from lidarsim.patterns._pulses import Pulses, ScanPattern
+from lidarsim._base.validation import Floats, angle, frequency
+from lidarsim.patterns._parts import TURN, SteadyPattern, Ticks, cycles
 
 
 @explain_arguments
 @dataclass(frozen=True)
-class Palmer(ScanPattern):
+class Palmer(SteadyPattern):
     """A beam that moves along a cone about x, from left to up: the circles of a bathymetric scanner looking along x.
 
     Pulse `m` fires at ``m / pulse_rate`` towards ``(cos a, sin a cos h, sin a sin h)`` with ``h = 2 pi scan_rate m /
@@ -70,16 +66,5 @@ class Palmer(ScanPattern):
         set_(self, "rate", frequency("rate", self.rate, at_most=self.pulse_rate))
         cycles("pulse_rate", self.pulse_rate, self.rate)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """One ring, and most pulses of a frame."""
-        return 1, cycles("pulse_rate", self.pulse_rate, self.rate)
-
-    def _fire_frame(self, frame: int, /) -> Pulses:
-        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
-        turns = ticks.turns(self.scan_rate)
-        return self._frames.fire_together(ticks, partial(_native.fire_palmer, self.half_angle, turns))
-
-    @cached_property
-    def _frames(self) -> Frames:
-        return Frames(np.zeros(1, np.uint16), self.shape[1], np.zeros((1, 3)))
+    def _fire(self, ticks: Ticks, directions: Floats) -> None:
+        _native.fire_palmer(self.half_angle, ticks.turns(self.scan_rate), directions)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -27,8 +26,7 @@ from lidarsim._base.validation import (
     short_repr,
 )
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.patterns._parts import TURN, Frames, Ticks, cycles, rings, unit
-from lidarsim.patterns._pulses import Pulses, ScanPattern
+from lidarsim.patterns._parts import TURN, SteadyPattern, Ticks, cycles, rings, unit
 
 DENSEST = 10.0
 """Refractive index, more than twice that of the densest glasses and semiconductors, of which germanium has 4."""
@@ -84,7 +82,7 @@ class Prism(Value):
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Risley(ScanPattern):
+class Risley(SteadyPattern):
     """Beams along x that a sequence of rotating prisms refracts: the rosettes of non-repetitive lidars.
 
     Pulse `m` fires at ``m / pulse_rate``, all beams together. Frame `k` takes the pulses from ``k / rate`` to ``(k + 1)
@@ -169,23 +167,13 @@ class Risley(ScanPattern):
         self._fire(first, np.empty((first.count * len(self.beams), 3)))
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Beams, and most pulses of a beam in a frame."""
-        return len(self.beams), cycles("pulse_rate", self.pulse_rate, self.rate)
-
-    def _fire_frame(self, frame: int, /) -> Pulses:
-        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
-        return self._frames.fire_together(ticks, partial(self._fire, ticks))
+    def _beams(self) -> int:
+        return len(self.beams)
 
     def _fire(self, ticks: Ticks, directions: Floats) -> None:
-        """Write the directions of all beams at each tick."""
         prisms = [
             ((prism.entry_tilt, prism.exit_tilt), ticks.turns(prism.rotation_rate), prism.phase)
             for prism in self.prisms
         ]
         if not _native.fire_risley(self.beams, prisms, self.refractive_index, directions):
             raise ArgumentValueError("prisms", "each face to let the beams through", "total reflection")
-
-    @cached_property
-    def _frames(self) -> Frames:
-        return Frames(np.arange(len(self.beams), dtype=np.uint16), self.shape[1], np.zeros((len(self.beams), 3)))
