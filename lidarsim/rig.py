@@ -171,7 +171,7 @@ class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
         TypeError, ValueError
             As for `Lidar.scan`.
         """
-        body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
+        body = pose if isinstance(pose, Trajectory) else validation.optional_pose("pose", pose)
         start, unseen = real("time", time), items("ignore", ignore, "instance numbers")
         return {
             name: lidar.scan(
@@ -276,7 +276,7 @@ class Rig(Pickled, Mapping[str, RigSensor], metaclass=AnsweringABC):
             the time of a pulse, or if no object is of an instance to ignore.
         """
         wanted = frames(first, count)
-        body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
+        body = pose if isinstance(pose, Trajectory) else validation.optional_pose("pose", pose)
         return {
             name: check_coverage(
                 sensor.lidar,
@@ -421,26 +421,19 @@ def _member(name: str, parts: Part) -> RigSensor | Imu | Gnss:
         raise ArgumentValueError("sensors", "names that UTF-8 can hold", short(ascii(name)))
     what = f"sensors[{name!r}]"
     if not isinstance(parts, tuple) or len(parts) not in (2, 3):
-        raise ArgumentTypeError(what, "(lidar, mount) or (lidar, mount, offset)", _what(parts))
+        got = f"a tuple of {len(parts)}" if isinstance(parts, tuple) else type(parts).__name__
+        raise ArgumentTypeError(what, "(lidar, mount) or (lidar, mount, offset)", got)
     lidar, mount, offset = (*parts, 0.0)[:3]
     if isinstance(lidar, Imu | Gnss):
         kind = type(lidar).__name__
         if len(parts) == 3:
             raise ArgumentValueError(f"{what}, offset", f"none beside {kind}", repr(offset))
-        own = lidar.mount if mount is None else _pose(f"{what}, mount", mount)
+        own = lidar.mount if mount is None else validation.optional_pose(f"{what}, mount", mount)
         if mount is not None and (lidar.mount != np.eye(4)).any():
             raise ArgumentValueError(f"{what}, mount", f"None, as the {kind} has a mount", "another mount")
         return dataclasses.replace(lidar, name=name, mount=own)
     if not isinstance(lidar, Lidar):
         raise ArgumentTypeError(what, "a Lidar, an Imu or a Gnss first", type(lidar).__name__)
-    matrix = _pose(f"{what}, mount", mount)
+    matrix = validation.optional_pose(f"{what}, mount", mount)
     matrix.setflags(write=False)
     return RigSensor(dataclasses.replace(lidar, name=name), matrix, real(f"{what}, offset", offset))
-
-
-def _pose(name: str, value: Transform | None) -> Floats:
-    return np.eye(4) if value is None else validation.pose(name, value)
-
-
-def _what(value: object) -> str:
-    return f"a tuple of {len(value)}" if isinstance(value, tuple) else type(value).__name__

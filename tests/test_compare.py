@@ -613,7 +613,7 @@ def test_statistics_of_histograms() -> None:
     sigma[:4000] = 50.0  # a fiftieth of outliers
     counts = np.histogram(sigma, edges)[0].astype(float)
     # The outliers take a fiftieth of the places of 0.8; the quantile at which the rest ends moves from 0.8 to 0.816.
-    assert statistics.robust_sigma()(centres, counts) == pytest.approx(1.0, abs=0.04)
+    assert statistics.robust_sigma(centres, counts) == pytest.approx(1.0, abs=0.04)
     assert np.isnan(statistics.quantile(0.5)(centres, np.zeros(2000)))
 
 

@@ -418,6 +418,11 @@ def pose(name: str, value: Transform) -> Floats:
     return matrix.copy()
 
 
+def optional_pose(name: str, value: Transform | None) -> Floats:
+    """Return a pose as `pose` does; None is the identity."""
+    return np.eye(4) if value is None else pose(name, value)
+
+
 def poses(name: str, value: Transform) -> Floats:
     """Return (N, 4, 4) float64 matrices from a `RigidTransform` of N poses or an array_like of rigid matrices."""
     if hasattr(value, "as_matrix"):

@@ -12,6 +12,9 @@ from lidarsim._base import validation
 from lidarsim._base.validation import Floats
 from lidarsim.errors import ArgumentValueError
 
+CUBE = np.array(list(np.ndindex(2, 2, 2))) - 0.5
+"""Corners of the cube of edge 1 around the origin."""
+
 
 def sigmas_of_axes(name: str, value: npt.ArrayLike) -> Floats:
     """Return the standard deviations of three axes, given as one or three."""
@@ -51,6 +54,16 @@ def product(left: Floats, right: Floats) -> Floats:
     for k in range(1, terms.shape[-2]):
         total = total + terms[..., k, :]
     return total
+
+
+def turned_about_y(point: npt.ArrayLike, angle: Floats) -> Floats:
+    """Return poses at a point, turned about the y axis: a positive angle turns what hangs down to the back."""
+    poses = np.tile(np.eye(4), (len(angle), 1, 1))
+    poses[:, :3, 3] = point
+    poses[:, 0, 0] = poses[:, 2, 2] = np.cos(angle)
+    poses[:, 0, 2] = np.sin(angle)
+    poses[:, 2, 0] = -poses[:, 0, 2]
+    return poses
 
 
 def transforms(linear: npt.ArrayLike, shift: npt.ArrayLike) -> Floats:

@@ -74,7 +74,7 @@ SUMS: dict[str, tuple[Summary, int]] = {
     "ground by range": (Rate(), BY_RANGE),
     "factor": (Mean(), BY_RANGE),
     "factor at": (Mean(), BY_RANGE),
-    "flicker": (Histogram(SIGMA.edges, robust_sigma()), 1),
+    "flicker": (Histogram(SIGMA.edges, robust_sigma), 1),
     "rounding": (Mean(), 1),
 }
 """What is added up over the frames: how, and the number of cells."""

@@ -275,7 +275,7 @@ def return_rate_by_incidence(frame: Frame) -> Samples:
     return Samples(bin_of(cosine, COSINES), block, returned)
 
 
-SIGMA = Histogram(_logarithmic(1e-5, 1.0), robust_sigma())
+SIGMA = Histogram(_logarithmic(1e-5, 1.0), robust_sigma)
 
 
 @measure("range noise", "m", SIGMA, BY_RANGE_AND_INTENSITY, "column", least=2e-4, relative=0.1)

@@ -31,6 +31,8 @@ FEWEST_UNITS = 4
 """Fewest units with samples that tell an error."""
 RESAMPLES = 400
 LEVEL = 0.95
+KEPT = 0.8
+"""Share of the samples that tell a standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,22 +217,17 @@ def trimmed_mean(low: float, high: float) -> Callable[[Floats, Floats], Floats]:
     return statistic
 
 
-def robust_sigma(keep: float = 0.8) -> Callable[[Floats, Floats], Floats]:
+def robust_sigma(centres: Floats, counts: Floats) -> Floats:
     """Return the standard deviation of a centred normal distribution from the histogram of absolute samples.
 
-    It is the root mean square of the smallest samples, a share `keep` of them, over what that is for a standard normal
-    distribution: with z the quantile at (1 + keep)/2 and φ the density, ∫ t² φ(t) dt from −z to z is
-    keep − 2 z φ(z). The largest samples, which come from edges, do not count.
+    It is the root mean square of the smallest samples, the share `KEPT` of them, over what that is for a standard
+    normal distribution: with z the quantile at (1 + `KEPT`)/2 and φ the density, ∫ t² φ(t) dt from −z to z is
+    `KEPT` − 2 z φ(z). The largest samples, which come from edges, do not count.
     """
     normal = NormalDist()
-    z = normal.inv_cdf(0.5 * (1.0 + keep))
-    inside = (keep - 2.0 * z * normal.pdf(z)) / keep
-    mean = trimmed_mean(0.0, keep)
-
-    def statistic(centres: Floats, counts: Floats) -> Floats:
-        return np.sqrt(mean(centres * centres, counts) / inside)
-
-    return statistic
+    z = normal.inv_cdf(0.5 * (1.0 + KEPT))
+    inside = (KEPT - 2.0 * z * normal.pdf(z)) / KEPT
+    return np.sqrt(trimmed_mean(0.0, KEPT)(centres * centres, counts) / inside)
 
 
 def quantile(share: float) -> Callable[[Floats, Floats], Floats]:

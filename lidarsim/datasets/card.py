@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarsim._base.shown import quantity
+from lidarsim._base.shown import plain, quantity
 from lidarsim._base.validation import short
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import class_name
@@ -87,8 +87,7 @@ Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}. {_coordinates(recipe, r
 
 def escape(text: str) -> str:
     """Return Markdown that shows `text` literally, on one line."""
-    shown = short("".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text))
-    return SPECIAL.sub(r"\\\g<0>", shown)
+    return SPECIAL.sub(r"\\\g<0>", short(plain(text)))
 
 
 def _coordinates(recipe: Recipe, run: Run) -> str:

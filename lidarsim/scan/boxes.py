@@ -16,6 +16,7 @@ from lidarsim._base.labels import Labels
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import html_table, plain, quantity, text_table
 from lidarsim._base.validation import Floats, array, as_index
+from lidarsim._base.vectors import CUBE
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.raster import FIXED
@@ -251,8 +252,7 @@ def boxes_of(
 
 
 def _corners(center: Floats, size: Floats, rotation: Floats) -> Floats:
-    unit = np.array(list(np.ndindex(2, 2, 2))) - 0.5
-    corners: Floats = center[:, None] + (unit[None] * size[:, None]) @ rotation.transpose(0, 2, 1)
+    corners: Floats = center[:, None] + (CUBE * size[:, None]) @ rotation.transpose(0, 2, 1)
     return corners
 
 

@@ -877,9 +877,7 @@ def sensor_id(name: str) -> int:
 
 
 def _where(pose: Transform | Trajectory | None) -> Floats | Trajectory:
-    if isinstance(pose, Trajectory):
-        return pose
-    return np.eye(4) if pose is None else validation.pose("pose", pose)
+    return pose if isinstance(pose, Trajectory) else validation.optional_pose("pose", pose)
 
 
 def path_of(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float) -> _native.Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +26,6 @@ from lidarsim.sensor.imu import (
     save_rows,
     sensor_name,
 )
-
-if TYPE_CHECKING:
-    from lidarsim._base.validation import Transform
 
 HEADER = "#timestamp [ns],latitude [deg],longitude [deg],altitude [m]"
 
@@ -87,8 +83,7 @@ class Gnss(Value):
         """Check the arguments."""
         set_ = object.__setattr__
         set_(self, "rate", validation.frequency("rate", self.rate))
-        given: Transform | None = self.mount
-        set_(self, "mount", validation.freeze(np.eye(4) if given is None else validation.pose("mount", given)))
+        set_(self, "mount", validation.freeze(validation.optional_pose("mount", self.mount)))
         for name in ("position_sigma", "drift_sigma"):
             set_(self, name, validation.freeze(sigmas_of_axes(name, getattr(self, name))))
         set_(self, "drift_time", validation.real("drift_time", self.drift_time, above=0.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from lidarsim._base.validation import Floats
 from lidarsim._base.vectors import normals, product
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.motion.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from lidarsim._base.validation import Transform
 
 GRAVITY = 9.80665
 """Standard gravity, m/s² (CGPM, 1901)."""
@@ -170,8 +167,7 @@ class Imu(Value):
         """Check the arguments."""
         set_ = object.__setattr__
         set_(self, "rate", validation.frequency("rate", self.rate))
-        given: Transform | None = self.mount
-        set_(self, "mount", validation.freeze(np.eye(4) if given is None else validation.pose("mount", given)))
+        set_(self, "mount", validation.freeze(validation.optional_pose("mount", self.mount)))
         for name in ("gyroscope", "accelerometer"):
             if not isinstance(getattr(self, name), ImuErrors):
                 raise ArgumentTypeError(name, "ImuErrors", validation.short_repr(getattr(self, name)))

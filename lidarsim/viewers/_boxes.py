@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import CUBE
 from lidarsim.scan.boxes import Boxes
 
-_CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
-_EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(_CORNERS[i] - _CORNERS[j]).sum() == 1.0]
+_EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(CUBE[i] - CUBE[j]).sum() == 1.0]
 LINES = len(_EDGES) + 2
 """Number of lines of a box: its edges, and two on its roof that point where it heads."""
 

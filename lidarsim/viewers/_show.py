@@ -247,8 +247,7 @@ def _titles(
     """Return the frames with their titles."""
     count = len(frames)
     if title is None and count > 1:
-        first = [next(iter(what.values()), None) if isinstance(what, Mapping) else what for what in given]
-        numbers = [scan.frame if isinstance(scan, Scan) else None for scan in first]
+        numbers = [scan.frame if isinstance(scan, Scan) else None for scan in map(_first, given)]
         times = [time - starts[0] for time in starts] if starts else [None] * count
         title = [
             frame_title(number, place, count, time)
@@ -399,11 +398,16 @@ def _rate(what: Shown) -> float:
     return max((scan.lidar.pattern.rate for scan in scans if isinstance(scan, Scan)), default=10.0)
 
 
+def _first(what: Shown) -> PointCloud | Scan | None:
+    """Return what the first sensor measured."""
+    several: Iterable[PointCloud | Scan] = what.values() if isinstance(what, Mapping) else [what]
+    return next(iter(several), None)
+
+
 def _starts(time: float | Sequence[float] | None, given: Sequence[Shown]) -> list[float] | None:
     """Return the start of each frame, s; None if unknown."""
     if time is None:
-        first = [next(iter(what.values()), None) if isinstance(what, Mapping) else what for what in given]
-        known = [scan.time for scan in first if isinstance(scan, Scan)]
+        known = [scan.time for scan in map(_first, given) if isinstance(scan, Scan)]
         return known if len(known) == len(given) else [0.0] if len(given) == 1 else None
     if dimensions(time) == 0:
         return [real("time", time)] * len(given)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, array, real
+from lidarsim._base.vectors import CUBE
 from lidarsim.world.scene import Scene, SceneObject
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -144,7 +145,7 @@ def surfaces(
     thin = 1e-3 * float((high - low).max()) or ALONE  # a flat box has no inside
     low, high = np.where(high - low < thin, low - thin, low), np.where(high - low < thin, high + thin, high)
     for item in unbounded:
-        add(item, low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
+        add(item, low + (high - low) * (CUBE + 0.5))
     return [found[item.id] for item in scene]
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import turned_about_y
 from lidarsim.world.shapes import Capsule, Ellipsoid, Shape
 
 __all__ = ["FASTEST", "HIP", "LIMBS", "figure", "gait_rate", "limbs", "postures"]
@@ -148,7 +149,7 @@ def figure(
     lean : float
         How far the torso leans ahead, degrees.
     """
-    torso = _turn((0, 0, 0), np.radians([lean]))
+    torso = turned_about_y((0, 0, 0), np.radians([lean]))
     poses = [torso, torso]
     for index, side in enumerate((1.0, -1.0)):
         flexion = (np.radians([pair[index]]) for pair in (hip, knee, ankle, shoulder, elbow))
@@ -161,22 +162,12 @@ def _chain(  # noqa: PLR0917 - the joints, from the hip on
     height: float, side: float, hip: Floats, knee: Floats, ankle: Floats, shoulder: Floats, elbow: Floats
 ) -> list[Floats]:
     """Return the poses of thigh, shank, foot, upper arm and forearm of a side, 1 for the left, by the flexions, rad."""
-    thigh = _turn((0, side * HALF_HIPS * height, 0), -hip)
-    shank = thigh @ _turn((0, 0, -THIGH * height), knee)
-    foot = shank @ _turn((0, 0, -SHANK * height), -ankle)
-    upper = _turn((0, side * (HALF_SHOULDERS + 0.01) * height, 0.95 * TORSO * height), -shoulder)
-    fore = upper @ _turn((0, 0, -UPPER_ARM * height), -elbow)
+    thigh = turned_about_y((0, side * HALF_HIPS * height, 0), -hip)
+    shank = thigh @ turned_about_y((0, 0, -THIGH * height), knee)
+    foot = shank @ turned_about_y((0, 0, -SHANK * height), -ankle)
+    upper = turned_about_y((0, side * (HALF_SHOULDERS + 0.01) * height, 0.95 * TORSO * height), -shoulder)
+    fore = upper @ turned_about_y((0, 0, -UPPER_ARM * height), -elbow)
     return [thigh, shank, foot, upper, fore]
-
-
-def _turn(joint: tuple[float, float, float], angle: Floats) -> Floats:
-    """Return poses at a joint, turned about the y axis: a positive angle turns what hangs down to the back."""
-    poses = np.tile(np.eye(4), (len(angle), 1, 1))
-    poses[:, :3, 3] = joint
-    poses[:, 0, 0] = poses[:, 2, 2] = np.cos(angle)
-    poses[:, 0, 2] = np.sin(angle)
-    poses[:, 2, 0] = -poses[:, 0, 2]
-    return poses
 
 
 def _flexion(points: Flexion, phases: Floats, relative_speed: Floats) -> Floats:

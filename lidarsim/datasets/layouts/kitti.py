@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from lidarsim._base.vectors import CUBE
 from lidarsim.config.factories import Model
 from lidarsim.datasets.layouts._camera import view_of_box
 from lidarsim.datasets.layouts._detection import IGNORED, SETS, Detection, Upright, upright, write_sets
@@ -53,9 +54,6 @@ if TYPE_CHECKING:
 TRAINING, TESTING = "training", "testing"
 NOTHING = f"{IGNORED} -1 -1 -10 0 0 0 0 -1 -1 -1 -1000 -1000 -1000 -10\n"
 """A label that says nothing about no pixel."""
-
-CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
-"""Corners of the unit box."""
 
 OCCLUSION = (0.8, 0.4)
 """Least visibility of instances that are fully visible (0), and partly occluded (1)."""
@@ -142,7 +140,7 @@ are black, and only tell their size.
             if camera.focal * abs(off) - half * ahead > reach * math.hypot(camera.focal, half):
                 return None
         around = upright(box)
-        corners = CORNERS * around.size @ around.axes.T + around.center
+        corners = CUBE * around.size @ around.axes.T + around.center
         view = view_of_box(corners @ TO_CAMERA[:3, :3].T, camera.projection, camera.width, camera.height)
         return None if view is None else (around, *view)
 

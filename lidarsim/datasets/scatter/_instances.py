@@ -14,7 +14,7 @@ from pydantic import Discriminator, Field
 
 from lidarsim import worlds
 from lidarsim._base.validation import Floats, short_repr
-from lidarsim._base.vectors import product
+from lidarsim._base.vectors import product, turned_about_y
 from lidarsim.config.factories import Scale
 from lidarsim.config.objects import SHAPES, AnyObject, GeneratedObject, Object, SceneFile, Surfels
 from lidarsim.config.poses import Placement
@@ -189,7 +189,7 @@ class Instance:
         poses: list[Floats | None] = [None] * len(self.parts)
         reach = []
         for index, (middle, half) in wheels.items():
-            poses[index] = own = _roll(middle, np.fmod(travel.ahead(times) / half[2], 2 * np.pi))
+            poses[index] = own = turned_about_y(middle, np.fmod(travel.ahead(times) / half[2], 2 * np.pi))
             reach.append((float(np.linalg.norm(half)), float(turns_of(own).max())))
             far = np.hypot(half[0], half[2])
             bounds[:, 0] = min(bounds[0, 0], middle[0] - far), max(bounds[1, 0], middle[0] + far)
@@ -374,16 +374,6 @@ def _wheel(part: Part, size: Floats) -> tuple[Floats, Floats]:
     """Return the middle of a wheel, and half its size: its radius is half its height."""
     low, high = _extent(part.shape, size @ part.affine)
     return (low + high) / 2, (high - low) / 2
-
-
-def _roll(middle: Floats, turn: Floats) -> Floats:
-    """Return poses at the middle of a wheel, turned about the y axis."""
-    poses = np.tile(np.eye(4), (len(turn), 1, 1))
-    poses[:, :3, 3] = middle
-    poses[:, 0, 0] = poses[:, 2, 2] = np.cos(turn)
-    poses[:, 0, 2] = np.sin(turn)
-    poses[:, 2, 0] = -poses[:, 0, 2]
-    return poses
 
 
 def _divide(times: Floats, per_step: int, place: Place) -> Floats:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
+from lidarsim._base.vectors import CUBE
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -79,4 +80,4 @@ class Box(Shape):
         return reach
 
     def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
-        return self.center + self.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES
+        return self.center + self.size * CUBE, _FACES

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform
+from lidarsim._base.vectors import CUBE
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -161,7 +162,7 @@ class Plane(Shape):
         middle, edges = box.mean(axis=0), 1.1 * (box[[4, 2, 1]] - box[0])
         nearest = np.linalg.solve(edges.T, normal * (normal @ (point - middle)))
         edges *= np.maximum(1.0, 2.2 * np.abs(nearest))[:, None]
-        corners = middle + (np.array(list(np.ndindex(2, 2, 2))) - 0.5) @ edges
+        corners = middle + CUBE @ edges
         heights = (corners - point) @ normal
         # An edge of the box joins corners that differ in one bit of their index.
         i, j = np.array([(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]).T
