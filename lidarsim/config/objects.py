@@ -349,12 +349,12 @@ class GeneratedObject(Object):
         for part in self.asset(place).parts:
             self._add(part.shape, scene, place, inner=part.transform, instance=instance, **self.looks(part))
 
-    def asset(self, place: Place, seed: int | None = None) -> worlds.Asset:
-        """Return the asset of a seed, by default its own."""
+    def asset(self, place: Place) -> worlds.Asset:
+        """Return the asset of its seed."""
         for key in Object.model_fields.keys() - {"name", "label", "instance", "motion", *PLACING, "scale"}:
             if key in self.model_fields_set:
                 raise (place / key).error("expected none, since its parts have materials of their own")
-        rng = np.random.default_rng(self.seed if seed is None else seed)
+        rng = np.random.default_rng(self.seed)
         keys = type(self).model_fields.keys() - GeneratedObject.model_fields.keys() - {"shape", "kind"}
         kind = {"kind": self.kind} if "kind" in type(self).model_fields else {}  # type: ignore[attr-defined]
         return construct(partial(type(self).generator, rng=rng), self, keys, place, **kind)

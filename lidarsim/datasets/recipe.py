@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim._base.validation import Floats, short_repr
-from lidarsim._base.validation import pose as validated
+from lidarsim._base.validation import Floats, optional_pose, short_repr
 from lidarsim.config.document import (
     Loaded,
     Node,
@@ -473,7 +472,7 @@ class Function(Source):
             got = f"{type(scene).__name__}, {type(sensor).__name__}"
             raise ArgumentTypeError("recipe", "it to return a Scene and a Lidar or a Rig first", got)
         if not isinstance(pose, Trajectory):
-            pose = np.eye(4) if pose is None else validated("recipe's pose", pose)
+            pose = optional_pose("recipe's pose", pose)
         seed = noise_seed(self.seed, sequence)
         return Run(scene, sensor, pose, seed, range(self.frames), self.cloud)
 

@@ -416,10 +416,10 @@ def test_each_group_of_each_packaged_recipe_appears(path: Path, slow: bool) -> N
 def test_vehicles_of_packaged_recipes_tilt_on_streets() -> None:
     """Generated streets have slopes and camber."""
     tilts = {
-        (path.stem, name): group.tilt
+        (path.stem, name): group.get("tilt")
         for path in PACKAGED
-        for name, group in load(path).source.settings.scatter.items()
-        if any(item.shape == "vehicle" for item in group.objects)
+        for name, group in yaml.safe_load(path.read_text(encoding="utf-8"))["scatter"].items()
+        if any(item.get("shape") == "vehicle" for item in group["objects"])
     }
     assert len(tilts) == 5
     assert all(tilts.values()), tilts
