@@ -862,6 +862,17 @@ def test_points_in_millimetres_are_noted(real: list[ls.PointCloud], again: list[
     assert ls.compare(real[:1], again[:1]).notes == ()
 
 
+def test_points_in_the_world_are_noted(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
+    station = np.eye(4)
+    station[0, 3] = 5_264_000
+    notes = ls.compare(*([clouds[0].transformed(station)] for clouds in (real, again))).notes
+    assert notes == tuple(
+        f"ranges of the {side} clouds differ from the distances to the origin by 5.264e+06 m, as if points were not in"
+        " the sensor frame"
+        for side in ("real", "simulated")
+    )
+
+
 def test_what_does_not_overlap_is_not_paired(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
     elsewhere = [change(cloud, 5.0 * cloud.range) for cloud in again]
     comparison = ls.compare(real, elsewhere)

@@ -29,6 +29,8 @@ ROUGH = 0.05
 """Greatest robust deviation from a plane of the points of a tile, m: what is rougher is no plane."""
 FINEST = 1e-3
 """Deviation from a plane up to which a point is on it in any case, m: noise-free points deviate only by rounding."""
+ASTRAY = 1.0
+"""Distance from the origin of a sensor within which its beams begin, m."""
 PIXELS = 24
 """Fewest points of a plane."""
 UNEVEN = math.radians(2.0)
@@ -105,6 +107,11 @@ class Frame:
     def middle(self) -> float:
         """Median distance of the points, m."""
         return float(np.median(self.reach))
+
+    @property
+    def strays(self) -> float:
+        """Median difference of the ranges from the distances, m: at most how far from the origin beams begin."""
+        return float(np.median(np.abs(self.range - self.reach)))
 
     @classmethod
     def of(cls, given: PointCloud | Scan, sensor: Sensor | None, intensity_unit: float) -> Frame:
