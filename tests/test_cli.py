@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -279,10 +280,12 @@ def test_the_other_sensors_of_a_rig_are_told_and_written(capsys: pytest.CaptureF
     assert {"a_imu.csv", "a_gnss.csv"} <= {path.name for path in Path().glob("a_*")}
     ousters = [f"rig.{name}.sensor={{preset: ouster-os1-64}}" for name in ("top", "left")]
     assert lidarsim("scan", "rig.yaml", "-o", "b.pcap", *(part for text in ousters for part in ("--set", text))) == 0
-    start = ls.config.load("rig.yaml").clock.timestamp()
+    start = ls.config.load("rig.yaml").clock
     for name, kind in (("imu", ls.ImuSamples), ("gnss", ls.GnssFixes)):  # beside packets, in Unix time as these are
-        of_run, unix = kind.load(f"a_{name}.csv").time, kind.load(f"b_{name}.csv").time
-        assert np.abs(unix - (start + of_run[: len(unix)])).max() <= 2 * np.spacing(start)
+        of_run, since_start = kind.load(f"a_{name}.csv").time, kind.load(f"b_{name}.csv", start=start).time
+        np.testing.assert_array_equal(since_start, of_run[: len(since_start)])
+        texts = [line.split(",")[0] for line in Path(f"b_{name}.csv").read_text(encoding="ascii").splitlines()[1:]]
+        assert texts == [f"{1_577_836_800 + time:.9f}".replace(".", "") for time in map(Decimal, map(str, since_start))]
 
 
 def test_a_rig_is_checked_for_its_moments(capsys: pytest.CaptureFixture[str]) -> None:

@@ -72,7 +72,7 @@ def gps_time(start: object) -> tuple[float, bool]:
     return (microseconds + (leaps - ADJUSTMENT) * 1_000_000) / 1e6, True
 
 
-def unix_time(start: object, *, limit: int) -> int:
+def unix_time(start: object, *, limit: int = 2**63 // 10**9) -> int:
     """Return a moment as Unix time, ns: the time since 1970 in UTC, which does not count leap seconds.
 
     Parameters
@@ -80,7 +80,7 @@ def unix_time(start: object, *, limit: int) -> int:
     start : float or datetime
         Seconds since 1970, or a moment with its time zone.
     limit : int
-        Seconds since 1970 by which a format ends.
+        Seconds since 1970 by which a format ends. Default: int64 in ns.
 
     Raises
     ------

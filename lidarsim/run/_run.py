@@ -19,6 +19,8 @@ from lidarsim.run._frames import Frames, RunFrame, insert
 from lidarsim.run._output import checked_output, output_of
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from lidarsim._base.files import PathLike
     from lidarsim._base.validation import Floats
     from lidarsim.sensor.gnss import GnssFixes
@@ -90,7 +92,7 @@ class Run(Frames):
             for number, part, file, samples in parts:
                 with to.open(part, file, number, samples) as save:
                     if not to.complete:
-                        written.update(dict.fromkeys(_save_samples(samples, file, zero)))
+                        written.update(dict.fromkeys(_save_samples(samples, file, self.clock if to.unix else 0.0)))
                     for frame in part.measured():
                         written.update(dict.fromkeys(save(frame)))
                         for name, scan in frame.scans.items():
@@ -204,10 +206,12 @@ def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]
     yield times
 
 
-def _save_samples(samples: Mapping[str, ImuSamples | GnssFixes], output: Path, zero: float) -> Iterator[Path]:
-    """Write the samples of IMUs and receivers, `zero` s later, into files next to `output`; yield the paths."""
+def _save_samples(
+    samples: Mapping[str, ImuSamples | GnssFixes], output: Path, start: float | datetime
+) -> Iterator[Path]:
+    """Write the samples of IMUs and receivers, with their clock, into files next to `output`; yield the paths."""
     for name, values in samples.items():
-        replace(values, time=values.time + zero).save(_samples_path(output, name))
+        values.save(_samples_path(output, name), start=start)
         yield _samples_path(output, name)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
+from datetime import datetime
 
 import numpy as np
 import numpy.typing as npt
@@ -166,7 +167,7 @@ class GnssFixes(Samples):
     altitude: Floats
     gnss: Gnss | None = None
 
-    def save(self, path: PathLike) -> None:
+    def save(self, path: PathLike, *, start: float | datetime = 0.0) -> None:
         """Write the fixes as CSV.
 
         A header line is followed by one line per fix: time in whole ns, latitude and longitude in degrees and altitude
@@ -176,34 +177,42 @@ class GnssFixes(Samples):
         ----------
         path : path-like
             The file, in a folder that exists.
+        start : float or datetime
+            Moment of time 0, as in `ImuSamples.save`.
 
         Raises
         ------
         OSError
             If the file cannot be written.
+        TypeError, ValueError
+            If `start` is no such moment.
         """
         columns = np.degrees(self.latitude), np.degrees(self.longitude), self.altitude
-        save_rows(path, HEADER, self.time, np.column_stack(columns))
+        save_rows(path, HEADER, self.time, np.column_stack(columns), start)
 
     @classmethod
-    def load(cls, path: PathLike) -> GnssFixes:
+    def load(cls, path: PathLike, *, start: float | datetime = 0.0) -> GnssFixes:
         """Read a CSV file as `save` writes it.
 
         Parameters
         ----------
         path : path-like
             The file.
+        start : float or datetime
+            Moment of time 0, as in `ImuSamples.load`.
 
         Returns
         -------
         GnssFixes
-            The fixes; `time` is in s. Unix times in ns have more digits than float64 and are rounded to 0.2 µs.
+            The fixes; `time` is in s since `start`.
 
         Raises
         ------
         FileFormatError
             If the file cannot be read or a line is not of the format; the message names the line.
+        TypeError, ValueError
+            If `start` is no such moment.
         """
-        times, table = load_rows(path, 3, "fixes of a GNSS receiver")
+        times, table = load_rows(path, 3, "fixes of a GNSS receiver", start)
         latitude, longitude = np.radians(table[:, :2].T)
         return cls(times, latitude, longitude, table[:, 2].copy())

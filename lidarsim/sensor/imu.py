@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import KW_ONLY, dataclass, field, replace
+from datetime import datetime
 from typing import Self
 
 import numpy as np
@@ -16,6 +17,7 @@ from lidarsim._base.pickling import Pickled, Value
 from lidarsim._base.validation import Floats
 from lidarsim._base.vectors import normals, product
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.motion.georeference import unix_time
 from lidarsim.motion.trajectory import Trajectory
 
 GRAVITY = 9.80665
@@ -413,7 +415,7 @@ class ImuSamples(Samples):
     specific_force: Floats
     imu: Imu | None = None
 
-    def save(self, path: PathLike) -> None:
+    def save(self, path: PathLike, *, start: float | datetime = 0.0) -> None:
         """Write the samples as CSV in the format of the EuRoC MAV data set.
 
         A header line is followed by one line per sample: time in whole ns, angular rate in rad/s and specific force in
@@ -423,52 +425,65 @@ class ImuSamples(Samples):
         ----------
         path : path-like
             The file, in a folder that exists.
+        start : float or datetime
+            Moment of time 0: seconds since 1970, or a datetime with a time zone; it makes Unix times of the times.
 
         Raises
         ------
         OSError
             If the file cannot be written.
+        TypeError, ValueError
+            If `start` is no such moment.
         """
-        save_rows(path, HEADER, self.time, np.hstack([self.angular_rate, self.specific_force]))
+        save_rows(path, HEADER, self.time, np.hstack([self.angular_rate, self.specific_force]), start)
 
     @classmethod
-    def load(cls, path: PathLike) -> ImuSamples:
+    def load(cls, path: PathLike, *, start: float | datetime = 0.0) -> ImuSamples:
         """Read a CSV file in the format of the EuRoC MAV data set, as `save` writes it.
 
         Parameters
         ----------
         path : path-like
             The file.
+        start : float or datetime
+            Moment of time 0, as in `save`: of Unix times, which float64 holds to 0.2 µs, it makes exact ones.
 
         Returns
         -------
         ImuSamples
-            The samples; `time` is in s. Unix times in ns have more digits than float64 and are rounded to 0.2 µs.
+            The samples; `time` is in s since `start`.
 
         Raises
         ------
         FileFormatError
             If the file cannot be read or a line is not of the format; the message names the line.
+        TypeError, ValueError
+            If `start` is no such moment.
         """
-        times, table = load_rows(path, 6, "samples of an IMU")
+        times, table = load_rows(path, 6, "samples of an IMU", start)
         return cls(times, np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 3:]))
 
 
-def save_rows(path: PathLike, header: str, times: Floats, table: Floats) -> None:
-    """Write a CSV file: a header, then per row its time, in whole ns, and the numbers of `table`, (n, columns)."""
+def save_rows(path: PathLike, header: str, times: Floats, table: Floats, start: float | datetime) -> None:
+    """Write a CSV file: a header, then per row its time since `start`, in whole ns, and the numbers of `table`."""
+    zero = unix_time(start)
     with atomic_writer(path) as file:
         file.write(f"{header}\n".encode("ascii"))
         file.writelines(
-            f"{round(time * 1e9)},{','.join(map(repr, row))}\n".encode("ascii")
+            f"{zero + round(time * 1e9)},{','.join(map(repr, row))}\n".encode("ascii")
             for time, row in zip(times.tolist(), table.tolist(), strict=True)
         )
 
 
-def load_rows(path: PathLike, columns: int, what: str) -> tuple[Floats, Floats]:
-    """Return the times, s, (n,), and the table, (n, columns), of a file that `save_rows` writes."""
-    lines = LineReader(path)
+def load_rows(path: PathLike, columns: int, what: str, start: float | datetime) -> tuple[Floats, Floats]:
+    """Return the times since `start`, s, (n,), and the table, (n, columns), of a file that `save_rows` writes."""
+    zero, lines = unix_time(start), LineReader(path)
+    times, rows = [], []
     with lines.refusals():
-        table = np.array([numbers(cells(line), columns + 1) for line in lines]).reshape(-1, columns + 1)
-        if not len(table):
+        for line in lines:
+            texts = cells(line)
+            rows.append(numbers(texts, columns + 1))
+            times.append(((int(texts[0]) if texts[0].isdecimal() else rows[-1][0]) - zero) / 10**9)
+        if not rows:
             raise ValueError(f"expected {what}, got none")
-    return lines.rising(table[:, 0] / 1e9), table[:, 1:]
+    return lines.rising(np.array(times)), np.array(rows)[:, 1:]

@@ -367,6 +367,8 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "GnssFixes.load.path": lambda folder: write(folder, "gnss.csv", "0,48,11,500\n"),
     "ImuSamples.load.path": lambda folder: write(folder, "imu.csv", "0,1,2,3,4,5,6\n"),
     "PointCloud.save.start": lambda _: 0.0,
+    **dict.fromkeys(("ImuSamples.load.start", "ImuSamples.save.start"), lambda _: 0.0),
+    **dict.fromkeys(("GnssFixes.load.start", "GnssFixes.save.start"), lambda _: 0.0),
     "Scan.point_cloud.pose": lambda _: None,
     "PointCloud.raster.field": lambda _: "z",
     "Cells.save.path": lambda folder: folder / "cells.tif",
