@@ -335,9 +335,9 @@ def test_fog_needs_a_receiver_that_is_dull_near_by() -> None:
     """The error says what to write, and each of these remedies is one."""
     bare, world = ls.Lidar.preset("hesai-xt32"), scene(FOG, 20.0)
     message = (
-        'near_threshold: expected a number > 0 in fog, got 0.0; a preset has one with noise="datasheet"; give a sensor '
-        "of your own near_threshold=0.01, near_range=20.0 and a min_range > 0; or, to see all of the fog from a range "
-        "on, a crossover such as (0.9, 1.0)"
+        'near_threshold: expected a number > 0 in fog, got 0.0; a preset has one with the noise "datasheet"; give a '
+        "sensor of your own 0.01, a near range of 20 m and a minimum range > 0; or, to see all of the fog from a range "
+        "on, a crossover such as 0.9 to 1 m"
     )
     uses: list[Callable[[ls.Lidar], object]] = [
         lambda lidar: lidar.scan(world),
@@ -619,7 +619,7 @@ def test_rain_needs_a_limit_of_what_is_seen(lidar: ls.Lidar, got: str) -> None:
         with pytest.raises(ValueError, match=r"^detection: expected a detection limit below 1e154 m in rain") as caught:
             use()
         assert f", got {got}" in str(caught.value)
-        assert str(caught.value).count("; or a max_range below that; ") == 1
+        assert str(caught.value).count("; or a maximum range below that; ") == 1
 
 
 def test_rain_is_seen_up_to_the_farthest_limit() -> None:

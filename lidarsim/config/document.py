@@ -368,9 +368,10 @@ class Place:
             key, unit = keys[error.argument]
             after = unit if re.search(r"\d", error.problem) else ""
             hint = f"; {error.hint}" if error.hint and not unit else ""
-            where = self.at(tuple(path_of(key)))
-            missing = f"{key}: " if key and where._walk()[1] == self._walk()[1] else ""
-            raise where.error(f"{missing}{error.problem}{after}{hint}") from error
+            path = path_of(key)
+            where = self.at(tuple(path))
+            missing = ".".join(path[len(where._walk()[1]) - len(self._walk()[1]) :])
+            raise where.error(f"{missing}{': ' * bool(missing)}{error.problem}{after}{hint}") from error
         except (LidarsimError, OSError, TypeError, ValueError) as error:
             raise self.error(format_error(error)) from error
 

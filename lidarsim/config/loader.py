@@ -40,6 +40,7 @@ from lidarsim.motion.georeference import projected_crs
 from lidarsim.motion.trajectory import Trajectory
 from lidarsim.rig import Rig
 from lidarsim.run import Leg, Run
+from lidarsim.world.atmosphere import check_sensor
 from lidarsim.world.scene import Scene
 
 if TYPE_CHECKING:
@@ -56,6 +57,13 @@ M = TypeVar("M", bound=Model)
 ALTERNATIVES = {"columns": "column_period_us", "column_period_us": "columns"}
 """Keys of a pattern that state the same quantity: a change to one replaces the other."""
 CHOICES = re.compile(r"rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(preset|file|mode|noise)|scene(\.file)?")
+
+NEEDED_IN_AIR = {
+    "near_threshold": ("measurement.near_threshold", ""),
+    "min_range": ("min_range_m", ""),
+    "detection": ("measurement.detection", ""),
+}
+"""Keys of a sensor that fog, rain or snow may need, by argument."""
 
 Change = tuple[list[str], Node]
 """Path of a value in a document, as keys and indices, and its new value."""
@@ -113,6 +121,7 @@ def build_run(root: Node, loaded: Loaded | None = None) -> Run:
     if crs is not None:
         _check_crs(crs, scene, where / "crs")
     sensor = _sensor_or_rig(config, place)
+    _check_air(scene, sensor, place)
     receivers = sensor.receivers if isinstance(sensor, Rig) else {}
     if crs is not None and config.cloud.frame != "world" and not receivers:
         raise (where / "crs").error("expected points in the world, with cloud.frame: world")
@@ -173,6 +182,17 @@ def _scene(config: Config, place: Place) -> tuple[Scene, Ways | None]:
     if config.atmosphere is not None:
         scene.atmosphere = config.atmosphere.build(place / "atmosphere")
     return scene, ways
+
+
+def _check_air(scene: Scene, sensor: Lidar | Rig, place: Place) -> None:
+    """Raise `ConfigError` if a sensor lacks what it needs in the air of the scene."""
+    if isinstance(sensor, Rig):
+        lidars = [(place / "rig" / name / "sensor", part.lidar) for name, part in sensor.items()]
+    else:
+        lidars = [(place / "sensor", sensor)]
+    for where, lidar in lidars:
+        with where.refusals(NEEDED_IN_AIR):
+            check_sensor(scene.atmosphere, lidar)
 
 
 def _check_crs(crs: int | str, scene: Scene, place: Place) -> None:

@@ -387,19 +387,19 @@ def check_sensor(atmosphere: Atmosphere | None, lidar: Sensor, *, of: str = "") 
     is_bare = measurement.near_threshold == 0.0 and measurement.crossover is None
     if atmosphere.backscatter > 0.0 and is_bare:
         hint = (
-            'a preset has one with noise="datasheet"; give a sensor of your own near_threshold=0.01, near_range=20.0'
-            " and a min_range > 0; or, to see all of the fog from a range on, a crossover such as (0.9, 1.0)"
+            'a preset has one with the noise "datasheet"; give a sensor of your own 0.01, a near range of 20 m and a'
+            " minimum range > 0; or, to see all of the fog from a range on, a crossover such as 0.9 to 1 m"
         )
         raise ArgumentValueError(f"near_threshold{of}", "a number > 0 in fog", 0.0, hint)
     begins = measurement.crossover[0] if measurement.crossover else 0.0
     if atmosphere.backscatter > 0.0 and begins == 0.0 and lidar.min_range == 0.0:
         hint = (
-            "or give the measurement a crossover that begins beyond 0, such as (0.3, 1.0): at the sensor, the echo of"
+            "or give the measurement a crossover that begins beyond 0, such as 0.3 to 1 m: at the sensor, the echo of"
             " fog is infinite"
         )
         raise ArgumentValueError(f"min_range{of}", "a number > 0 in fog", 0.0, hint)
     farthest = lidar.max_range if measurement.detection is None else measurement.detection.range
     if atmosphere.intercept > 0.0 and farthest * farthest == math.inf:
         got = measurement.detection and repr(measurement.detection)
-        hint = "or a max_range below that; without either, each of the countless drops in the beam would be an echo"
+        hint = "or a maximum range below that; without either, each of the countless drops in the beam would be an echo"
         raise ArgumentValueError(f"detection{of}", "a detection limit below 1e154 m in rain or snow", got, hint)

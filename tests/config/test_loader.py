@@ -1047,6 +1047,30 @@ def test_bad_sensor(sensor: str, message: str) -> None:
     assert refusal(f"sensor: {sensor}\nscene: []") == message
 
 
+FOG, RAIN = "atmosphere: {fog: {visibility_m: 50}}", "atmosphere: {rain: {rate_mm_per_h: 5}}"
+
+
+@pytest.mark.parametrize(
+    ("air", "toy", "message"),
+    [
+        (FOG, "name: toy", "run.yaml:4: sensor: measurement.near_threshold: expected a number > 0 in fog, got 0.0; a "),
+        (FOG, "measurement: {range_bias_m: 1}",
+         "run.yaml:4: sensor.measurement: near_threshold: expected a number > 0 in fog, got 0.0; a preset has one "),
+        (FOG, "measurement: {near_threshold: 0}",
+         "run.yaml:4: sensor.measurement.near_threshold: expected a number > 0 in fog, got 0.0; a preset has one "),
+        (FOG, "measurement: {crossover_m: [0, 1]}",
+         "run.yaml:4: sensor: min_range_m: expected a number > 0 in fog, got 0.0; or give the measurement a "),
+        (RAIN, "measurement: {detection: {reflectivity: 0.1, range_m: 1e200}}",
+         "run.yaml:4: sensor.measurement.detection: expected a detection limit below 1e154 m in rain or snow, got "),
+    ],
+)  # fmt: skip
+def test_what_weather_needs_is_named_as_a_key_of_the_sensor(air: str, toy: str, message: str) -> None:
+    assert refusal(CONFIG.replace("name: toy", toy) + air).startswith(message)
+    pattern = "pattern: {type: grid, azimuths_deg: [0], elevations_deg: [0], rate_hz: 5}"
+    in_rig = refusal(f"rig: {{top: {{sensor: {{{toy}, {pattern}}}}}}}\nscene: []\n{air}")
+    assert in_rig.startswith(re.sub(r":\d+: sensor", ":1: rig.top.sensor", message))
+
+
 def test_an_error_in_an_included_file_names_that_file() -> None:
     Path("near.yaml").write_text("preset: velodyne-vlp16\n\nmax_range: 3\n", encoding="utf-8")
     assert refusal("sensor: {file: near.yaml}\nscene: []") == (
