@@ -180,6 +180,17 @@ BAD: dict[str, tuple[Callable[[ls.Scene], Any], type[Exception], str]] = {
         "ignore: expected a collection .* 100",
     ),
     "a name": (lambda scene: scene.cast(*UNIT, ignore="ball"), ArgumentTypeError, "ignore: expected a collection"),
+    **{
+        f"an empty text of {what}": (
+            work,
+            ArgumentTypeError,
+            "^ignore: expected a sequence of instance numbers, got ''$",
+        )
+        for what, work in {
+            "frames": lambda scene: LIDAR.frames(scene, None, 9, ignore=""),
+            "a rig": lambda scene: ls.Rig({"a": (LIDAR, None)}).scan(scene, ignore=""),
+        }.items()
+    },
     "fractions": (lambda scene: scene.cast(*UNIT, ignore=[1.5]), ArgumentTypeError, "ignore: .* float64"),
     "nested": (lambda scene: scene.cast(*UNIT, ignore=[[100]]), ArgumentTypeError, r"ignore: .* shape \(1, 1\)"),
     "below 0": (lambda scene: scene.cast(*UNIT, ignore=[-1]), ArgumentValueError, "ignore: .* from 0 .* got -1"),

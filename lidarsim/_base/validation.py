@@ -11,6 +11,7 @@ import operator
 import reprlib
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -133,11 +134,11 @@ def function(name: str, value: object, takes: str, count: int) -> None:
 
 
 def items(name: str, value: object, kind: str) -> list[Any]:
-    """Return the items of `value`, an iterable, as a list; the error names their `kind`."""
-    try:
-        return list(value)  # type: ignore[call-overload, no-any-return]
-    except TypeError:
-        raise ArgumentTypeError(name, f"a sequence of {kind}", short_repr(value)) from None
+    """Return the items of `value`, an iterable but no text, as a list; the error names their `kind`."""
+    if not isinstance(value, str | bytes):
+        with suppress(TypeError):
+            return list(value)  # type: ignore[call-overload, no-any-return]
+    raise ArgumentTypeError(name, f"a sequence of {kind}", short_repr(value))
 
 
 Instances = Iterable[int] | npt.NDArray[np.integer[Any]]

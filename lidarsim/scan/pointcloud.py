@@ -782,8 +782,6 @@ def _extent(array: npt.NDArray[Any]) -> str:
 
 def choose(names: Collection[str], known: Sequence[str]) -> list[str]:
     """Return some fields besides `xyz`, in order, after checking that they exist."""
-    if isinstance(names, str):
-        raise ArgumentTypeError("fields", "a sequence of names", repr(names))
     names = validation.items("fields", names, "names")
     for name in names:
         if not (isinstance(name, str) and name in known):
