@@ -300,6 +300,18 @@ def _mapping(found: dict[str, tuple[Node, Node]], place: Node) -> Node:
     return yaml.MappingNode(f"{_TAG}map", list(found.values()), place.start_mark, place.end_mark)
 
 
+class Expanded(yaml.SequenceNode):
+    """A list in which several items may stand for one of the document.
+
+    Attributes
+    ----------
+    written : list of list of str
+        For each item the keys by which errors name it: the index of that one, or none if the document has no list.
+    """
+
+    written: list[list[str]]
+
+
 @dataclass(frozen=True)
 class Place:
     """A place in a document: ``Place(node) / "scene" / 0 / "radius_m"``."""
@@ -322,14 +334,13 @@ class Place:
         node, mark, keys = self.root, self.root.start_mark, []
         for key in self.keys:
             if isinstance(node, yaml.SequenceNode) and isinstance(key, int):
+                keys += node.written[key] if isinstance(node, Expanded) else [str(key)]
                 node = node.value[key]
                 mark = node.start_mark
             elif isinstance(node, yaml.MappingNode) and key in (found := self._find(node)):
+                keys.append(str(key))
                 key_node, node = found[str(key)]
                 mark = key_node.start_mark
-            else:
-                continue
-            keys.append(str(key))
         return mark, keys
 
     def _find(self, node: Node) -> dict[str, tuple[Node, Node]]:

@@ -365,7 +365,8 @@ def validate(model: type[M], root: Node) -> M:
         start = Place(root)
         problems = [_problem(start.at(tuple(error["loc"])), error) for error in invalid.errors()]
         place, problem = min(problems, key=lambda item: item[0].order)
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        count = len({str(where.error(what)) for where, what in problems})
+        more = f" (and {count - 1} more)" if count > 1 else ""
         raise place.error(problem + more) from None
 
 

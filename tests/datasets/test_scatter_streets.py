@@ -162,10 +162,28 @@ def test_models_join_by_folder(tmp_path: Path) -> None:
     files = load(path).source.files()
     assert {"models/a.glb", "models/b.glb"} <= set(files)
     (tmp_path / "models" / "c.glb").write_bytes(trimesh.Scene(trimesh.creation.box()).export(file_type="glb"))
-    with pytest.raises(
-        ConfigError, match=r"objects\.2\.wheels: expected the name of a part, .* in 'models/c\.glb', got"
-    ):
+    with pytest.raises(ConfigError, match=r"cars\.objects\.wheels: expected the name of a part, .* in 'models/c\.glb'"):
         scene_and_objects(path)
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        (
+            {"shape": "sphere", "center_m": [0, 0, 0], "radius_m": -1.0},
+            "objects.1.radius_m: expected a finite number > 0, got -1.0",
+        ),
+        ({"files": "*.glb", "wheel": "no"}, "objects.1.wheel: unknown key; did you mean wheels?"),
+        ({"files": "*.glb", "wheels": "no"}, "objects.1.wheels: expected the name of a part, of "),
+    ],
+)
+def test_mistakes_beside_files_name_the_item_as_written(tmp_path: Path, second: object, message: str) -> None:
+    for name in ("a.glb", "b.glb", "c.glb"):
+        shutil.copy(STARTER / "scenes/car.glb", tmp_path / name)
+    with pytest.raises(ConfigError) as caught:
+        scene_and_objects(recipe(tmp_path, {"cars": CARS | {"objects": [{"files": "*.glb"}, second]}}))
+    assert f": scatter.cars.{message}" in str(caught.value)
+    assert "more)" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +213,7 @@ def test_models_join_by_folder(tmp_path: Path) -> None:
                 STREET,
                 f"expected a pattern relative to this file, such as models/*.glb, got {pattern!r}",
             )
-            for pattern in (3, "/models/*.glb")
+            for pattern in (3, "", "/models/*.glb")
         ),
         (
             CARS | {"objects": {"files": "*.yaml", "file": "a.glb"}},

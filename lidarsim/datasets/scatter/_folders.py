@@ -8,7 +8,7 @@ from itertools import islice
 import yaml
 
 from lidarsim._base.validation import short_repr
-from lidarsim.config.document import Node, Place, entries, folder_of, node_of, plain, replace, without
+from lidarsim.config.document import Expanded, Node, Place, entries, folder_of, node_of, plain, replace, without
 from lidarsim.worlds import CLASS_NAMES
 
 __all__ = ["expand_files"]
@@ -40,11 +40,12 @@ def expand_files(root: Node) -> Node:
         place = Place(root) / "scatter" / group / "objects"
         given = objects.value if isinstance(objects, yaml.SequenceNode) else [objects]
         if any("files" in entries(item) for item in given):
-            members: list[Node] = []
+            value = Expanded("tag:yaml.org,2002:seq", [], objects.start_mark, objects.end_mark)
+            value.written = []
             for index, item in enumerate(given):
                 there = place if item is objects else place / index
-                members += _members(item, there, names) if "files" in entries(item) else [item]
-            value = yaml.SequenceNode("tag:yaml.org,2002:seq", members, objects.start_mark, objects.end_mark)
+                value.value += _members(item, there, names) if "files" in entries(item) else [item]
+                value.written += [[] if item is objects else [str(index)]] * (len(value.value) - len(value.written))
             root = replace(root, ["scatter", group, "objects"], value)
     return root
 
