@@ -182,6 +182,17 @@ def test_the_poses_are_those_of_the_moment_that_points_are_deskewed_to(deskew: s
         assert np.abs(cloud.xyz + pose[1:4] - world.xyz).max() < 2.0**-18 + 3 * 2.0**-47
 
 
+def test_one_point_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    sensor = "{pattern: {type: grid, azimuths_deg: [0], elevations_deg: [-90], rate_hz: 10}}"
+    Path("one.yaml").write_text(
+        f"sensor: {sensor}\nscene: [{{shape: plane, normal: [0, 0, 1], distance_m: -2}}]\n", encoding="utf-8"
+    )
+    assert lidarsim("scan", "one.yaml", "-o", "one.pcd") == 0
+    assert re.search(r"^1 pulse: 1 hit\n1 point in .* s: one.pcd$", capsys.readouterr().out, re.MULTILINE)
+    assert lidarsim("compare", "one.pcd", "one.pcd") == 0
+    assert "1 frame, 1 point, 1 ring\n" in capsys.readouterr().out
+
+
 def test_a_single_frame_has_its_pose_in_the_pcd_file_alone() -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.pcd", "--set", DRIVE, "--frame", "1") == 0
     assert sorted(path.name for path in Path().iterdir()) == ["a.pcd", "run.yaml"]

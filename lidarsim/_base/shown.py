@@ -47,7 +47,7 @@ def plain(text: object, *, most: int | None = None) -> str:
 
 def quantity(count: int, noun: str) -> str:
     """Return a count with its noun: "1 frame", "2,000 frames"."""
-    return f"{count:,} {noun}{'s' * (count != 1)}"
+    return f"{count:,} {noun}{'s' if count != 1 else ''}"
 
 
 def format_size(lengths: npt.NDArray[Any]) -> str:

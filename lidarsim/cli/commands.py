@@ -103,7 +103,7 @@ _DRAWN = {
 
 def _version(asked: bool) -> None:
     if asked:
-        paragraph(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
+        paragraph(f"lidarsim {ls.__version__}, core with {core.isa()} and {quantity(core.threads(), 'thread')}")
         raise typer.Exit
 
 
@@ -197,12 +197,13 @@ def scan(
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
-    paragraph(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
+    fate = ", ".join(f"{count:,} {name}" for name, count in fates.items() if count)
+    paragraph(f"{quantity(totals.sum(), 'pulse')}: {fate}")
     for note in filter(None, notes):
         paragraph(note)
     files = outputs.output_of(place, run).pattern(run) + ([run.path_of(screenshot, "*", "*")] if screenshot else [])
-    count = f"{len(rows):,} frames, " * (len(rows) > 1)
-    paragraph(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {', '.join(map(str, files))}")
+    count = f"{len(rows):,} frames, " * (len(rows) > 1) + quantity(points, "point")
+    paragraph(f"{count} in {time.perf_counter() - start:.2f} s: {', '.join(map(str, files))}")
 
 
 @app.command()
@@ -267,7 +268,7 @@ def generate(
             pictures=pictures,
             verify=verify,
         )
-    paragraph(f"{quantity(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    paragraph(f"{quantity(made.frames, 'frame')}, {quantity(made.points, 'point')} in {made.seconds:.1f} s: {output}")
     if made.made_again:
         paragraph(f"made again: {format_list([plain(name, most=NAME) for name in made.made_again])}")
     elif verify and not made.frames:

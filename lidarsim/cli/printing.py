@@ -236,8 +236,8 @@ def describe_terrain(number: int, mesh: ls.TriangleMesh) -> str:
     x, y, z = (format_span(ends, digits=10) for ends in mesh.bounds.T)
     crs = f", {plain(mesh.crs, most=NAME)}" if mesh.crs else ""
     return (
-        f"object {number}: heights in {rows:,} rows and {columns:,} columns, {quantity(holes, 'hole')};"
-        f" x {x} m, y {y} m, z {z} m{crs}"
+        f"object {number}: heights in {quantity(rows, 'row')} and {quantity(columns, 'column')},"
+        f" {quantity(holes, 'hole')}; x {x} m, y {y} m, z {z} m{crs}"
     )
 
 

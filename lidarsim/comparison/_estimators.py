@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from lidarsim._base.shown import quantity
 from lidarsim._base.validation import Floats
 from lidarsim.comparison._captures import (
     APPROACHES,
@@ -265,7 +266,8 @@ def _ring_spread(fit: Fit, name: str, how: str, fewest: float) -> tuple[Found, I
     # Of normal numbers with this spread, the most likely ones: each component less the share of errors in its variance.
     errors = noise / weights[told] / np.trace(inverse)
     likely = vectors[:, told] * (value**2 / (value**2 + errors)) @ vectors[:, told].T @ numbers
-    return Found(value, (low, high), int(count.sum()), f"{how}, {len(rows)} rings", rows), rings, likely[rings]
+    how = f"{how}, {quantity(len(rows), 'ring')}"
+    return Found(value, (low, high), int(count.sum()), how, rows), rings, likely[rings]
 
 
 @value("response.resolution")

@@ -131,9 +131,9 @@ class Side(Immutable):
         """Return the numbers; of a sensor without frames its name."""
         if not self.frames:
             return self.name
-        rings = f", {self.rings} rings" if self.rings else ""
+        rings = f", {quantity(self.rings, 'ring')}" if self.rings else ""
         name = f"{self.name}: " if self.name else ""
-        return f"{name}{quantity(self.frames, 'frame')}, {self.points:,} points{rings}"
+        return f"{name}{quantity(self.frames, 'frame')}, {quantity(self.points, 'point')}{rings}"
 
 
 @dataclass(frozen=True, repr=False)

@@ -64,8 +64,8 @@ def write(plan: Plan, run: Run, files: Files, summary: Summary, ranges: Sequence
     air = f"\nAir of the first frame: {escape(str(run.scene.atmosphere))}.\n" if run.scene.atmosphere else ""
     text = f"""# {quantity(recipe.sequences, "sequence")} of {quantity(recipe.frames, "frame")}
 
-{points:,} points, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed {recipe.seed}.
-Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, and
+{quantity(points, "point")}, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed
+{recipe.seed}. Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, and
 `lidarsim generate --verify -o FOLDER` checks them. The command that made the data set makes lost files again, this card
 among them.
 

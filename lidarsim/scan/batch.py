@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base.pickling import Pickled
-from lidarsim._base.shown import extent, text_table
+from lidarsim._base.shown import extent, quantity, text_table
 from lidarsim._base.validation import (
     UINT32,
     Floats,
@@ -105,7 +105,7 @@ class ScanBatch(ScanColumns[Never], Positions, Pickled):
     def __repr__(self) -> str:
         """Return the number of rows, and dtype, shape and extent of each array."""
         rows = [(name, f"{array.dtype} {array.shape}  {extent(array)}") for name, array in self._contents().items()]
-        return text_table(f"ScanBatch of {len(self):,} rows", rows)
+        return text_table(f"ScanBatch of {quantity(len(self), 'row')}", rows)
 
 
 _COLUMNS = ScanBatch._columns

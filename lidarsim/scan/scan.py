@@ -20,7 +20,7 @@ from lidarsim._base import validation
 from lidarsim._base.labels import Labels, labels_of
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.pickling import Pickled
-from lidarsim._base.shown import extent, html_table, text_table
+from lidarsim._base.shown import extent, html_table, quantity, text_table
 from lidarsim._base.validation import (
     Floats,
     Instances,
@@ -200,7 +200,7 @@ class Scan(ScanColumns[None], Pickled, Plotted):
         rows += [("note", summary.note)] if summary.note else []
         rows += [("range", f"{found} m") for found in [extent(self.range)] if found]
         name = getattr(self.lidar, "name", "") or type(self.lidar.pattern).__name__
-        return f"Scan of {name}, frame {self.frame} at {self.time:.12g} s: {len(self):,} pulses", rows
+        return f"Scan of {name}, frame {self.frame} at {self.time:.12g} s: {quantity(len(self), 'pulse')}", rows
 
     @property
     def single(self) -> Returns:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lidarsim._base.extras import import_extra
 from lidarsim._base.files import PathLike, check_folder, check_suffix
-from lidarsim._base.shown import plain
+from lidarsim._base.shown import plain, quantity
 from lidarsim._base.validation import Floats, integer
 from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns import OscillatingMirror, Palmer, PolygonMirror
@@ -78,7 +78,7 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     sheet.colorbar(drawn[1], ax=[angles, plane], label="time [ms]", shrink=0.8)
     length = time[-1] - time[0]
     name = plain(lidar.name or type(lidar.pattern).__name__, most=60)
-    title = f"{name}: {count:,} pulses in {1e3 * length:.1f} ms"
+    title = f"{name}: {quantity(count, 'pulse')} in {1e3 * length:.1f} ms"
     sheet.suptitle(title, color="white", parse_math=False)  # names are not formulas
     for axes in sheet.axes:
         axes.set_facecolor(BACKGROUND)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._base.shown import quantity
 from lidarsim._base.validation import Floats, Transform, affine, short_repr
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.materials import Material
@@ -168,7 +169,7 @@ class Asset:
     def __repr__(self) -> str:
         """Return the size, and the number of parts."""
         size = " × ".join(f"{length:.2f}" for length in np.diff(self.bounds, axis=0)[0])
-        return f"Asset({len(self.parts)} parts, {size} m)"
+        return f"Asset({quantity(len(self.parts), 'part')}, {size} m)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,7 +72,7 @@ def furniture(kind: FurnitureKind, rng: np.random.Generator, *, length: float | 
     >>> import numpy as np
     >>> import lidarsim as ls
     >>> ls.worlds.furniture("fence", np.random.default_rng(0), length=3.0)
-    Asset(1 parts, 0.11 × 3.08 × 1.47 m)
+    Asset(1 part, 0.11 × 3.08 × 1.47 m)
     """
     one_of("kind", kind, FURNITURE)
     check_generator(rng)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lidarsim import _native as core
 from lidarsim._base.pickling import Pickled, Value
-from lidarsim._base.shown import extent, short
+from lidarsim._base.shown import extent, quantity, short
 from lidarsim._base.validation import Floats, Transform, placement, rays, real, t_range, vector
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -49,7 +49,7 @@ class Hits(Pickled):
 
     def __repr__(self) -> str:
         """Return the numbers of rays and hits, and the span of t."""
-        return f"Hits({len(self):,} rays, {int(self.hit.sum()):,} hit, t {extent(self.t)})"
+        return f"Hits({quantity(len(self), 'ray')}, {int(self.hit.sum()):,} hit, t {extent(self.t)})"
 
 
 class Shape(Value):

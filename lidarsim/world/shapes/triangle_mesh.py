@@ -14,7 +14,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._base.files import check_path, check_regular, reading_as
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.shown import plain
+from lidarsim._base.shown import plain, quantity
 from lidarsim._base.validation import Floats, Transform, array, as_array, in_order, one_or_each, positive
 from lidarsim._base.views import view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
@@ -507,7 +507,7 @@ class TriangleMesh(Shape):
         """Return the numbers of vertices and faces, and the coordinate reference system."""
         crs = "" if self.crs is None else f", {plain(self.crs, most=60)}"
         placed = "" if self.transform is None else ", transform=…"
-        return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{crs}{placed})"
+        return f"TriangleMesh({len(self.vertices):,} vertices, {quantity(len(self), 'face')}{crs}{placed})"
 
 
 NO_DATA = (999.0, 9999.0, 99999.0, 32767.0, 32768.0, 65535.0)
