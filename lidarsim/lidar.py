@@ -358,7 +358,10 @@ class Lidar(Sensor):
             if name not in known:
                 expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
                 raise ArgumentTypeError(name, expected, short_repr(value))
-        return read(path, **options)
+        lidar = read(path, **options)
+        if not isinstance(lidar, Lidar):
+            raise ArgumentTypeError(f"reader {kind!r}", "a Lidar", short_repr(lidar))
+        return lidar
 
 
 def kind_of(path: Path) -> str | None:

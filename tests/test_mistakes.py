@@ -706,6 +706,15 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "vertices: expected numbers of shape (n, 3), got a masked array; fill it",
     ),
+    **{
+        f"a masked {name}": (use, ValueError, f"{name}: expected numbers of shape {shape}, got a masked array; fill it")
+        for name, shape, use in (
+            ("center", "(3,)", lambda: ls.Sphere(np.ma.masked_equal([1.0, 2.0, 3.0], 2.0), 1.0)),
+            ("rotation", "(3, 3)", lambda: ls.Ellipsoid((0, 0, 0), (1, 2, 3), np.ma.masked_equal(np.eye(3), 0.0))),
+            ("transform", "(4, 4)", lambda: ls.Sphere((0, 0, 0), 1.0, transform=np.ma.masked_equal(np.eye(4), 0.0))),
+            ("pose", "(4, 4)", lambda: LIDAR.scan(SCENE, np.ma.masked_equal(np.eye(4), 0.0))),
+        )
+    },
     "masked points": (
         lambda: ls.PointCloud(np.ma.masked_equal(np.eye(3), 0.0)),
         ValueError,

@@ -14,6 +14,7 @@ import pytest
 import lidarsim as ls
 from lidarsim import lidar
 from lidarsim.errors import FileFormatError
+from lidarsim.world import scene
 
 PATTERN = ls.patterns.Spinning([0.0, 0.1], columns=8)
 
@@ -193,6 +194,21 @@ def test_reader_is_one_registration(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path.write_bytes(b"\xef\xbb\xbfMINE\xff")
     assert ls.Lidar.from_file(str(path), gain=2.0).name == "mine"
     assert given == [path, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("module", "register", "load"),
+    [(lidar, ls.register_lidar_reader, ls.Lidar), (scene, ls.register_scene_reader, ls.Scene)],
+    ids=["Lidar", "Scene"],
+)
+def test_a_reader_that_returns_nothing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: Any, register: Any, load: Any
+) -> None:
+    monkeypatch.setattr(module, "_readers", dict(module._readers))
+    register("mine", lambda path, _: path.suffix == ".mine", lambda _: None)
+    (tmp_path / "a.mine").write_bytes(b"")
+    with pytest.raises(TypeError, match=f"^reader 'mine': expected a {load.__name__}, got None$"):
+        load.from_file(tmp_path / "a.mine")
 
 
 def test_a_preset_at_another_rate() -> None:

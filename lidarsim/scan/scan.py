@@ -721,17 +721,22 @@ def scan(
         fired = time + pulses.time.min(), time + pulses.time.max()
         world.check_motions(*fired, until_of(whole, time, period))
     shot = _Shot(path, chosen, (seed, sensor_id(lidar.name), frame))
-    arrays = _native.scan(
-        world.native,
-        shot.path,
-        pulses,
-        shot.indices,
-        lidar,
-        time,
-        shot.draws,
-        world.atmosphere,
-        unseen,
-    )
+    try:
+        arrays = _native.scan(
+            world.native,
+            shot.path,
+            pulses,
+            shot.indices,
+            lidar,
+            time,
+            shot.draws,
+            world.atmosphere,
+            unseen,
+        )
+    except ArgumentValueError as error:
+        if error.argument == "pose" and isinstance(where, Trajectory):
+            error.hint = _shift_hint(where, time + pulses.time.max())
+        raise
     arrays["object_id"] = world.ids_of(arrays["object_id"])
     return Scan(
         **arrays,
@@ -808,9 +813,13 @@ def _check_span(path: Trajectory, pulses: Pulses, start: float, period: float) -
     for i in (int(fired.argmin()), int(fired.argmax())):
         if not first <= fired[i] <= max(last, until):
             got = f"one from {first} to {last} s and pulse {i} at {fired[i]} s"
-            later = first > fired.max()  # as of a trajectory in Unix time
-            hint = "Trajectory.load(…, start=0), or start_s: 0 in a configuration, shifts its times" if later else ""
-            raise ArgumentValueError("pose", "a trajectory over all pulses", got, hint)
+            raise ArgumentValueError("pose", "a trajectory over all pulses", got, _shift_hint(path, fired.max()))
+
+
+def _shift_hint(path: Trajectory, latest: float) -> str:
+    """Return the remedy if a trajectory begins after the latest pulse, as one in Unix time does; else ""."""
+    later = path.span[0] > latest
+    return "Trajectory.load(…, start=0), or start_s: 0 in a configuration, shifts its times" if later else ""
 
 
 def _round_on(end: float) -> float:

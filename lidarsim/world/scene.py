@@ -549,6 +549,8 @@ class Scene(Pickled, Plotted):
                 expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
                 raise ArgumentTypeError(name, expected, short_repr(value))
         scene = read(path, **given)
+        if not isinstance(scene, Scene):
+            raise ArgumentTypeError(f"reader {kind!r}", "a Scene", short_repr(scene))
         if time is not None or animation is not None:
             scene.animate(0.0 if time is None else time, animation=animation)
         return scene

@@ -1,4 +1,5 @@
-//! Fast paths for arguments of common types. Python converts all others, or reports what is wrong with them.
+//! Fast paths for arguments of common types. Python converts all others, or reports what is wrong with them;
+//! among these are subclasses of arrays, such as masked ones.
 
 use lidarsim_core::Point;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
@@ -17,7 +18,7 @@ fn vector(value: &Bound<'_, PyAny>) -> Option<Point> {
     } else if let Ok(list) = value.cast_exact::<PyList>() {
         three(list.len(), |i| number(&list.get_item(i).ok()?))?
     } else {
-        let array = value.cast::<PyArray1<f64>>().ok()?;
+        let array = value.cast_exact::<PyArray1<f64>>().ok()?;
         three(if array.is_aligned() { array.len() } else { 0 }, |i| array.get_owned(i))?
     };
     point.iter().all(|x| x.is_finite()).then_some(point)
@@ -69,7 +70,7 @@ pub fn affine(value: &Bound<'_, PyAny>) -> Option<[[f64; 4]; 4]> {
 }
 
 fn matrix<const N: usize>(value: &Bound<'_, PyAny>) -> Option<[[f64; N]; N]> {
-    let array = value.cast::<PyArray2<f64>>().ok()?;
+    let array = value.cast_exact::<PyArray2<f64>>().ok()?;
     if array.shape() != [N, N] || !array.is_aligned() {
         return None;
     }
