@@ -602,6 +602,17 @@ def test_a_window_without_a_display_gets_one_line(
     assert capsys.readouterr().err == expected
 
 
+def test_check_tells_whether_the_sensor_sees_anything(capsys: pytest.CaptureFixture[str]) -> None:
+    run = ls.config.load("run.yaml", ["frames=4"])
+    assert lidarsim("check", "run.yaml", "--set", "frames=4") == 0
+    pulses = sum(len(run.scan(frame)) for frame in (0, 3))
+    hits = sum(int((run.scan(frame).status == "hit").sum()) for frame in (0, 3))
+    assert f"\nframes 0 and 3: {pulses:,} pulses: {hits:,} hit, " in capsys.readouterr().out
+    assert lidarsim("check", "run.yaml", "--set", "scene=[]", "--set", "first_frame=2") == 0
+    pulses = len(run.scan(2))
+    assert f"\nframe 2: {pulses:,} pulses: {pulses:,} miss\n" in capsys.readouterr().out
+
+
 def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
     Path("flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\n", encoding="utf-8")
     assert lidarsim("check", "run.yaml", "--set", "scene.1={shape: mesh, file: flat.obj, name: flat}") == 0

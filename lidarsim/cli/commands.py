@@ -196,14 +196,19 @@ def scan(
         run.write(output, each=tell, **given)
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
-    fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
-    fate = ", ".join(f"{count:,} {name}" for name, count in fates.items() if count)
-    paragraph(f"{quantity(totals.sum(), 'pulse')}: {fate}")
+    paragraph(_tell_fates(totals.tolist()))
     for note in filter(None, notes):
         paragraph(note)
     files = outputs.output_of(place, run).pattern(run) + ([run.path_of(screenshot, "*", "*")] if screenshot else [])
     count = f"{len(rows):,} frames, " * (len(rows) > 1) + quantity(points, "point")
     paragraph(f"{count} in {time.perf_counter() - start:.2f} s: {', '.join(map(str, files))}")
+
+
+def _tell_fates(counts: Sequence[int]) -> str:
+    """Return a line with the number of pulses of each status."""
+    fates = {status.name.replace("_", " "): count for status, count in zip(ls.Status, counts, strict=True)}
+    told = ", ".join(f"{count:,} {name}" for name, count in fates.items() if count)
+    return f"{quantity(sum(counts), 'pulse')}: {told}"
 
 
 @app.command()
@@ -674,9 +679,13 @@ def _check_run(config: Path, overrides: list[str] | None) -> None:
     for part in run.parts:  # raises an error if an IMU or a receiver cannot measure along the path
         part.samples()
     notes: dict[str, None] = {}
-    for number in sorted({run.numbers[0], run.numbers[-1]}):
-        frame = next(run.only(number).measured())
-        notes |= dict.fromkeys(scan.summary().note for scan in frame.scans.values())
+    totals = np.zeros(len(ls.Status), np.int64)
+    numbers = sorted({run.numbers[0], run.numbers[-1]})
+    for number in numbers:
+        for result in next(run.only(number).measured()).scans.values():
+            summary = result.summary()
+            totals += list(summary.values())
+            notes.setdefault(summary.note)
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
     print_objects(run.scene)
     for item in run.scene:
@@ -686,6 +695,8 @@ def _check_run(config: Path, overrides: list[str] | None) -> None:
         print_import(file)
     for lidar in run.lidars.values():
         print_sensor(lidar, run.scene.atmosphere)
+    which = f"frames {numbers[0]} and {numbers[-1]}" if len(numbers) > 1 else f"frame {numbers[0]}"
+    paragraph(f"{which}: {_tell_fates(totals.tolist())}")
     for note in filter(None, notes):
         paragraph(note)
     for name, lidar in run.lidars.items():
