@@ -52,7 +52,7 @@ class Boxes(Pickled):
         instance has a motion, they are turned so that x is nearest to the x axis of the moving frame. A transform of
         the shape itself does not turn them.
     velocity : ndarray of float64, shape (m, 3)
-        Velocity of the centre relative to the world, in the axes of the frame, m/s.
+        Velocity of the centre, as a point of the first object, relative to the world, in the axes of the frame, m/s.
     label : ndarray of uint32, shape (m,)
         Label of the first object, or of most of its faces. The array compares with class names, too: ``boxes.label ==
         "car"``.

@@ -301,7 +301,7 @@ def test_shards(recipe: Path, tmp_path: Path) -> None:
         data = (tmp_path / "out" / row["shard"]).read_bytes()[row["offset"] :][: row["size"]]
         scan, cloud = clouds(recipe, row["sequence"], row["frame"], *RIG)[row["sensor"]]
         with np.load(io.BytesIO(data)) as arrays:
-            assert set(arrays) == {"xyz", "intensity", "time", "ring", "label", "object_id"}
+            assert set(arrays) == {"xyz", "intensity", "time", "ring", "label", "instance"}
             assert len(arrays["xyz"]) == row["points"]
             np.testing.assert_array_equal(arrays["xyz"], cloud.xyz.astype(np.float32))
             for name in set(arrays) - {"xyz"}:

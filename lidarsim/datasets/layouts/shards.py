@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from lidarsim.run import Run
     from lidarsim.scan.fields import Fields
 
-FIELDS = ("intensity", "time", "ring", "label", "object_id")
+FIELDS = ("intensity", "time", "ring", "label", "instance")
 ROWS = 1 << 16
 FOLDER, INDEX, BOXES = "shards", "index.parquet", "boxes.parquet"
 
