@@ -120,7 +120,7 @@ def _options(
 def new(
     folder: Annotated[Path, make_file_argument("FOLDER", "New or empty folder.")],
 ) -> None:
-    """Make a project in FOLDER to start from: scene, sensor, runs, a recipe, a script and notes."""
+    """Make a project in FOLDER to start from: scene, sensor, runs, recipes, a script and notes."""
     files = starter.new_project(folder)
     print_line(f"{folder}: {', '.join(path.as_posix() for path in files)}")
     print_line(f"next: cd {shlex.quote(plain(folder))} && lidarsim scan demo.yaml --output street.pcd")

@@ -69,7 +69,7 @@ def generate(
     Parameters
     ----------
     recipe : path-like or callable
-        A YAML file (see ``configs/README.md`` for its keys), the name of a packaged recipe, such as ``"detection"``, or
+        A YAML file (see ``configs/REFERENCE.md`` for its keys), the name of a packaged recipe, such as ``"detection"``, or
         a function that takes a `numpy.random.Generator` and a sequence number, and returns a `Scene`, a `Lidar` or
         `Rig`, and its trajectory, its pose or None. Only the same function resumes a data set: its code must be equal,
         and so must the values of its defaults, of variables of enclosing functions and of the globals that it reads,
@@ -98,8 +98,8 @@ def generate(
         Seed of all draws and all noise. Default: that of the recipe; 0 for a function.
     layout : str or dict, optional
         ``"semantickitti"``, ``"kitti"``, ``"openpcdet"``, ``"mmdetection3d"``, ``"nuscenes"``, ``"shards"`` or
-        ``"bags"``, or a mapping with this as ``type`` and the layout's options, which ``configs/README.md`` documents
-        with the files of each layout. Default: that of the recipe; ``"shards"`` for a function.
+        ``"bags"``, or a mapping with this as ``type`` and the layout's keys (``configs/REFERENCE.md``);
+        ``configs/README.md`` lists the files of each layout. Default: that of the recipe; ``"shards"`` for a function.
     shard_frames : int, optional
         Number of frames made at a time. Default: as many as fire 40 million pulses, but at most 1/32 of all.
     class_names : dict of int to str, optional
