@@ -69,7 +69,7 @@ def generate(
     Parameters
     ----------
     recipe : path-like or callable
-        A YAML file (see ``configs/REFERENCE.md`` for its keys), the name of a packaged recipe, such as ``"detection"``, or
+        A YAML file (keys: ``configs/REFERENCE.md``), the name of a packaged recipe, such as ``"detection"``, or
         a function that takes a `numpy.random.Generator` and a sequence number, and returns a `Scene`, a `Lidar` or
         `Rig`, and its trajectory, its pose or None. Only the same function resumes a data set: its code must be equal,
         and so must the values of its defaults, of variables of enclosing functions and of the globals that it reads,
