@@ -527,6 +527,16 @@ def test_each_station_is_a_cloud_at_its_pose() -> None:
     assert [path.name for path in several.write("u.pcd")][2:5] == ["u_1_0002.pcd", "u_2_0003.pcd", "u_2_0004.pcd"]
 
 
+def test_each_sensor_of_a_rig_scans_at_each_station() -> None:
+    """One of 20 Hz begins no frame during some of those of one of 50 Hz."""
+    rig = re.sub(r"pose: .*", "pose: {stations: [{}, {}, {}]}", RIG)
+    Path("stations.yaml").write_text(rig, encoding="utf-8")
+    for part in ls.config.load("stations.yaml", ["frames=3"]).parts:
+        assert {name for scans in part.scans() for name in scans} == {"top", "low"}
+    with pytest.raises(ConfigError, match=r"^--set frames=1: expected at least 3 frames at each station, so that top "):
+        ls.config.load("stations.yaml", ["frames=1"])
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
