@@ -164,11 +164,12 @@ def _legs(config: Config, sensor: Lidar | Rig, frames: range, place: Place) -> t
         legs = config.pose.build(place / "pose", sensor)
     elif isinstance(config.pose, Stations):
         legs = config.pose.build(place / "pose", frames)
-        for name, part in sensor.items() if isinstance(sensor, Rig) else ():
-            if not all(sensor._numbers(part, leg.frames.start, leg.frames.stop) for leg in legs):
-                least = math.ceil(sensor.rate / part.lidar.pattern.rate)
-                expected = f"expected at least {least} frames at each station, so that {name} scans there"
-                raise (place / "frames").error(f"{expected}, got {config.frames}")
+        if isinstance(sensor, Rig):
+            for name, part in sensor.items():
+                if not all(sensor._numbers(part, leg.frames.start, leg.frames.stop) for leg in legs):
+                    least = math.ceil(sensor.rate / part.lidar.pattern.rate)
+                    expected = f"expected at least {least} frames at each station, so that {name} scans there"
+                    raise (place / "frames").error(f"{expected}, got {config.frames}")
     if legs and legs[-1].frames.stop > 2**32:
         raise (place / "pose").error(f"expected frames up to number 4294967295, got {legs[-1].frames[-1]}")
     return legs
