@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from pathlib import Path
 
@@ -197,6 +198,23 @@ def test_a_saved_map_is_what_map_server_reads(tmp_path: Path) -> None:
     assert set(np.unique(read)) == {-1, 0, 100}
     with pytest.raises(FileFormatError):
         grid.save(tmp_path / "map.png")
+
+
+def test_what_is_ignored_is_as_if_it_were_not_there() -> None:
+    empty = ls.Scene()
+    empty.add(ls.Box((4, 2, 2)))
+    scene = copy.copy(empty)
+    pose = np.eye(4)
+    pose[0, 3] = 1.0
+    motion = ls.Trajectory([0, 1], [pose, pose])
+    scene.add(ls.Box((0.5, 0.5, 0.5)), motion=motion, instance=7)
+    scene.add(ls.Sphere((9, 9, 0), 0.5), instance=7)
+    wanted = ls.occupancy(empty, 0.1, 0.01, free_from=(1, 0), time=5.0)
+    found = ls.occupancy(scene, 0.1, 0.01, free_from=(1, 0), time=5.0, ignore=[7])
+    np.testing.assert_array_equal(found.cells, wanted.cells)
+    assert found.origin == wanted.origin
+    with pytest.raises(ValueError, match="ignore: expected instances of objects in the scene"):
+        ls.occupancy(scene, 0.1, 0.01, ignore=[8])
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from lidarsim._base import validation
 from lidarsim._base.files import PathLike, check_suffix, replacing
 from lidarsim._base.pickling import Pickled
-from lidarsim._base.validation import Floats
+from lidarsim._base.validation import Floats, Instances, instances
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.world.scene import Scene, SceneObject
 from lidarsim.world.shapes import Box, Polygon, Triangle, TriangleMesh
@@ -152,6 +152,7 @@ def occupancy(
     bounds: npt.ArrayLike | None = None,
     free_from: npt.ArrayLike | None = None,
     time: float = 0.0,
+    ignore: Instances = (),
 ) -> OccupancyGrid:
     """Return which cells of a horizontal grid are occupied: the true map of a 2D lidar at that height.
 
@@ -174,6 +175,8 @@ def occupancy(
         unknown. Default: all cells that are not occupied are free.
     time : float
         Time at which moving objects are placed, s.
+    ignore : collection of int
+        Instances that the map leaves out, such as the robot.
 
     Returns
     -------
@@ -183,8 +186,8 @@ def occupancy(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong type or out of range, no object is bounded and `bounds` are not given, or the
-        grid would have more than 2²⁸ cells.
+        If an argument is of the wrong type or out of range, no object is bounded and `bounds` are not given, no object
+        is of an instance to ignore, or the grid would have more than 2²⁸ cells.
 
     Notes
     -----
@@ -206,11 +209,15 @@ def occupancy(
         raise ArgumentTypeError("scene", "a Scene", validation.short_repr(scene))
     side = validation.real("resolution", resolution, above=0.0)
     height, when = validation.real("z", z), validation.real("time", time)
-    scene._snapshot().check_motions(when, when)
-    grid = _grid(scene, side, bounds, when)
+    world, unseen = scene._snapshot(), instances("ignore", ignore)
+    if unseen is not None:
+        world.native.expect_instances(unseen)
+        world = world.without(unseen.tolist())
+    world.check_motions(when, when)
+    grid = _grid(world.items, side, bounds, when)
     occupied = np.zeros(grid.shape, bool)
-    flat = [item for item in scene if isinstance(item.shape, FLAT)]
-    curved = [item for item in scene if not isinstance(item.shape, FLAT)]
+    flat = [item for item in world.items if isinstance(item.shape, FLAT)]
+    curved = [item for item in world.items if not isinstance(item.shape, FLAT)]
     for item in flat:
         _mark_segments(occupied, _cut(item, height, when) - grid.low, side)
     _mark_lines(occupied, curved, grid, height, when)
@@ -227,11 +234,11 @@ class _Grid:
     shape: tuple[int, int]
 
 
-def _grid(scene: Scene, side: float, bounds: npt.ArrayLike | None, time: float) -> _Grid:
+def _grid(items: Sequence[SceneObject], side: float, bounds: npt.ArrayLike | None, time: float) -> _Grid:
     """Return the grid that covers the bounds."""
     if bounds is None:
         still = Scene()
-        for item in scene:
+        for item in items:
             still.add(item.shape, transform=_place(item, time))
         corners = still.bounds[:, :2]
         if not np.isfinite(corners).all():
