@@ -509,15 +509,13 @@ def compare(
     json: Annotated[Path | None, make_file_option("--json", "JSON", "Write all numbers.")] = None,
     sensor: Annotated[
         str | None,
-        make_option(
-            "--sensor", "NAME|FILE", "Sensor, a preset or a file, that tells the columns of clouds which have none."
-        ),
+        make_option("--sensor", "NAME|FILE", "Sensor, a preset or a file, for clouds without rings or columns."),
     ] = None,
 ) -> None:
     """Say how simulated point clouds differ from real ones.
 
-    REAL and SIM hold points in the sensor frame, as drivers give them. What a cloud does not tell, such as the pulses
-    without a return if there are no columns, is not measured, and the output says why.
+    REAL and SIM hold points in the sensor frame, as drivers give them. What cannot be measured, such as pulses without
+    a return if there are no columns, is listed with the reason.
     """
     from lidarsim.comparison import compare_sources, reasons, source, values
 
@@ -579,8 +577,8 @@ def fit(
     """Fit a sensor to point clouds of your own unit.
 
     REAL holds points in the sensor frame, as drivers give them. The table has each value of the preset, the fitted one
-    with its 95 % interval, and the number of samples; values that the points do not tell are those of the preset, and
-    the table says why. A run takes the file as its sensor: --set 'sensor={file: SENSOR.yaml}'.
+    with its 95 % interval, and the number of samples; values that cannot be fitted are kept, and the table says why. To
+    use the file as the sensor of a run: --set 'sensor={file: SENSOR.yaml}'.
     """
     from lidarsim.comparison import fit_source, recognise, sensor_of, source, values
 

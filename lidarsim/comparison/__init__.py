@@ -82,14 +82,14 @@ def compare(real: Given, simulated: Given, *, sensor: SensorLike = None) -> Comp
         iterable of them. Frames are read one at a time. Without a field `range`, the range is the distance from the
         origin. Intensities that are whole numbers above 1 are taken as percent.
     sensor : str, path-like or Lidar, optional
-        The sensor, its name in `Lidar.presets()`, or a file that `Lidar.from_file` reads. It puts points without rings
-        into rings, by the order of the points if it is that of KITTI, else by their elevations, and points without
-        columns into columns, by their azimuths. `Comparison.notes` say so of rings.
+        The sensor, its name in `Lidar.presets()`, or a file that `Lidar.from_file` reads. It assigns rings to points
+        without any, by their order if it is that of KITTI, else by their elevations, and columns to points without any,
+        by their azimuths. `Comparison.notes` mention rings that are inferred.
 
     Returns
     -------
     Comparison
-        A table of measures. Those that cannot be taken say why.
+        A table of measures. Those that cannot be taken give the reason.
 
     Raises
     ------
@@ -102,8 +102,8 @@ def compare(real: Given, simulated: Given, *, sensor: SensorLike = None) -> Comp
     Notes
     -----
     Most measures use the rings and columns of the clouds: neighbours along a ring, planes over several rings and
-    columns, and pulses without a point, which a ring tells that has none in a column. Two measures need both sides to
-    have seen one scene from one place; their real value is that of the real frames among themselves.
+    columns, and pulses without a point, which are the empty columns of a ring. Two measures need both sides to have
+    seen one scene from one place; their real value is that of the real frames among themselves.
 
     Examples
     --------
@@ -143,29 +143,29 @@ def fit(
     Returns
     -------
     lidar : Lidar
-        The sensor with the values that the frames tell; all others are as they were.
+        The sensor with the fitted values; all others are kept.
     comparison : Comparison
         A measure for each value, by its name in `Measurement`, such as "range_sigma" or "response.limit", or in
         `Lidar`, "min_range": the fitted value with its 95 % interval as `real`, that of `sensor` as `simulated`,
-        `n_real` samples. "not measured" are values that the frames do not tell, which stay as they were; `why` has the
-        reason. Tables have a cell for each row, and what differs between rings one for each ring.
+        `n_real` samples. Values that could not be fitted are "not measured"; `why` has the reason. Tables have a cell
+        for each row, values of rings one for each ring.
 
     Raises
     ------
     FileFormatError, OSError
         If a file cannot be read.
     TypeError, ValueError
-        If an argument is none of these, there are too few points, or they are not of the sensor: their rings are not
-        told, more than it has, or not where its beams are, or half of them are farther than it sees.
+        If an argument is none of these, there are too few points, or they are not of the sensor: their rings are
+        unknown, more than it has, or not where its beams are, or half of them are farther than it sees.
 
     Notes
     -----
     Values are those that simulate such frames, in the model of `Measurement`: `range_sigma` is the noise of all
-    surfaces on planes, weak echoes included, and replaces `range_sigma_limit`; unless ranges disagree, it rises with
-    range as that of `sensor` does. `channel_bias_sigma` is how much rings differ; if they do, each gets its own
-    `range_bias` in its place, less the share that is likely error, and less what is linear in the elevation of
-    neighbouring rings, which planes do not tell from a slope. The range of `detection` rests on the reflectivity of the
-    ground: of twice that, the range of the limit is 0.7 times as far.
+    surfaces on planes, weak echoes included, and replaces `range_sigma_limit`; unless ranges disagree, it is a multiple
+    of that of `sensor`. `channel_bias_sigma` is how much rings differ; if they do, each gets its own `range_bias`
+    instead, less the share that is likely error, and less what is linear in the elevation of neighbouring rings, which
+    on planes looks like a slope. The range of `detection` depends on the reflectivity of the ground: for twice the
+    reflectivity, it is 0.7 times as far.
 
     Examples
     --------

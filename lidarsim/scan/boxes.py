@@ -44,8 +44,8 @@ class Boxes(Pickled):
     center : ndarray of float64, shape (m, 3)
         Centre of the box, m.
     size : ndarray of float64, shape (m, 3)
-        Length, width and height along its axes x, y and z, m. It is that of the shapes, not of the points, and larger
-        by the rounding errors of points alone.
+        Length, width and height along its axes x, y and z, m. It is that of the shapes, not of the points, enlarged
+        only by the rounding errors of points.
     rotation : ndarray of float64, shape (m, 3, 3)
         Axes of the box, in columns. They are those of the first object of the instance, turned in right angles so that
         z points up when the instance is at its reference pose: a vehicle modelled along x heads along x. If the

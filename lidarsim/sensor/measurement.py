@@ -186,12 +186,12 @@ class Response(Immutable):
         I' = min(`limit`, round(h((I · f(R) · c)^`exponent` · (1 + `sigma`·g))))
 
     with the factor f of `range`, a factor c of the channel, a standard normal g and the function h that is the `curve`;
-    where 1 + `sigma`·g is negative, 0 stands for it. Detection and range noise depend on I itself.
+    a negative 1 + `sigma`·g counts as 0. Detection and range noise depend on I itself.
 
     Parameters
     ----------
     range : sequence of (range, factor), shape (n, 2), optional
-        Factor against range, m: what the vendor's compensation for range leaves, and the droop near the sensor. Linear
+        Factor against range, m: what the vendor's compensation for range leaves, and the drop near the sensor. Linear
         between rows, constant before the first and after the last; the ranges must increase. Default: 1.
     exponent : float
         Exponent, > 0: below 1, the sensor compresses intensities.
