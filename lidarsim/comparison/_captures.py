@@ -222,7 +222,9 @@ class Captures:
         angle = misfit(self.beams, frame.xyz, frame.ring)
         if angle > MISFIT:
             got = f"points {np.degrees(angle):.1f}° from the beams of their rings"
-            raise ArgumentValueError("real", f"frames of {self._name}", got, "another sensor, or points in the world, as of E57?")
+            raise ArgumentValueError(
+                "real", f"frames of {self._name}", got, "another sensor, or points in the world, as of E57?"
+            )
         check_reach("real", frame, self.lidar)
 
     def _report_ranges(self, frame: Frame) -> Floats:

@@ -63,7 +63,7 @@ from lidarsim.io._units import integers, warn_above
 from lidarsim.motion.georeference import gps_time, projected_crs
 from lidarsim.scan.fields import CANONICAL, Fields
 from lidarsim.scan.formats import check_output, register_format
-from lidarsim.scan.pointcloud import PointCloud, adopt, choose
+from lidarsim.scan.pointcloud import PointCloud, adopt, check_in_world, choose
 
 if TYPE_CHECKING:
     import pyproj
@@ -164,9 +164,12 @@ class Writer(FileWriter):
         FileFormatError
             If a field does not fit.
         TypeError, ValueError
-            If the fields are not those of the first cloud, one of `fields` is missing, or the file is not open.
+            If the fields are not those of the first cloud, one of `fields` is missing, the points are in a sensor
+            frame but the file has a `crs`, or it is not open.
         """
         self._check_open()
+        if self._reference.crs is not None:
+            check_in_world(cloud)
         names = cloud.fields if self._fields is None else ("xyz", *choose(self._fields, cloud.fields))
         self._points.write({name: getattr(cloud, name) for name in names}, start)
 

@@ -482,9 +482,8 @@ class PointCloud(PointColumns, Pickled, Plotted):
             if misfit := first_misfit("xyz", arrays["xyz"], np.float32):
                 raise ArgumentValueError("xyz", *misfit, "float32=False")
             arrays["xyz"] = arrays["xyz"].astype(np.float32)
-        if crs is not None and self._in_sensor_frame:
-            expected = "points in the world, with a coordinate reference system"
-            raise ArgumentValueError("crs", expected, "points in a sensor frame", 'point_cloud(frame="world")')
+        if crs is not None:
+            check_in_world(self)
         options = {"pose": where, "class_names": self.class_names, "float32": float32, "crs": crs, "start": start}
         for name, given in {
             "crs": crs is not None,
@@ -778,6 +777,13 @@ def _extent(array: npt.NDArray[Any]) -> str:
         return ""
     ends = ([f"{value:g}" for value in np.atleast_1d(end)] for end in (finite.min(axis=0), finite.max(axis=0)))
     return " … ".join(f"({', '.join(end)})" if array.ndim == 2 else end[0] for end in ends)
+
+
+def check_in_world(cloud: PointCloud) -> None:
+    """Raise an error if a cloud that is to get a coordinate reference system is in a sensor frame."""
+    if cloud._in_sensor_frame:
+        expected = "points in the world, with a coordinate reference system"
+        raise ArgumentValueError("crs", expected, "points in a sensor frame", 'point_cloud(frame="world")')
 
 
 def choose(names: Collection[str], known: Sequence[str]) -> list[str]:

@@ -551,10 +551,11 @@ def test_a_system_is_for_points_in_the_world_and_for_las(tmp_path: Path) -> None
     scene = ls.Scene()
     scene.add(ls.Plane((0, 0, 1), 0.0))
     scan = ls.Lidar.preset("velodyne-vlp16").scan(scene, np.eye(4) + np.outer([0, 0, 1, 0], [0, 0, 0, 3.0]))
-    with pytest.raises(
-        ValueError, match=r"^crs: expected points in the world.*, got points in a sensor frame; point_cl"
-    ):
+    elsewhere = r"^crs: expected points in the world.*, got points in a sensor frame; point_cl"
+    with pytest.raises(ValueError, match=elsewhere):
         scan.point_cloud().save(tmp_path / "cloud.las", crs=UTM_ZONE)
+    with pytest.raises(ValueError, match=elsewhere), Writer(tmp_path / "cloud.las", crs=UTM_ZONE) as file:
+        file.write(scan.point_cloud())
     with pytest.raises(
         ValueError, match=r"^crs: expected a file that can hold it \(\.las and \.laz\), got '.*cloud\.ply'$"
     ):
