@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,6 +44,7 @@ def in_si(value: float | list[float] | list[list[float]], unit: str) -> float | 
     return converted if isinstance(value, list) else float(converted)
 
 
+@cache
 def unit_of(key: str) -> str | None:
     """Return the unit of a key, if it has one."""
     return next((unit for unit in UNITS if key.endswith(f"_{unit}")), None)

@@ -24,6 +24,7 @@ import time
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -138,6 +139,7 @@ class Plan:
 _RECORD = TypeAdapter(Record)
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the versions of the packages that affect the bits."""
     return {name: importlib.metadata.version(name) for name in ("lidarsim", "numpy", "scipy")}
