@@ -9,6 +9,7 @@ import re
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import combinations
 from typing import Any, cast
 
@@ -25,15 +26,19 @@ Floats = npt.NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
+street = lru_cache(maxsize=32)(ls.worlds.street)
+"""Streets of 12 MB each, shared by tests that do not change them."""
+
+
 @pytest.fixture(scope="module", params=STREETS)
 def world(request: pytest.FixtureRequest) -> ls.worlds.Street:
-    return ls.worlds.street(5, request.param, length=160.0)
+    return street(5, request.param, length=160.0)
 
 
 @pytest.fixture(scope="module")
 def town() -> ls.worlds.Street:
     """A street with junctions of both kinds."""
-    return ls.worlds.street(3, "residential")
+    return street(3, "residential")
 
 
 def ground(world: ls.worlds.Street) -> ls.Scene:
@@ -106,7 +111,7 @@ def test_each_ground_has_its_reflectivity_and_roads_are_painted(world: ls.worlds
 
 def test_rural_roads_have_lines_along_their_edges() -> None:
     """Outside of both lanes, away from the junction, what is painted is two lines of 12 cm."""
-    world = ls.worlds.street(5, "rural", length=160.0)
+    world = street(5, "rural", length=160.0)
     (number,) = world.scene.find("road")
     mesh, material = world.scene[number].shape, world.scene[number].material
     assert isinstance(mesh, ls.TriangleMesh)
@@ -128,7 +133,7 @@ def test_kerbs_do_not_slope_over_the_roadway(kind: StreetKind) -> None:
     """Faces of a roadway are steep only where they are cut by a round corner, less than 1 % of them."""
     steep = []
     for seed in range(3):
-        world = ls.worlds.street(seed, kind, length=200.0)
+        world = street(seed, kind, length=200.0)
         for name in ("road", "parking"):
             for number in world.scene.find(name):
                 mesh = world.scene[number].shape
@@ -143,13 +148,14 @@ def test_kerbs_do_not_slope_over_the_roadway(kind: StreetKind) -> None:
 def test_no_bush_reaches_into_a_roadway() -> None:
     count = 0
     for seed in range(8):
-        world = ls.worlds.street(seed, "rural", length=160.0)
+        world = street(seed, "rural", length=160.0)
+        scene = ground(world)
         for number in world.scene.find("bush/leaves"):
             item = world.scene[number]
             assert isinstance(item.shape, ls.Disks)
             assert item.transform is not None
             leaves = item.shape.centers @ item.transform[:3, :3].T + item.transform[:3, 3]
-            assert "road" not in under(ground(world), leaves)[1], f"seed {seed}, object {number}"
+            assert "road" not in under(scene, leaves)[1], f"seed {seed}, object {number}"
             count += 1
     assert count > 500
 
@@ -217,7 +223,7 @@ def test_nothing_stands_in_the_lanes(world: ls.worlds.Street) -> None:
 
 @pytest.mark.parametrize("kind", sorted({*STREETS} - {"rural"}))
 def test_parked_vehicles_stand_on_all_wheels(kind: StreetKind) -> None:
-    world = ls.worlds.street(5, kind, length=160.0)
+    world = street(5, kind, length=160.0)
     lowest, level = [], 0
     for item in world.scene:
         if "/wheel" in item.name:
@@ -240,7 +246,7 @@ def places(scene: ls.Scene, name: str) -> Floats:
 
 
 def test_cables_hang_over_city_streets_and_people_sit_on_benches() -> None:
-    world = ls.worlds.street(0, "city")
+    world = street(0, "city")
     cables = [world.scene[number].bounds for number in world.scene.find("cable/cable")]
     assert len(cables) > 2
     road = np.concatenate(world.ways.lanes)
@@ -269,7 +275,7 @@ def footprints(world: ls.worlds.Street) -> list[tuple[Floats, Floats]]:
 def test_no_plant_grows_in_a_building(kind: StreetKind) -> None:
     counts = Counter[str]()
     for seed in range(3):
-        world = ls.worlds.street(seed, kind, length=150.0)
+        world = street(seed, kind, length=200.0)
         buildings = footprints(world)
         counts["building"] += len(buildings)
         for item in world.scene:
@@ -288,14 +294,15 @@ def test_no_plant_grows_in_a_building(kind: StreetKind) -> None:
 def test_no_furniture_stands_in_a_road() -> None:
     counts = Counter[str]()
     for seed in range(6):
-        world = ls.worlds.street(seed, "city", length=200.0)
+        world = street(seed, "city", length=200.0)
+        scene = ground(world)
         for name in ("traffic_light", "lamp", "bollard", "bench", "bin", "sign"):
             posts = [
                 number for number in world.scene.find(f"{name}/{name}") if world.scene[number].transform is not None
             ]
             at = np.array([world.scene[number].transform for number in posts]).reshape(-1, 4, 4)[:, :3, 3]
             if len(at):
-                assert "road" not in under(ground(world), at)[1], f"{name}, seed {seed}"
+                assert "road" not in under(scene, at)[1], f"{name}, seed {seed}"
             counts[name] += len(at)
     assert min(counts.values()) > 5
 
@@ -303,7 +310,7 @@ def test_no_furniture_stands_in_a_road() -> None:
 def test_crossings_end_before_buildings() -> None:
     count = 0
     for seed in range(6):
-        world = ls.worlds.street(seed, "city", length=200.0)
+        world = street(seed, "city", length=200.0)
         for line in world.ways.crossings:
             hits = world.scene.cast(line[:-1] + np.array([0.0, 0.0, 1.0]), np.diff(line, axis=0), t_max=1.0)
             names = [world.scene[int(number)].name for number in hits.object_id[hits.hit]]
@@ -315,7 +322,7 @@ def test_crossings_end_before_buildings() -> None:
 def test_traffic_lights_and_signs_face_the_traffic_on_their_side() -> None:
     seen = 0
     for seed in range(4):
-        world = ls.worlds.street(seed, "city", length=200.0)
+        world = street(seed, "city", length=200.0)
         lanes = [lane for lane in world.ways.lanes if np.ptp(lane[:, 0]) > 150.0]
         for number in (*world.scene.find("traffic_light/traffic_light"), *world.scene.find("sign/sign")):
             place = world.scene[number].transform
@@ -333,7 +340,7 @@ def test_traffic_lights_and_signs_face_the_traffic_on_their_side() -> None:
 @pytest.mark.parametrize("kind", STREETS)
 def test_no_building_floats(kind: StreetKind) -> None:
     for seed in (0, 9):
-        world = ls.worlds.street(seed, kind)
+        world = street(seed, kind)
         scene = ground(world)
         for place, (low, high) in footprints(world):
             x, y = np.meshgrid(*np.linspace(low, high, 5).T)
@@ -354,7 +361,7 @@ def edges(item: ls.scene.SceneObject) -> Floats:
 def test_furniture_and_people_are_in_nothing(seed: int) -> None:
     """No edge of a thing meets a surface of another, but of someone and the bench below."""
     loose = {"lamp", "sign", "traffic_light", "bin", "bench", "bollard", "person"}
-    world = ls.worlds.street(seed, "city", length=200.0)
+    world = street(seed, "city", length=200.0)
     things: dict[int, list[ls.scene.SceneObject]] = {}
     for item in world.scene:
         name, _, part = item.name.partition("/")
@@ -406,7 +413,7 @@ def test_buildings_do_not_overlap_each_other(kind: StreetKind) -> None:
     pairs = 0
     for seed in range(4):
         rectangles = []
-        for place, ((left, near), (right, far)) in footprints(ls.worlds.street(seed, kind)):
+        for place, ((left, near), (right, far)) in footprints(street(seed, kind)):
             corners = np.array([(left, near), (right, near), (right, far), (left, far)])
             rectangles.append(corners @ place[:2, :2].T + place[:2, 3])
         for first, second in combinations(rectangles, 2):
