@@ -1058,18 +1058,14 @@ def test_python_runs_the_package() -> None:
     assert done.stdout.startswith(f"lidarsim {ls.__version__}, core with ")
 
 
-def quote(text: str) -> str:
-    return '"' + "".join(f"\\U{ord(c):08x}" for c in text) + '"'
-
-
 def test_no_name_controls_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     objects = "".join(
-        f"  - {{shape: sphere, center_m: [5, 0, {3 * i}], radius_m: 1, label: {i}, name: {quote(name)}}}\n"
+        f"  - {{shape: sphere, center_m: [5, 0, {3 * i}], radius_m: 1, label: {i}, name: {json.dumps(name)}}}\n"
         for i, name in enumerate(HOSTILE)
     )
     for sensor in HOSTILE:
         Path("odd.yaml").write_text(
-            f"sensor: {{preset: velodyne-vlp16, name: {quote(sensor)}}}\nscene:\n{objects}", encoding="utf-8"
+            f"sensor: {{preset: velodyne-vlp16, name: {json.dumps(sensor)}}}\nscene:\n{objects}", encoding="utf-8"
         )
         assert lidarsim("check", "odd.yaml") == 0
         printed = capsys.readouterr().out

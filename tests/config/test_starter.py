@@ -123,11 +123,12 @@ def test_a_file_comes_before_a_packaged_configuration() -> None:
 
 
 def test_a_folder_does_not_come_before_a_packaged_configuration() -> None:
+    short = ["--set", "scatter={}", "--set", "vary={}"]
     small = ["--set", "sequences=1", "--set", "frames=1", "--set", "run.sensor={preset: rplidar-a1}", "--pictures", "0"]
-    again = ["generate", "segmentation", "-o", "segmentation", *small]
+    again = ["generate", "segmentation", "-o", "segmentation", *short, *small]
     assert [lidarsim(*again), lidarsim(*again)] == [0, 0]  # the second finds the folder of the first
     assert len(ls.datasets.load("segmentation")) == 1
-    assert lidarsim("check", "segmentation", "--sequences", "1") == 0
+    assert lidarsim("check", "segmentation", "--sequences", "1", *short) == 0
     assert lidarsim("view", "segmentation", "--seed", "1", "--html", "a.html") == 2  # a data set, which has no seed
 
 
