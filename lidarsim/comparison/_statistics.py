@@ -210,8 +210,8 @@ def trimmed_mean(low: float, high: float) -> Callable[[Floats, Floats], Floats]:
 
     def statistic(centres: Floats, counts: Floats) -> Floats:
         total = counts.sum(axis=-1, keepdims=True)
-        up_to = np.cumsum(counts, axis=-1)
-        inside = np.clip(up_to, low * total, high * total) - np.clip(up_to - counts, low * total, high * total)
+        up_to = np.clip(np.cumsum(counts, axis=-1), low * total, high * total)
+        inside = np.diff(up_to, prepend=low * total)
         return _ratio(inside @ centres, inside.sum(axis=-1))
 
     return statistic
