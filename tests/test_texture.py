@@ -120,9 +120,28 @@ def corners(mesh: ls.TriangleMesh, seed: int = 4) -> Floats:
     return np.random.default_rng(seed).uniform(-2.5, 3.5, (len(mesh), 3, 2))
 
 
+def meet(mesh: ls.TriangleMesh, place: Floats, directions: Floats) -> tuple[ls.Hits, list[list[Fraction]]]:
+    """What rays from the origin hit of a placed mesh, and the barycentric coordinates of the hits."""
+    scene = ls.Scene()
+    scene.add(mesh, transform=place)
+    struck = scene.cast(np.zeros_like(directions), directions)
+    assert struck.hit.all()
+    linear = [exact(row) for row in place[:3, :3]]
+    moved = [
+        [dot(row, exact(p)) + shift for row, shift in zip(linear, exact(place[:3, 3]), strict=True)]
+        for p in mesh.vertices
+    ]
+    triangles = mesh.faces[struck.primitive_id].tolist()
+    shares = [weights([moved[k] for k in face], exact(d)) for face, d in zip(triangles, directions, strict=True)]
+    assert min(map(min, shares)) >= 0
+    return struck, shares
+
+
 def test_textures_are_bilinear_at_the_barycentric_coordinates() -> None:
     mesh, lidar, hits = hills(), fan(), 0
+    directions = lidar.pattern.pulses().directions
     place = np.array([[1.0, 0.25, 0, 0.5], [0, 1.5, 0.5, -0.25], [0, -0.5, 1.25, 0.125], [0, 0, 0, 1]])
+    met = [meet(mesh, placed, directions) for placed in (np.eye(4), place)]
     by_vertex = np.random.default_rng(5).uniform(-2.5, 3.5, (len(mesh.vertices), 2))
     for n, wrap in enumerate(itertools.product(WRAPS, repeat=2)):
         texture = ls.Texture(image(), wrap=wrap)
@@ -131,23 +150,12 @@ def test_textures_are_bilinear_at_the_barycentric_coordinates() -> None:
         material = ls.Material(reflectivity=texture, texture_coordinates=coordinates)
         scene.add(mesh, material=material, transform=place if n % 3 else None)
         scan = lidar.scan(scene)
-        directions = scan.pulses.directions
-        struck = scene.cast(np.zeros_like(directions), directions)
-        assert struck.hit.all()
+        struck, shares = met[bool(n % 3)]
         hits += len(struck)
-        placed = place if n % 3 else np.eye(4)
-        linear = [exact(row) for row in placed[:3, :3]]
-        moved = [
-            [dot(row, exact(p)) + shift for row, shift in zip(linear, exact(placed[:3, 3]), strict=True)]
-            for p in mesh.vertices
-        ]
         uv = [exact(row) for row in (by_vertex if n % 2 else coordinates.reshape(-1, 2))]
         expected = np.empty(len(struck))
-        for i, face in enumerate(struck.primitive_id.tolist()):
-            triangle = mesh.faces[face].tolist()
-            w = weights([moved[k] for k in triangle], exact(directions[i]))
-            assert min(w) >= 0
-            at = [uv[k] for k in triangle] if n % 2 else uv[3 * face : 3 * face + 3]
+        for i, (face, w) in enumerate(zip(struck.primitive_id.tolist(), shares, strict=True)):
+            at = [uv[k] for k in mesh.faces[face].tolist()] if n % 2 else uv[3 * face : 3 * face + 3]
             expected[i] = bilinear(texture, dot(w, [p[0] for p in at]), dot(w, [p[1] for p in at]))
         assert np.ptp(expected) > 1.5
         # Intensities are float32: half an ulp of rounding. The float64 errors before it are far less than the other.
