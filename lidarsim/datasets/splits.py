@@ -9,6 +9,7 @@ Source: D. E. Knuth, The Art of Computer Programming 3, 6.4 (Fibonacci hashing).
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -121,6 +122,12 @@ def check_splits(
     # A share is rounded by at most 2⁻⁵⁴, since it is at most 1, and their exact sum, close to 1, by at most 2⁻⁵³.
     if abs(math.fsum(shares) - 1.0) > len(shares) * 2.0**-54 + 2.0**-53:
         raise wrong("", "shares that sum to 1", repr(math.fsum(shares)))
+    if empty := [name for name, numbers in Splits(parts).sequences(sequences).items() if not numbers]:
+        logging.getLogger("lidarsim").warning(
+            "splits: none of %s is in %s; more sequences, or lists of them, give it some",
+            quantity(sequences, "sequence"),
+            ", ".join(empty),
+        )
     return parts
 
 

@@ -48,6 +48,13 @@ def test_shares_that_floats_cannot_hold() -> None:
         assert check_splits(given, 5) == given
 
 
+def test_splits_without_sequences_are_named(caplog: pytest.LogCaptureFixture) -> None:
+    check_splits({"train": 0.8, "val": 0.2}, 4)
+    assert not caplog.messages
+    check_splits({"train": 0.8, "val": 0.2}, 3)
+    assert caplog.messages == ["splits: none of 3 sequences is in val; more sequences, or lists of them, give it some"]
+
+
 @pytest.mark.parametrize(
     ("splits", "message"),
     [
