@@ -270,11 +270,11 @@ def test_constant_errors_have_their_standard_deviations() -> None:
         return abs(float((values**2).mean()) / 0.01 - 1) / math.sqrt(2 / values.size)
 
     assert share(draw(errors)) < 5
-    along, across = draw(scale)[:, 0], draw(misalignment)[:, 1:]
-    assert share(along) < 5
-    assert share(across) < 5
-    np.testing.assert_array_equal(draw(scale)[:, 1:], 0.0)
-    np.testing.assert_array_equal(draw(misalignment)[:, 0], 0.0)
+    scaled, misaligned = draw(scale), draw(misalignment)
+    assert share(scaled[:, 0]) < 5
+    assert share(misaligned[:, 1:]) < 5
+    np.testing.assert_array_equal(scaled[:, 1:], 0.0)
+    np.testing.assert_array_equal(misaligned[:, 0], 0.0)
 
 
 def test_errors_depend_on_seed_name_and_axis_only() -> None:

@@ -9,6 +9,7 @@ these intervals. So hits and misses are decided exactly. Square roots, and with 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -17,10 +18,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim.bench.scenes import Rays, Spec, World
+from lidarsim.bench.scenes import Floats, Integers, Rays, Spec, World
 
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
 Vector: TypeAlias = tuple[Fraction, Fraction, Fraction]
 Interval: TypeAlias = tuple[Fraction | float, Fraction | float]
 
@@ -69,12 +68,8 @@ def ulps(exact: Fraction, value: float) -> float:
 def _first_object(world: World, origin: Floats, direction: Floats) -> tuple[Fraction | None, int]:
     _, low, high = _parts(world)
     o, d = _vector(origin), _vector(direction)
-    best: tuple[Fraction | None, int] = None, -1
-    for index in np.flatnonzero(_may_meet(low, high, origin, direction)).tolist():
-        t = solid_hit(world.shapes[index], o, d)
-        if t is not None and (best[0] is None or t < best[0]):
-            best = t, index
-    return best
+    candidates = np.flatnonzero(_may_meet(low, high, origin, direction)).tolist()
+    return _nearest((solid_hit(world.shapes[index], o, d), index) for index in candidates)
 
 
 def _first_triangle(world: World, origin: Floats, direction: Floats) -> tuple[Fraction | None, int]:
@@ -86,12 +81,13 @@ def _first_triangle(world: World, origin: Floats, direction: Floats) -> tuple[Fr
     corners = vertices[faces[candidates]]
     kept = _may_pierce(corners - origin, direction)
     o, d = _vector(origin), _vector(direction)
-    best: tuple[Fraction | None, int] = None, -1
-    for index, triangle in zip(candidates[kept].tolist(), corners[kept], strict=True):
-        t = _triangle_hit(triangle, o, d)
-        if t is not None and (best[0] is None or t < best[0]):
-            best = t, index
-    return best
+    triangles = zip(candidates[kept].tolist(), corners[kept], strict=True)
+    return _nearest((_triangle_hit(triangle, o, d), index) for index, triangle in triangles)
+
+
+def _nearest(hits: Iterable[tuple[Fraction | None, int]]) -> tuple[Fraction | None, int]:
+    """Return the least t and its index; of equal t, the least index."""
+    return min(((t, index) for t, index in hits if t is not None), default=(None, -1))
 
 
 def solid_hit(spec: Spec, origin: Vector, direction: Vector) -> Fraction | None:

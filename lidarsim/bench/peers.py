@@ -18,14 +18,10 @@ from contextlib import contextmanager, redirect_stdout
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim.bench import scenes, textbook
-from lidarsim.bench.scenes import Rays, Spec, World
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
+from lidarsim.bench.scenes import Floats, Integers, Rays, Spec, World
 
 #: t of each ray, inf for a miss, and the triangle (for a mesh) or object that it hit, if the caster reports it.
 Found = tuple[Floats, Integers | None]
