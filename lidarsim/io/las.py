@@ -233,6 +233,8 @@ def save(
     start: float | datetime = 0.0,
 ) -> None:
     """Write one cloud."""
+    if fields["xyz"].dtype == np.float32:  # which would move points by more than the steps of the file
+        raise ArgumentValueError("float32", "a format with float32 coordinates", "LAS, which has integers")
     with _Points(file, _Reference.of(crs), compress=compress) as points:
         points.write(fields, start)
 

@@ -443,7 +443,7 @@ class PointCloud(PointColumns, Pickled, Plotted):
         float32 : bool, optional
             Write `xyz` as float32, or as float64 in formats that also allow this. Default: float64, but float32 in PCD
             if that keeps all coordinates to 0.1 mm, because the Point Cloud Library's own point types hold only
-            float32.
+            float32. LAS and LAZ, whose coordinates are integers, refuse float32.
         pose : RigidTransform or array_like, shape (4, 4), optional
             Rigid transform from the coordinates of the points to the world: the sensor's pose if they are in the sensor
             frame. PCD files hold it as VIEWPOINT, E57 and PTX files as the pose of the scan; other formats omit it.

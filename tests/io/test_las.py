@@ -565,6 +565,13 @@ def test_a_system_is_for_points_in_the_world_and_for_las(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_coordinates_are_not_rounded_to_float32(suffix: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^float32: expected a format with float32 coordinates, got LAS"):
+        PointCloud(xyz=[UTM]).save(tmp_path / f"a{suffix}", float32=True)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("start", "expected"),
     [
