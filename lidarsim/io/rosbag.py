@@ -243,6 +243,7 @@ class Writer(FileWriter):
         self.metadata: dict[str, Any] = {}
         self._files: Any = None
         self._begun: dict[str, _Open] = {}
+        self._starts: dict[str, int] = {}
         self._ticks: Iterator[int] = iter(())
         self._next = -1
         self._pending: list[tuple[int, int, Callable[[], None], Iterator[tuple[int, Callable[[], None]]]]] = []
@@ -276,8 +277,8 @@ class Writer(FileWriter):
         FileFormatError
             If a ring or a time does not fit in the layout.
         TypeError, ValueError
-            If these are no scans, no sensor has that name, the bag is not open, or a LaserScan is asked of a sensor
-            that is no 2D lidar.
+            If these are no scans, no sensor has that name, the bag is not open, a LaserScan is asked of a sensor that
+            is no 2D lidar, or a scan does not start after the last one of its sensor.
         """
         for name, scan in (scans if isinstance(scans, Mapping) else {self._only(): scans}).items():
             _check_type("scans", scan, Scan, "a Scan, or Scans by name")
@@ -293,6 +294,7 @@ class Writer(FileWriter):
         stamp = self._stamp(found.time)
         parts = {field.name: getattr(found, field.name) for field in dataclasses.fields(found) if field.name != "time"}
         message = self._ros.types[_LASER](header=self._header(stamp, name), **parts)
+        self._start_frame(name, scan.time)
         first = self._stamp(scan.time + float(scan.pulses.time[0]))
         last = self._stamp(scan.time + float(scan.pulses.time[-1]))
         with lost_writes():
@@ -328,11 +330,12 @@ class Writer(FileWriter):
         FileFormatError
             If a ring or a time does not fit in the layout.
         TypeError, ValueError
-            If this is no cloud, no sensor has that name, the bag is not open, or a cloud to be cut has no times.
+            If this is no cloud, no sensor has that name, the bag is not open, a cloud to be cut has no times, or the
+            frame does not start after the last one of its sensor.
         """
         _check_type("cloud", cloud, PointCloud, "a PointCloud")
         name = self._sensor(sensor)
-        stamp = self._stamp(time)
+        stamp = self._start_frame(name, time)
         layout = self._layouts.get(name) or layout_of(lidar)
         if layout == _LASER_LAYOUT:
             hint = "a cloud lacks the beams without a return"
@@ -504,6 +507,15 @@ class Writer(FileWriter):
         stamp = self._start + round(validation.real("time", time) * 1e9)
         if not 0 <= stamp < _LIMIT * 10**9:
             raise ArgumentValueError("time", "a time from 1970 to 2038 on the clock of the bag", f"{stamp / 1e9:g} s")
+        return stamp
+
+    def _start_frame(self, name: str, time: float) -> int:
+        """Return the stamp of the start of a frame, after checking that the sensor's last one started before."""
+        stamp = self._stamp(time)
+        if stamp <= (last := self._starts.get(name, -1)):
+            expected, hint = f"a frame of {name!r} after {(last - self._start) / 1e9} s", "Lidar.scan(…, time=) sets it"
+            raise ArgumentValueError("time", expected, f"one at {time} s", hint)
+        self._starts[name] = stamp
         return stamp
 
     def _advance(self, since: int, until: int) -> None:

@@ -311,7 +311,7 @@ def test_clouds_to_be_cut_have_times(tmp_path: Path) -> None:
     cloud = ls.PointCloud(xyz=np.ones((4, 3)))
     with rosbag.Writer(tmp_path / "a.mcap", cut="driver") as bag:
         bag.write_cloud(cloud)
-        bag.write_cloud(cloud, lidar=ls.Lidar(Grid([0.0], [0.0], rate=10.0)))
+        bag.write_cloud(cloud, 1.0, lidar=ls.Lidar(Grid([0.0], [0.0], rate=10.0)))
     assert len(clouds(tmp_path / "a.mcap")) == 2
     with (
         pytest.raises(ValueError, match="cloud: expected the time of each point, by which to cut, got no field time"),

@@ -749,6 +749,10 @@ def test_no_part_of_a_bag_is_taken_for_a_whole(suffix: str, cloud: PointCloud, t
         (lambda cloud, bag: bag.write_cloud(cloud), "sensor: expected the name of one of a, b, got none"),
         (lambda cloud, bag: bag.write_cloud(cloud, -1e10, sensor="a"), "time: expected a time from 1970 to 2038"),
         (lambda cloud, bag: bag.write_cloud(cloud, np.nan, sensor="a"), "time: expected a finite number, got nan"),
+        (
+            lambda cloud, bag: [bag.write_cloud(cloud, time, sensor=name) for time in (0.2, 0.1) for name in "ab"],
+            r"time: expected a frame of 'a' after 0\.2 s, got one at 0\.1 s; Lidar\.scan\(…, time=\) sets it",
+        ),
     ],
 )
 def test_bad_calls(use: Callable[[PointCloud, Any], None], message: str, cloud: PointCloud, tmp_path: Path) -> None:
@@ -1077,6 +1081,8 @@ def test_scans_of_2d_lidars_are_laser_scans(clockwise: bool, suffix: str, ros: A
     with rosbag.Writer(path, layout="laserscan", start=100.0) as bag:
         for scan in scans:
             bag.write(scan)
+        with pytest.raises(ValueError, match=r"after 0\.1 s, got one at 0\.1 s"):
+            bag.write(scans[1])
     found = messages(path, ros)["/lidar/scan"]
     assert len(found) == 2
     for (recorded, message), scan in zip(found, scans, strict=True):
