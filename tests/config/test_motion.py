@@ -166,7 +166,7 @@ def test_the_placement_beside_a_file_of_poses_is_that_of_its_world() -> None:
     run = ls.config.load("run.yaml", ["pose={file: drive.tum, position_m: [3, 2, 1], rotation_deg: {yaw: 30}}"])
     expected = (place((3, 2, 1), 30.0) @ drive).at(drive.times).as_matrix()
     assert np.array_equal(run.pose.at(drive.times).as_matrix(), expected)
-    assert "The placement beside a file is that of the world of the file" in " ".join(GUIDE.split())
+    assert "The placement beside a file places the world of the file" in " ".join(GUIDE.split())
 
 
 def test_velocities_of_nothing_leave_an_object_where_it_is() -> None:
