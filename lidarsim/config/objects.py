@@ -66,7 +66,7 @@ class Object(Part, Placement):
     label: int = 0
     """Class of its points."""
     instance: int | None = None
-    """Objects with the same number have one box. Default: the id + 1; so choose numbers above the number of objects."""
+    """Objects of one number have one box; 0: none in data sets. Default: the id + 1; choose numbers above all ids."""
     material: str | None = None
     """One of the [library](#materials); the keys below override its values."""
     reflectivity: Numbers = 1.0

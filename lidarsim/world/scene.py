@@ -307,7 +307,8 @@ class Scene(Pickled, Plotted):
             one each.
         instance : int, optional
             Number that distinguishes instances of a class, 0 to 2³² − 1; objects that are parts of one instance share
-            it. Default: the object's id + 1; so choose numbers above the number of objects.
+            it. Default: the object's id + 1; so choose numbers above the number of objects. Data sets have no box of
+            instance 0.
         material : Material, optional
             How its surface returns light. Default: a perfect diffuser.
         transform : array_like, shape (4, 4), or RigidTransform, optional
