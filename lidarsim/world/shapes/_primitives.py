@@ -75,12 +75,3 @@ def repeat(vertices: Floats, faces: npt.NDArray[np.uint32], count: int) -> npt.N
     """Return the faces of `count` copies of a triangulation whose vertices follow one another."""
     starts = np.arange(count, dtype=np.uint32)[:, None, None] * np.uint32(len(vertices))
     return (faces[None] + starts).reshape(-1, 3)
-
-
-def frames(normals: Floats) -> tuple[Floats, Floats]:
-    """Return unit vectors x and y so that x, y and the normal are right-handed, shape (n, 3) each."""
-    z = normals / np.abs(normals).max(axis=1, keepdims=True)  # whose squares neither overflow nor underflow
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=1)])
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return x, np.cross(z, x)

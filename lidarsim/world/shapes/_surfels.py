@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, array
 from lidarsim.errors import ArgumentValueError
-from lidarsim.world.shapes._primitives import frames, widths
+from lidarsim.world.shapes._primitives import widths
+from lidarsim.world.shapes._tessellation import frames
 
 FLAT = 2
 """How often the standard deviation across the plane of neighbours fits into the second largest one, at least."""
@@ -78,7 +79,7 @@ def surfels(points: Floats, normals: npt.ArrayLike | None, radii: npt.ArrayLike 
             normal[piece] = axes[:, 2]
         else:
             normal[piece] = given[index[piece]]
-            axes = np.stack([*frames(normal[piece]), normal[piece]], axis=1)
+            axes = frames(normal[piece])
         radius[piece] = _cell_radii(offsets[:, 1:] @ axes[:, :2].swapaxes(1, 2))
     is_isolated = np.zeros(count, bool)
     if given_radii is not None:

@@ -53,13 +53,16 @@ def segments(radius: float, chord_error: float | None) -> int:
     return max(8, 2 * math.ceil(count / 2))
 
 
-def frame(axis: Floats) -> Floats:
-    """Return an axis and two directions across it as unit vectors, right-handed: the rows are x, y and the axis."""
-    z = axis / np.abs(axis).max()  # whose square neither overflows nor underflows
-    z /= np.linalg.norm(z)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+def frames(axes: Floats) -> Floats:
+    """Return axes, shape (n, 3), and two directions across each as unit vectors, right-handed: (n, 3, 3).
+
+    The rows of each are x, y and the axis.
+    """
+    z = axes / np.abs(axes).max(axis=1, keepdims=True)  # whose squares neither overflow nor underflow
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=1)])
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def circle(radius: float, chord_error: float | None) -> Floats:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
-from lidarsim.world.shapes._tessellation import Triangles, frame, unit_capsule
+from lidarsim.world.shapes._tessellation import Triangles, frames, unit_capsule
 
 
 class Capsule(Shape):
@@ -82,4 +82,4 @@ class Capsule(Shape):
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, radius, axis = self.start, self.radius, self.end - self.start
         vertices, faces, is_end = unit_capsule(None if chord_error is None else chord_error / radius)
-        return start + radius * vertices @ frame(axis) + is_end[:, None] * axis, faces
+        return start + radius * vertices @ frames(axis[None])[0] + is_end[:, None] * axis, faces

@@ -11,7 +11,7 @@ from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze, short_repr
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.world.shapes._shape import Shape
-from lidarsim.world.shapes._tessellation import Triangles, circle, frame
+from lidarsim.world.shapes._tessellation import Triangles, circle, frames
 
 
 class Cylinder(Shape):
@@ -96,7 +96,7 @@ class Cylinder(Shape):
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, end = self.start, self.end
-        rim = circle(self.radius, chord_error) @ frame(end - start)
+        rim = circle(self.radius, chord_error) @ frames((end - start)[None])[0]
         count = len(rim)
         low, high = np.arange(count), np.arange(count) + count
         after = np.roll(low, -1)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
 from lidarsim.world.shapes._shape import Shape
-from lidarsim.world.shapes._tessellation import Triangles, circle, frame
+from lidarsim.world.shapes._tessellation import Triangles, circle, frames
 
 
 class Disk(Shape):
@@ -81,7 +81,7 @@ class Disk(Shape):
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
-        rim = self.center + circle(self.radius, chord_error) @ frame(self.normal)
+        rim = self.center + circle(self.radius, chord_error) @ frames(self.normal[None])[0]
         index = np.arange(len(rim))
         faces = np.stack([np.full_like(index, len(rim)), index, np.roll(index, -1)], axis=-1)
         return np.concatenate([rim, [self.center]]), faces.astype(np.uint32)

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base.validation import Floats, Transform, Vector, array, flag, freeze, integer
-from lidarsim.world.shapes._primitives import Primitives, frames, repeat, rows
+from lidarsim.world.shapes._primitives import Primitives, repeat, rows
 from lidarsim.world.shapes._surfels import surfels
-from lidarsim.world.shapes._tessellation import COARSE, Triangles, circle
+from lidarsim.world.shapes._tessellation import COARSE, Triangles, circle, frames
 
 
 class Disks(Primitives):
@@ -197,8 +197,7 @@ class Disks(Primitives):
             return np.empty((0, 3)), np.empty((0, 3), np.uint32)
         centers, radii, normals = all_rows[:, None, :3], all_rows[:, None, 3:4], all_rows[:, 4:]
         rim = circle(1.0, COARSE if chord_error is None else chord_error / float(radii.max()))
-        x, y = frames(normals)
-        points = centers + radii * (rim[:, :1] * x[:, None] + rim[:, 1:2] * y[:, None])
+        points = centers + radii * (rim @ frames(normals))
         last = np.arange(2, len(rim), dtype=np.uint32)
         faces = np.stack([np.zeros_like(last), last - np.uint32(1), last], axis=-1)  # a fan from the first vertex
         return points.reshape(-1, 3), repeat(rim, faces, len(all_rows))
