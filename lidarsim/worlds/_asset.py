@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from lidarsim._base.shown import quantity
 from lidarsim._base.validation import Floats, Transform, affine, short_repr
+from lidarsim._base.vectors import transforms
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.materials import Material
 from lidarsim.motion.trajectory import Trajectory
@@ -235,9 +236,7 @@ def move(vertices: Floats, to: npt.ArrayLike, yaw: float = 0.0) -> Floats:
 
 def translation(x: float, y: float, z: float) -> Floats:
     """Return the affine map, (4, 4), that moves by a vector."""
-    place = np.eye(4)
-    place[:3, 3] = x, y, z
-    return place
+    return transforms(np.eye(3), (x, y, z))
 
 
 def bridge(rings: Floats) -> Faces:
@@ -331,12 +330,11 @@ def lathe(
     profile: Sequence[tuple[float, float]], sides: int = 12, label: int = 0, material: Material | None = None
 ) -> Piece:
     """Return a solid of revolution about the z axis, of a profile of radii > 0 and heights, upwards."""
-    angle = 2 * np.pi * np.arange(sides) / sides
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    circle = np.column_stack(_circle(sides))
     rings = np.array([np.column_stack([radius * circle, np.full(sides, z)]) for radius, z in profile])
     return loft(rings, label, material)
 
 
 def along(axis: str, vertices: Floats) -> Floats:
     """Return vertices with the z axis turned to another: to "x" or "y", by a cyclic change of the axes."""
-    return vertices[:, {"x": [2, 0, 1], "y": [1, 2, 0]}[axis]]
+    return vertices[:, {"x": BACK, "y": TURN}[axis]]

@@ -23,7 +23,7 @@ from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import TriangleMesh
 from lidarsim.worlds import _labels as labels
 from lidarsim.worlds._asset import Asset, draw
-from lidarsim.worlds.buildings import BuildingKind, building
+from lidarsim.worlds.buildings import SIZES, BuildingKind, building
 from lidarsim.worlds.furnishings import OVERHEAD, FurnitureKind, furniture
 from lidarsim.worlds.pedestrians import pedestrian
 from lidarsim.worlds.plants import BED, TREES, TreeKind, tree
@@ -935,9 +935,4 @@ LOOSE = ("lamp", "sign", "traffic_light", "bin", "bench", "bollard", "person")
 """Names of what is left out where there is no room."""
 
 _BORDERS: tuple[Border, ...] = get_args(Border)
-_WIDTHS: dict[BuildingKind, Span] = {
-    "house": (8.0, 13.0),
-    "terrace": (8.0, 18.0),
-    "block": (16.0, 32.0),
-    "garage": (3.0, 9.0),
-}
+_WIDTHS = {kind: width for kind, (width, _, _) in SIZES.items()} | {"terrace": (8.0, 18.0)}

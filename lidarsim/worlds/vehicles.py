@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, Literal, get_args
+from typing import Any, Generic, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -35,23 +35,24 @@ VehicleKind = Literal["hatchback", "saloon", "estate", "suv", "van", "pickup", "
 VEHICLES: tuple[VehicleKind, ...] = get_args(VehicleKind)
 
 Span = tuple[float, float]
+T = TypeVar("T", float, Span)
 
 
 @dataclass(frozen=True)
-class Size:
-    """Least and greatest length, width, height and wheelbase, radius of a wheel and ground clearance, m."""
+class Size(Generic[T]):
+    """Length, width, height and wheelbase of a vehicle, radius of its wheels and ground clearance, m."""
 
-    length: Span
-    width: Span
-    height: Span
-    wheelbase: Span
-    wheel: Span
-    clearance: Span
+    length: T
+    width: T
+    height: T
+    wheelbase: T
+    wheel: T
+    clearance: T
 
 
 # From the manufacturers' technical data of the models that are named: the least and the greatest of both. Lorries and
 # buses keep within Council Directive 96/53/EC: 12 m by 2.55 m by 4 m.
-SIZES: dict[VehicleKind, Size] = {
+SIZES: dict[VehicleKind, Size[Span]] = {
     # Ford Fiesta (2008), Volkswagen Golf VII
     "hatchback": Size((3.95, 4.26), (1.72, 1.80), (1.45, 1.48), (2.49, 2.64), (0.29, 0.32), (0.13, 0.15)),
     # BMW 3 (E90), Mercedes-Benz E (W213)
@@ -73,18 +74,6 @@ SIZES: dict[VehicleKind, Size] = {
     # City bicycles with tyres of 37-622 to 47-622 (ISO 5775); without the rider
     "bicycle": Size((1.72, 1.82), (0.56, 0.64), (1.02, 1.12), (1.03, 1.10), (0.348, 0.358), (0.10, 0.12)),
 }
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """Length, width, height and wheelbase of a vehicle, radius of its wheels and ground clearance, m."""
-
-    length: float
-    width: float
-    height: float
-    wheelbase: float
-    wheel: float
-    clearance: float
 
 
 @dataclass(frozen=True)
@@ -213,7 +202,7 @@ def vehicle(kind: VehicleKind, rng: np.random.Generator, *, rider: bool = True) 
     one_of("kind", kind, VEHICLES)
     check_generator(rng)
     share = rng.random()  # long models are wide, too
-    size = Drawn(
+    size = Size(
         *(
             low + (high - low) * float(np.clip(share + rng.normal(0.0, 0.1), 0.0, 1.0))
             for low, high in vars(SIZES[kind]).values()
@@ -241,7 +230,7 @@ def _paint(rng: np.random.Generator) -> Material:
     return Material(reflectivity=value, specular=1.0, specular_width=0.1)
 
 
-def _body(kind: VehicleKind, size: Drawn, axles: tuple[float, ...], paint: Material) -> Iterator[Piece]:
+def _body(kind: VehicleKind, size: Size[float], axles: tuple[float, ...], paint: Material) -> Iterator[Piece]:
     """Yield the shell with its wells for the wheels, its panes, seats, plates and lamps."""
     profile, length, width, height = PROFILES[kind], size.length, size.width, size.height
     shell, shares = _shell(profile, size, axles)
@@ -267,7 +256,7 @@ BELT, RAIL, ROOF = 5, 6, 8
 """Those at the lower edge of a window, at its upper edge, and in the middle of the roof."""
 
 
-def _shell(profile: Profile, size: Drawn, axles: tuple[float, ...]) -> tuple[Piece, Floats]:
+def _shell(profile: Profile, size: Size[float], axles: tuple[float, ...]) -> tuple[Piece, Floats]:
     """Return the closed shell from tail to nose, and where its cross-sections are, from the nose, over the length."""
     width, height, clearance, wheel = size.width, size.height, size.clearance, size.wheel
     inner = size.length - 0.03  # plates and lamps stand out
@@ -322,7 +311,7 @@ def _glaze(shell: Piece, shares: Floats, profile: Profile, paint: Material) -> I
     yield shell.of(~is_glass, paint)
 
 
-def _lorry(size: Drawn, axles: tuple[float, ...], paint: Material) -> Iterator[Piece]:
+def _lorry(size: Size[float], axles: tuple[float, ...], paint: Material) -> Iterator[Piece]:
     """Yield cab, box and frame."""
     cab, length, width, height, wheel = 2.0, size.length, size.width, size.height, size.wheel
     profile = PROFILES["lorry"]
@@ -364,7 +353,9 @@ def _wheel(radius: float, thick: float) -> Iterator[Piece]:
         yield Piece(along("y", piece.vertices), piece.faces, material=piece.material)
 
 
-def _two_wheeler(kind: VehicleKind, rng: np.random.Generator, size: Drawn, paint: Material, *, rider: bool) -> Asset:
+def _two_wheeler(
+    kind: VehicleKind, rng: np.random.Generator, size: Size[float], paint: Material, *, rider: bool
+) -> Asset:
     """Return a bicycle or motorcycle, with its rider in the saddle, whose feet are on the pedals or pegs."""
     motor = kind == "motorcycle"
     rear, front = -size.wheelbase / 2, size.wheelbase / 2
@@ -420,7 +411,7 @@ def _bar(at: Span, width: float) -> Piece:
     )
 
 
-def _frame(size: Drawn, saddle: tuple[float, float, float], grips: Span, paint: Material) -> Iterator[Piece]:
+def _frame(size: Size[float], saddle: tuple[float, float, float], grips: Span, paint: Material) -> Iterator[Piece]:
     """Yield the tubes of a bicycle, with saddle, cranks and reflector."""
     wheel, rear, front = size.wheel, -size.wheelbase / 2, size.wheelbase / 2
     crank, seat, head = (
@@ -439,7 +430,7 @@ def _frame(size: Drawn, saddle: tuple[float, float, float], grips: Span, paint: 
     yield box((0.02, 0.06, 0.05), (rear - 0.1, 0, 0.7), material=REFLECTOR)
 
 
-def _motorcycle(size: Drawn, grips: Span, paint: Material) -> Iterator[Piece]:
+def _motorcycle(size: Size[float], grips: Span, paint: Material) -> Iterator[Piece]:
     """Yield engine, tank, seat, fork, swing arm, lamp, screen, plate and tail."""
     length, height, wheel, rear, front = size.length, size.height, size.wheel, -size.wheelbase / 2, size.wheelbase / 2
     x, z = grips
