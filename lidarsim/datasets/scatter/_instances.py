@@ -14,7 +14,7 @@ from pydantic import Discriminator, Field
 
 from lidarsim import worlds
 from lidarsim._base.validation import Floats, short_repr
-from lidarsim._base.vectors import product, turned_about_y
+from lidarsim._base.vectors import product, transforms, turned_about_y
 from lidarsim.config.factories import Scale
 from lidarsim.config.objects import SHAPES, AnyObject, GeneratedObject, Object, SceneFile, Surfels
 from lidarsim.config.poses import Placement
@@ -239,9 +239,7 @@ class Instance:
             sized = size @ part.affine
             if isinstance(body, Trajectory):
                 if own is not None and part.wheel:
-                    middle = np.eye(4)
-                    middle[:3, 3] = -own[0, :3, 3]
-                    sized = middle @ sized
+                    sized = transforms(np.eye(3), -own[0, :3, 3]) @ sized
                 parts.append(PlacedPart(part, sized, body if own is None else next(motions)))
             else:
                 parts.append(PlacedPart(part, body @ (sized if own is None else own[0] @ sized), None))

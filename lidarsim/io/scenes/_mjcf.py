@@ -446,9 +446,5 @@ def _stem(name: str) -> str:
 
 def _counts(text: str) -> list[int]:
     """Return the numbers in a text that are beyond 1, rounded up."""
-    found = []
-    for number in re.findall(r"\d+(?:\.\d*)?(?:[eE]\+?\d{1,2})?", text):
-        value = float(number)
-        if value > 1:
-            found.append(math.ceil(min(value, 1e18)))
-    return found
+    numbers = map(float, re.findall(r"\d+(?:\.\d*)?(?:[eE]\+?\d{1,2})?", text))
+    return [math.ceil(min(number, 1e18)) for number in numbers if number > 1]
