@@ -108,7 +108,7 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
     boxes: AnyBoxFilter = BoxFilter()
     """Selection of boxes."""
     key_every: Annotated[int, Field(ge=1)] = 1
-    """Every how many frames one is a key frame; the others are sweeps."""
+    """Every how many frames one is a key frame; the others are sweeps. Some lack the slower sensors of a rig."""
 
     @property
     def least_points(self) -> int:
