@@ -270,7 +270,7 @@ def test_all_arrays_are_described() -> None:
     described = ls.ScanBatch.__doc__
     assert described
     attributes = described.split("Attributes")[1].split("Notes")[0]
-    named = re.findall(r"[a-z_]+", " ".join(re.findall(r"^    (\S.*) : ", attributes, re.MULTILINE)))
+    named = re.findall(r"[a-z_]+", " ".join(re.findall(r"^(\S.*) : ", attributes, re.MULTILINE)))
     assert {*named} == {*ls.ScanBatch.__annotations__}
     fields = {*ls.ScanBatch.__annotations__} - {"seed", "frame", "time"}
     batch = CLEAR.scan_many(room(), poses(1), fields=fields)

@@ -187,7 +187,7 @@ def test_columns_are_those_of_the_core() -> None:
         assert (column.dtype, column.shape, column.of_returns) == (dtype.type, shape, of_returns), name
         assert np.array_equal(unused, np.full(shape, column.unused, dtype), equal_nan=True), name
         axes = ", ".join(["n", "k", *map(str, shape)]) if of_returns else "n,"
-        assert f"    {name} : ndarray of {dtype}, shape ({axes})" in (ls.Scan.__doc__ or ""), name
+        assert f"\n{name} : ndarray of {dtype}, shape ({axes})" in (ls.Scan.__doc__ or ""), name
         if name in cloud.fields:
             assert getattr(cloud, name).dtype == dtype, name
             assert name in ls.PointCloud.__annotations__, name

@@ -231,6 +231,7 @@ def _of_class(value: Any) -> Iterator[object]:
     if isinstance(value, enum.EnumMeta):
         yield [(name, member.value) for name, member in dict[str, Any](value.__members__).items()]
         members = {name: item for name, item in members.items() if isinstance(item, _METHODS)}
+    members.pop("__annotate_func__", None)  # it makes `__annotations__` from Python 3.14 on
     for name, item in sorted(members.items()):
         special = name.startswith("__") and name.endswith("__")
         if isinstance(item, _METHODS) or not (special or name == "_abc_impl" or isinstance(item, _NAMED)):

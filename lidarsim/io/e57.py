@@ -115,9 +115,12 @@ def _write(e57: Any, written: Any, columns: Fields, pose: Floats) -> None:
     scan.set("points", points)
     written.data3d.append(scan)
     writer = points.writer(buffers)
-    if n:
-        writer.write(n)
-    writer.close()
+    try:
+        if n:
+            writer.write(n)
+        writer.close()
+    finally:
+        del writer  # an error would keep it until the file is gone, to which it writes again when it is freed
 
 
 def load(file: BinaryIO) -> Fields:

@@ -4,6 +4,7 @@ Attributes, dtypes and documentation of `Scan`, `ScanBatch` and `PointCloud` fol
 columns that it computes, `measure/columns.rs`; `tests/test_scan.py` checks that it agrees with this one.
 """
 
+import inspect
 import math
 import textwrap
 from collections.abc import Callable
@@ -19,6 +20,16 @@ I32: TypeAlias = NDArray[np.int32]
 U8: TypeAlias = NDArray[np.uint8]
 U16: TypeAlias = NDArray[np.uint16]
 U32: TypeAlias = NDArray[np.uint32]
+
+DTYPES: dict[Any, type[np.number[Any]]] = {
+    F32: np.float32,
+    F64: np.float64,
+    I32: np.int32,
+    U8: np.uint8,
+    U16: np.uint16,
+    U32: np.uint32,
+}
+"""The dtype of each annotation: what an alias of NumPy's is made of differs between its versions."""
 
 Absent = TypeVar("Absent")
 """Type of a column that an object lacks: None, or Never if it then has no such attribute."""
@@ -50,7 +61,7 @@ class Column:
             sentences.append(f"{lacking} unless {self.condition}.")
             kind += ", or None" if lacking == "None" else ""
         text = textwrap.wrap(" ".join(filter(None, sentences)), 112)
-        return "".join([f"    {name} : {kind}\n", *(f"        {line}\n" for line in text)])
+        return "".join([f"{name} : {kind}\n", *(f"    {line}\n" for line in text)])
 
 
 declare: Any = Column
@@ -71,7 +82,7 @@ class HasColumns:
         for name, known in own.items():
             kind: Any = cls.__annotations__[name]
             array = get_args(kind)[0] if get_origin(kind) is Union else kind
-            cls._columns[name] = replace(known, dtype=get_args(get_args(array)[1])[0])
+            cls._columns[name] = replace(known, dtype=DTYPES[array])
             delattr(cls, name)
 
 
@@ -180,7 +191,7 @@ def with_columns(axes: str, *, lacking: str = "") -> Callable[[Class], Class]:
             kinds[name] |= None
             setattr(cls, name, None)
         cls.__annotations__ = kinds | cls.__annotations__
-        head, title, rest = (cls.__doc__ or "").partition("    Attributes\n    ----------\n")
+        head, title, rest = inspect.cleandoc(cls.__doc__ or "").partition("Attributes\n----------\n")
         if title:
             lines = (known.document(name, axes, lacking) for name, known in cls._columns.items())
             cls.__doc__ = "".join([head, title, *lines, rest])

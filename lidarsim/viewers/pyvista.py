@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -177,6 +179,7 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
     if path is None:
         require_display()
     pv = import_extra("pyvista", "pyvista", "this view")
+    _check_x11()
     # Silences VTK's reports of each kind of window that it tries without success.
     with (
         _DRAWING,
@@ -250,11 +253,23 @@ def _font() -> tuple[str, frozenset[int]]:
     return path, frozenset(fonts.FT2Font(path).get_charmap())
 
 
+NO_OPENGL = "no OpenGL to draw with: install libEGL (Debian, Ubuntu: apt install libegl1)"
+
+
+def _check_x11() -> None:
+    """Raise an error without libX11, which libEGL needs, too: VTK would crash when it makes a window on Linux."""
+    if sys.platform == "linux":
+        try:
+            ctypes.CDLL("libX11.so.6")
+        except OSError:
+            raise LidarsimError(NO_OPENGL) from None
+
+
 def _check_opengl(plotter: pyvista.Plotter, path: PathLike | None) -> None:
     window: Any = plotter.render_window
     window.Initialize()
     if path is not None and not window.GetInitialized():  # VTK would crash when drawing
-        raise LidarsimError("no OpenGL to draw with: install libEGL (Debian, Ubuntu: apt install libegl1)")
+        raise LidarsimError(NO_OPENGL)
 
 
 class _Stage:

@@ -510,7 +510,7 @@ def nasty(folder: Path) -> list[Any]:
             np.ma.masked_array([1.0, 2, 3], [0, 1, 0]),
             np.zeros(2, [("a", float)]),
             np.ones(3, ">f4"),
-            np.eye(3, dtype="m8"),
+            np.eye(3, dtype="m8[s]"),
         ),
         *(
             pose_at(1.0, 1e308, -1e308, 0),

@@ -377,7 +377,8 @@ def test_memory_of_each_layout(layout: str, suffix: str, tmp_path: Path) -> None
         tracemalloc.stop()
     assert len(message.cloud) == points
     for peak, whole in ((written, cloud), (read, message.cloud)):
-        assert peak < 2 * sum(getattr(whole, name).nbytes for name in whole.fields)
+        size = sum(getattr(whole, name).nbytes for name in whole.fields)
+        assert peak < 2 * size + 2**17  # the buffer in which zstd decompresses
 
 
 def test_points_are_dense_and_in_firing_order(cloud: PointCloud, ros: Any, tmp_path: Path) -> None:

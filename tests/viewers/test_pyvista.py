@@ -256,6 +256,18 @@ def test_no_opengl_is_an_error_instead_of_a_crash(tmp_path: Path) -> None:
     assert str(caught.value) == "no OpenGL to draw with: install libEGL (Debian, Ubuntu: apt install libegl1)"
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems draw without X11")
+def test_no_x11_is_an_error_instead_of_a_crash(
+    wall: PointCloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(name: str) -> None:
+        raise OSError(f"{name}: cannot open shared object file")
+
+    monkeypatch.setattr("ctypes.CDLL", refuse)
+    with pytest.raises(LidarsimError, match="no OpenGL to draw with: install libEGL"):
+        show(wall, save=tmp_path / "a.png")
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
 def test_window_without_a_display(wall: PointCloud, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
