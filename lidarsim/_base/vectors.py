@@ -15,6 +15,9 @@ from lidarsim.errors import ArgumentValueError
 CUBE = np.array(list(np.ndindex(2, 2, 2))) - 0.5
 """Corners of the cube of edge 1 around the origin."""
 
+FEW = 512
+"""Number of terms up to which `product` is quicker if it makes all of them at once."""
+
 
 def sigmas_of_axes(name: str, value: npt.ArrayLike) -> Floats:
     """Return the standard deviations of three axes, given as one or three."""
@@ -47,13 +50,53 @@ def normals(bits: np.random.Philox, shape: tuple[int, ...]) -> Floats:
 def product(left: Floats, right: Floats) -> Floats:
     """Return the products of matrices, of shape (…, n, m) and (…, m, k), with the same bits on every processor.
 
-    The terms are summed in order.
+    The terms are rounded, then summed in order; `@` leaves that to the BLAS, whose kernels differ between processors.
     """
-    terms = left[..., None] * right[..., None, :, :]
-    total: Floats = terms[..., 0, :]
-    for k in range(1, terms.shape[-2]):
-        total = total + terms[..., k, :]
+    if left.size * right.shape[-1] <= FEW:
+        small: Floats = (left[..., None] * right[..., None, :, :]).sum(axis=-2)
+        return small
+    total: Floats = left[..., :1] * right[..., :1, :]
+    for k in range(1, left.shape[-1]):
+        total = total + left[..., k : k + 1] * right[..., k : k + 1, :]
     return total
+
+
+def products(matrices: Floats, vectors: Floats) -> Floats:
+    """Return the products of matrices, of shape (…, n, m), and vectors, of shape (…, m), as `product` does."""
+    total: Floats = (matrices * vectors[..., None, :]).sum(axis=-1)
+    return total
+
+
+def inverse(affine: Floats) -> Floats:
+    """Return the inverse of an affine map, of shape (4, 4), with the same bits on every processor."""
+    cofactors, determinant = _cofactors(affine[:3, :3])
+    back = cofactors.T / determinant
+    return transforms(back, -products(back, affine[:3, 3]))
+
+
+def nearest_orthogonal(matrix: Floats) -> Floats:
+    """Return the orthogonal matrix nearest to an invertible one, (3, 3), with the same bits on every processor.
+
+    That is the orthogonal factor of its polar decomposition, by Newton's iteration X → (X + X⁻ᵀ)/2 (N. J. Higham 1986,
+    Computing the polar decomposition, SIAM J. Sci. Stat. Comput. 7). Singular values σ become (σ + 1/σ)/2 ≥ 1, so that
+    each step, whose singular values are |σ − 1/σ|/2, is shorter than the last until only rounding errors are left.
+    """
+    found, before = matrix, math.inf
+    while True:
+        cofactors, determinant = _cofactors(found)
+        step = (cofactors / determinant - found) / 2
+        length = math.hypot(*step.flat)
+        if not length < before:
+            return found
+        found, before = found + step, length
+
+
+def _cofactors(matrix: Floats) -> tuple[Floats, float]:
+    """Return the cofactors of a matrix, (3, 3), and its determinant."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    of_a, of_b, of_c = e * i - f * h, f * g - d * i, d * h - e * g
+    others = (c * h - b * i, a * i - c * g, b * g - a * h), (b * f - c * e, c * d - a * f, a * e - b * d)
+    return np.array([(of_a, of_b, of_c), *others]), a * of_a + b * of_b + c * of_c
 
 
 def turned_about_y(point: npt.ArrayLike, angle: Floats) -> Floats:

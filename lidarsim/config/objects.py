@@ -16,6 +16,7 @@ from lidarsim import worlds
 from lidarsim._base.files import load_array
 from lidarsim._base.shown import format_size, plain
 from lidarsim._base.validation import ask
+from lidarsim._base.vectors import product
 from lidarsim.config.factories import (
     FloatOrText,
     Grouping,
@@ -93,7 +94,7 @@ class Object(Part, Placement):
         material = more.pop("material", None) or self._material(place)
         transform, motion = self._place(place)
         if inner is not None:
-            transform = inner if transform is None else transform @ inner
+            transform = inner if transform is None else product(transform, inner)
         more = {"transform": transform, "motion": motion, "shape": shape, "material": material, **more}
         construct(scene.add, self, ["name", "label", "instance"], place, **more)
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, short_repr
+from lidarsim._base.vectors import inverse, product
 from lidarsim.datasets.draws import Stream
 from lidarsim.datasets.frames import boxes_at
 from lidarsim.datasets.samples import Annotation, Record, Sample
@@ -53,7 +54,7 @@ def samples(recipe: Recipe, run: Run, sequence: int, frame: int, scans: Mapping[
             cloud = scan.point_cloud(frame_of, deskew=deskew, deskew_movers=moves, fields=fields)
             labels = layout.box_filter.labels(recipe.class_names)
             found = scan.boxes(frame=frame_of, deskew=deskew, min_points=layout.least_points, labels=labels)
-            here = body[:3, 3] if frame_of == "world" else (np.linalg.inv(pose) @ body)[:3, 3]
+            here = body[:3, 3] if frame_of == "world" else product(inverse(pose), body)[:3, 3]
             found = found[layout.box_filter.of(found, here)]
         if change:
             needed = (held & {*cloud.fields}) | ({"instance"} if layout.box_filter else set())

@@ -16,7 +16,7 @@ from lidarsim._base.labels import Labels
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import html_table, plain, quantity, text_table
 from lidarsim._base.validation import Floats, array, as_index
-from lidarsim._base.vectors import CUBE
+from lidarsim._base.vectors import CUBE, inverse, nearest_orthogonal, product, products
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.raster import FIXED
@@ -231,10 +231,10 @@ def boxes_of(
     farthest = distance + np.abs(sensor[:, :3, 3]).max(initial=0.0)
     size = _round_up(size, center, farthest)
     back = sensor[:, :3, :3].transpose(0, 2, 1)
-    seen_center, seen_rotation = _turn(back, center - sensor[:, :3, 3]), back @ rotation
+    seen_center, seen_rotation = products(back, center - sensor[:, :3, 3]), product(back, rotation)
     truncation = _truncation(_corners(seen_center, size, seen_rotation), scan.pulses, scan.lidar.max_range)
     if not in_world:
-        center, rotation, velocity = seen_center, seen_rotation, _turn(back, velocity)
+        center, rotation, velocity = seen_center, seen_rotation, products(back, velocity)
     return Boxes(
         center=center,
         size=size,
@@ -252,14 +252,8 @@ def boxes_of(
 
 
 def _corners(center: Floats, size: Floats, rotation: Floats) -> Floats:
-    corners: Floats = center[:, None] + (CUBE * size[:, None]) @ rotation.transpose(0, 2, 1)
+    corners: Floats = center[:, None] + product(CUBE * size[:, None], rotation.transpose(0, 2, 1))
     return corners
-
-
-def _turn(rotation: Floats, vectors: Floats) -> Floats:
-    """Return the products of n matrices and n vectors."""
-    turned: Floats = (rotation @ vectors[:, :, None])[:, :, 0]
-    return turned
 
 
 def _round_up(size: Floats, center: Floats, farthest: float) -> Floats:
@@ -295,7 +289,9 @@ class _Instances:
     axes : ndarray of float64, shape (m, 3, 3)
         Axes of each box before any motion, in columns; nan until `measure` has been called.
     extent : ndarray of float64, shape (m, 2, 3)
-        Lowest and highest coordinates along the axes, before any motion; nan, too, if parts move apart.
+        Lowest and highest coordinates along the axes, before any motion, of the parts that move as the first does.
+    apart : sequence of sequence of SceneObject
+        Of each instance, the parts that do not.
     moves : ndarray of bool, shape (m,)
         Whether any part moves.
     scenes : dict
@@ -308,6 +304,7 @@ class _Instances:
     label: npt.NDArray[np.uint32]
     axes: Floats
     extent: Floats
+    apart: Sequence[Sequence[SceneObject]]
     moves: npt.NDArray[np.bool_]
     scenes: dict[frozenset[int], tuple[_native.Scene, npt.NDArray[np.uint32]]] = field(default_factory=dict)
 
@@ -327,8 +324,8 @@ class _Instances:
         """Find the axes and extents of some instances, once."""
         for instance in which[np.isnan(self.axes[which, 0, 0])].tolist():
             parts, axes = self.parts[instance], _axes(self.parts[instance][0])
-            if all(item.motion is parts[0].motion for item in parts):
-                self.extent[instance] = _extent(parts, axes.T @ np.eye(3, 4), None)
+            together = [item for item in parts if item.motion is parts[0].motion]
+            self.extent[instance] = _extent(together, np.hstack([axes.T, np.zeros((3, 1))]), None)
             self.axes[instance] = axes  # last: it says that the rest is there
 
     def boxes(self, which: npt.NDArray[np.intp], time: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -343,13 +340,14 @@ class _Instances:
             if motion is not None:
                 body[k] = motion._native.at(moment)[0]
                 linear[k], angular[k] = motion._native.velocity(moment)[0]
-            if np.isnan(extent[k]).any():
-                extent[k] = _extent(parts, axes[k].T @ np.linalg.inv(body[k])[:3], moment)
+            if apart := self.apart[which[k]]:
+                low, high = _extent(apart, product(axes[k].T, inverse(body[k])[:3]), moment)
+                extent[k] = np.minimum(extent[k, 0], low), np.maximum(extent[k, 1], high)
         turn = body[:, :3, :3]
-        middle = _turn(axes, extent.mean(axis=1))
-        center = _turn(turn, middle) + body[:, :3, 3]
-        velocity = linear + _turn(turn, np.cross(angular, middle))
-        return center, extent[:, 1] - extent[:, 0], turn @ axes, velocity
+        middle = products(axes, extent.mean(axis=1))
+        center = products(turn, middle) + body[:, :3, 3]
+        velocity = linear + products(turn, np.cross(angular, middle))
+        return center, extent[:, 1] - extent[:, 0], product(turn, axes), velocity
 
 
 _KNOWN: WeakKeyDictionary[Snapshot, _Instances] = WeakKeyDictionary()
@@ -379,6 +377,7 @@ def _instances_in(world: Snapshot) -> _Instances:
         label=np.array([_label(own[0]) for own in parts], np.uint32),
         axes=np.full((len(instances), 3, 3), np.nan),
         extent=np.full((len(instances), 2, 3), np.nan),
+        apart=[[item for item in own if item.motion is not own[0].motion] for own in parts],
         moves=np.array([any(item.motion is not None for item in own) for own in parts], bool),
     )
     return made
@@ -400,8 +399,7 @@ def _axes(item: SceneObject) -> Floats:
     """
     if item.transform is None:
         return np.eye(3)
-    u, _, vh = np.linalg.svd(item.transform[:3, :3])  # of the polar decomposition, the nearest orthogonal matrix is U·V
-    nearest: Floats = u @ vh
+    nearest = nearest_orthogonal(item.transform[:3, :3])
     up = int(np.abs(nearest[2]).argmax())
     z = nearest[:, up] * np.copysign(1.0, nearest[2, up])
     x = nearest[:, 1 if up == 0 else 0]
@@ -415,14 +413,11 @@ def _extent(parts: Sequence[SceneObject], view: Floats, moment: Floats | None) -
 
     They are where they are at a moment, s, shape (1,); None: before their motion.
     """
-    ends = []
-    for item in parts:
-        place = view
-        if moment is not None and item.motion is not None:
-            place = place @ item.motion._native.at(moment)[0]
-        if item.transform is not None:
-            place = place @ item.transform
-        ends.append(item.shape._extent(place))
+    still = np.eye(4)
+    motions = [still if moment is None or item.motion is None else item.motion._native.at(moment)[0] for item in parts]
+    transforms = [still if item.transform is None else item.transform for item in parts]
+    places = product(product(view, np.array(motions)), np.array(transforms))
+    ends = [item.shape._extent(place) for item, place in zip(parts, places, strict=True)]
     low, high = np.array(ends).transpose(1, 0, 2)
     return np.stack([low.min(axis=0), high.max(axis=0)])
 

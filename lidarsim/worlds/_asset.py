@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lidarsim._base.shown import quantity
 from lidarsim._base.validation import Floats, Transform, affine, short_repr
-from lidarsim._base.vectors import transforms
+from lidarsim._base.vectors import product, transforms
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.materials import Material
 from lidarsim.motion.trajectory import Trajectory
@@ -161,7 +161,7 @@ class Asset:
                     label=part.label if label is None else label,
                     instance=instance if instance is not None or not ids else ids[0] + 1,
                     material=part.material,
-                    transform=outer if inner is None else inner if outer is None else outer @ inner,
+                    transform=outer if inner is None else inner if outer is None else product(outer, inner),
                     motion=motion,
                 )
             )
@@ -230,7 +230,7 @@ def draw(rng: np.random.Generator, span: Sequence[float]) -> float:
 def move(vertices: Floats, to: npt.ArrayLike, yaw: float = 0.0) -> Floats:
     """Return vertices turned about the z axis, then moved."""
     c, s = np.cos(yaw), np.sin(yaw)
-    turned: Floats = vertices @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + np.asarray(to)
+    turned: Floats = product(vertices, np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])) + np.asarray(to)
     return turned
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarsim._base.validation import Floats
-from lidarsim._base.vectors import turned_about_y
+from lidarsim._base.vectors import product, turned_about_y
 from lidarsim.world.shapes import Capsule, Ellipsoid, Shape
 
 __all__ = ["FASTEST", "HIP", "LIMBS", "figure", "gait_rate", "limbs", "postures"]
@@ -122,10 +122,10 @@ def postures(height: float, phase: Floats, relative_speed: Floats) -> list[Float
         for side, hip, knee, ankle, elbow, shoulder in zip((1.0, -1.0), *flexions, shoulders, strict=True)
     ]
     ends = np.array([(*end, 1.0) for end in (HEEL, TOE)]).T * [[height], [height], [height], [1.0]]
-    lowest = np.min([(chain[2][:, 2] @ ends).min(axis=1) for chain in chains], axis=0) - FOOT_RADIUS * height
+    lowest = np.min([product(chain[2][:, 2], ends).min(axis=1) for chain in chains], axis=0) - FOOT_RADIUS * height
     up = np.tile(np.eye(4), (len(phase), 1, 1))
     up[:, 2, 3] = -lowest
-    return [up, up, *(up @ pose for chain in chains for pose in chain)]
+    return [up, up, *(product(up, pose) for chain in chains for pose in chain)]
 
 
 def figure(
@@ -154,7 +154,7 @@ def figure(
     for index, side in enumerate((1.0, -1.0)):
         flexion = (np.radians([pair[index]]) for pair in (hip, knee, ankle, shoulder, elbow))
         thigh, shank, foot, upper, fore = _chain(height, side, *flexion)
-        poses += [thigh, shank, foot, torso @ upper, torso @ fore]
+        poses += [thigh, shank, foot, product(torso, upper), product(torso, fore)]
     return [pose[0] for pose in poses]
 
 
@@ -163,10 +163,10 @@ def _chain(  # noqa: PLR0917 - the joints, from the hip on
 ) -> list[Floats]:
     """Return the poses of thigh, shank, foot, upper arm and forearm of a side, 1 for the left, by the flexions, rad."""
     thigh = turned_about_y((0, side * HALF_HIPS * height, 0), -hip)
-    shank = thigh @ turned_about_y((0, 0, -THIGH * height), knee)
-    foot = shank @ turned_about_y((0, 0, -SHANK * height), -ankle)
+    shank = product(thigh, turned_about_y((0, 0, -THIGH * height), knee))
+    foot = product(shank, turned_about_y((0, 0, -SHANK * height), -ankle))
     upper = turned_about_y((0, side * (HALF_SHOULDERS + 0.01) * height, 0.95 * TORSO * height), -shoulder)
-    fore = upper @ turned_about_y((0, 0, -UPPER_ARM * height), -elbow)
+    fore = product(upper, turned_about_y((0, 0, -UPPER_ARM * height), -elbow))
     return [thigh, shank, foot, upper, fore]
 
 

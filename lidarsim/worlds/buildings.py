@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Literal, get_args
 
@@ -157,7 +158,7 @@ def _walls(
     total = 0
     for side, start in enumerate(outline):
         end = outline[(side + 1) % len(outline)]
-        long = float(np.linalg.norm(end - start))
+        long = math.hypot(*(end - start))
         blind = kind == "garage" or (kind == "terrace" and side % 2 == 0)  # in a row, the next house is there
         count = max(0, int((long - gap) / (window + gap)))
         if blind:
@@ -203,7 +204,7 @@ def _wall(
 
     Two faces of each cell come first, then those of the reveals between cells of different depth.
     """
-    along = (end - start) / np.linalg.norm(end - start)
+    along = (end - start) / math.hypot(*(end - start))
     inward = np.array([-along[1], along[0]])
 
     edge = _between(start, end, share)

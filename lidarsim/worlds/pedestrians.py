@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lidarsim import materials
 from lidarsim._base.validation import Floats, one_of, real
+from lidarsim._base.vectors import product, products
 from lidarsim.materials import Material
 from lidarsim.world.shapes import Capsule, Ellipsoid, Shape, TriangleMesh
 from lidarsim.worlds import _walker
@@ -126,7 +127,7 @@ def _figure(
         poses = [pose[-1] for pose in _walker.postures(height, np.array([phase]), np.array([speed]))]
         if arms:
             still = _walker.figure(height, hip=(0, 0), knee=(0, 0), **arms)
-            poses = [poses[0] @ still[k] if k in ARMS else pose for k, pose in enumerate(poses)]
+            poses = [product(poses[0], still[k]) if k in ARMS else pose for k, pose in enumerate(poses)]
         return _dress(rng, height, poses)
     bent: dict[str, Any]
     if posture == "sitting":
@@ -152,7 +153,7 @@ def person(
 ) -> list[Part]:
     """Return the limbs of a person with the hips at a place, bent by `_walker.figure`."""
     shift = translation(*hips)
-    poses = [shift @ pose for pose in _walker.figure(height, **flexion)]
+    poses = [product(shift, pose) for pose in _walker.figure(height, **flexion)]
     return _dress(rng, height, poses, label, helmet=helmet)
 
 
@@ -232,7 +233,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
         body = _make_rounded((0.75, 0.4, 0.3), (x, 0, 0.62), materials.CLOTH)
         hood = _make_rounded((0.35, 0.42, 0.3), (x + 0.2, 0, 0.85), materials.CLOTH_DARK)
         limbs = _walker.figure(height, hip=(0, 0), knee=(0, 0), **PUSHING)
-        left, right = (limbs[arm] @ (0, 0, -_walker.FOREARM * height, 1) for arm in (6, 11))
+        left, right = (products(limbs[arm], np.array([0, 0, -_walker.FOREARM * height, 1])) for arm in (6, 11))
         hands = [(*hand[:2], hips + hand[2]) for hand in (left, right)]
         bars = [
             tube(ends, 0.015, 6, material=materials.PAINTED_METAL)

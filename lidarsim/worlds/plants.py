@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from lidarsim import materials
 from lidarsim._base.validation import Floats, one_of, real, short_repr
+from lidarsim._base.vectors import product
 from lidarsim.errors import ArgumentValueError
 from lidarsim.materials import Material
 from lidarsim.world.shapes import Disks
@@ -183,7 +185,9 @@ def _twigs(kind: TreeKind, rng: np.random.Generator, foot: float, tall: float, r
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     deep = rng.uniform(0.45, 0.9, count)[:, None]
     # A crown is not round: it bulges in some directions.
-    lumps = 1 + 0.3 * np.sin(ways @ rng.normal(0, 2.5, (3, 3)) + rng.uniform(0, 6, 3)).mean(axis=1, keepdims=True)
+    lumps = 1 + 0.3 * np.sin(product(ways, rng.normal(0, 2.5, (3, 3))) + rng.uniform(0, 6, 3)).mean(
+        axis=1, keepdims=True
+    )
     half = (tall - foot) / 2
     points: Floats = ways * deep * lumps * (radius, radius, half) + (0, 0, foot + half)
     return points
@@ -205,7 +209,7 @@ def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, ta
         height = np.clip(end[2] - 0.6 * np.hypot(*end[:2]), fork, 0.9 * top[2])
         share = (height - fork) / (top[2] - fork)
         start = np.array([*(bend[0] + share * (bend[1] - bend[0])), height])
-        knee = (start + end) / 2 - (0, 0, 0.08 * np.linalg.norm(end - start))
+        knee = (start + end) / 2 - (0, 0, 0.08 * math.hypot(*(end - start)))
         thick = radius * (0.45 - 0.25 * share)
         pieces.append(tube([start, knee, end], [thick, 0.6 * thick, 0.2 * thick], 5, VEGETATION, materials.BARK))
     return pieces

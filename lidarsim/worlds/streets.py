@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from lidarsim import materials
 from lidarsim._base.validation import Floats, integer, one_of, real
+from lidarsim._base.vectors import product
 from lidarsim.materials import Material
 from lidarsim.world.scene import Scene
 from lidarsim.world.shapes import TriangleMesh
@@ -497,7 +498,7 @@ def _turn(comes: Line, goes: Line) -> Line:
     corner = np.array([goes[0][0], comes[0][1]] if along_s else [comes[0][0], goes[0][1]])
     before, after = corner - comes[0], np.asarray(goes[1]) - corner
     size = 6.0
-    start, stop = corner - size * before / np.linalg.norm(before), corner + size * after / np.linalg.norm(after)
+    start, stop = corner - size * before / math.hypot(*before), corner + size * after / math.hypot(*after)
     t = np.linspace(0, 1, 13)[:, None]
     bend = (1 - t) ** 2 * start + 2 * t * (1 - t) * corner + t**2 * stop
     return (comes[0], *map(tuple, bend.tolist()), goes[1])
@@ -509,7 +510,7 @@ def _place(plan: Plan, lines: Sequence[Line]) -> list[Floats]:
     for line in lines:
         points = np.asarray(line, float)
         pieces = [
-            np.linspace(start, stop, max(2, int(np.ceil(np.linalg.norm(stop - start)))), endpoint=False)
+            np.linspace(start, stop, max(2, math.ceil(math.hypot(*(stop - start)))), endpoint=False)
             for start, stop in pairwise(points)
         ]
         dense.append(np.concatenate([*pieces, points[-1:]]))
@@ -679,7 +680,7 @@ class _Builder:
         for (asset, name, _), place in zip(self.puts, places, strict=True):
             if name == "building":
                 low, high = _footprint(asset)
-                at = (places[:, :2, 3] - place[:2, 3]) @ place[:2, :2]
+                at = product(places[:, :2, 3] - place[:2, 3], place[:2, :2])
                 indoors |= ((low - reach[:, None] < at) & (at < high + reach[:, None])).all(axis=1)
         return indoors
 

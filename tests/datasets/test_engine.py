@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import platform
 import resource
 import signal
 import subprocess
@@ -29,6 +30,19 @@ from lidarsim.errors import FileFormatError, LidarsimError
 Tree = Callable[[Path], dict[str, str]]
 
 samples = engine.samples
+
+ON_A_PROCESSOR = """
+import hashlib, sys
+import numpy as np
+import lidarsim as ls
+draw = np.random.default_rng(0)
+print(hashlib.sha256(draw.random((100, 3, 3)) @ draw.random((100, 3, 3))).hexdigest())
+for layout in ("kitti", "nuscenes", "openpcdet", "shards"):
+    choice = [f"layout.type={layout}", "splits={train: 1.0}"]
+    ls.generate("detection", f"{sys.argv[1]}/{layout}", sequences=1, frames=2, overrides=choice, pictures=0)
+ls.generate("segmentation", f"{sys.argv[1]}/labels", sequences=1, frames=2, overrides=choice[1:], pictures=0)
+"""
+"""Prints a hash of products of the BLAS, then makes data sets."""
 
 DRIVE = [
     "run.sensor={preset: velodyne-vlp16}",
@@ -448,3 +462,19 @@ def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFi
     ended, printed = run("--verify", "-o", out)
     assert ended == 2
     assert "1 file not as in the manifest: sequences/00/velodyne/000000.bin" in printed
+
+
+@pytest.mark.slow("data sets have the same bytes on any processor")
+@pytest.mark.skipif(platform.machine() not in {"x86_64", "AMD64"}, reason="names of kernels of x86 processors")
+def test_the_same_bytes_with_the_blas_of_any_processor(tmp_path: Path, tree: Tree) -> None:
+    """OpenBLAS takes kernels for the processor: that of a Haswell fuses products and sums, that of a Nehalem cannot."""
+    made, products = [], set()
+    for kernel in ("Haswell", "Nehalem"):
+        environment = os.environ | {"OPENBLAS_CORETYPE": kernel}
+        command = [sys.executable, "-c", ON_A_PROCESSOR, str(tmp_path / kernel)]
+        products.add(subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout)
+        made.append(tree(tmp_path / kernel))
+    if len(products) == 1:
+        pytest.skip("no OpenBLAS")
+    assert len(made[0]) > 50
+    assert made[0] == made[1]

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim._base.vectors import CUBE
+from lidarsim._base.vectors import CUBE, inverse, product, products
 from lidarsim.config.factories import Model
 from lidarsim.datasets.layouts._camera import view_of_box
 from lidarsim.datasets.layouts._detection import IGNORED, SETS, Detection, Upright, upright, write_sets
@@ -110,7 +110,7 @@ are black, and only tell their size.
             return ""
         around, rectangle, truncation = view
         size, yaw = around.size, around.yaw
-        x, y, z = (TO_CAMERA[:3, :3] @ (box.center - np.array([0.0, 0.0, size[2] / 2]))).tolist()
+        x, y, z = products(TO_CAMERA[:3, :3], box.center - np.array([0.0, 0.0, size[2] / 2])).tolist()
         length, width, height = size.tolist()
         rotation = _wrap_angle(-yaw - math.pi / 2)
         alpha = _wrap_angle(rotation - math.atan2(x, z))
@@ -140,12 +140,12 @@ are black, and only tell their size.
             if camera.focal * abs(off) - half * ahead > reach * math.hypot(camera.focal, half):
                 return None
         around = upright(box)
-        corners = CUBE * around.size @ around.axes.T + around.center
-        view = view_of_box(corners @ TO_CAMERA[:3, :3].T, camera.projection, camera.width, camera.height)
+        corners = product(CUBE * around.size, around.axes.T) + around.center
+        view = view_of_box(product(corners, TO_CAMERA[:3, :3].T), camera.projection, camera.width, camera.height)
         return None if view is None else (around, *view)
 
     def _calibration(self, record: Record) -> bytes:
-        body_to_sensor = np.linalg.inv(record.matrix) @ record.body_matrix
+        body_to_sensor = product(inverse(record.matrix), record.body_matrix)
         matrices = {f"P{index}": self.camera.projection for index in range(4)}
         matrices |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": TO_CAMERA[:3], "Tr_imu_to_velo": body_to_sensor[:3]}
         return calibration(matrices)

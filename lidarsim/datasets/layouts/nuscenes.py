@@ -38,6 +38,7 @@ import numpy as np
 from pydantic import Field
 
 from lidarsim._base.validation import Floats, short_repr
+from lidarsim._base.vectors import inverse, product
 from lidarsim.datasets.layouts._images import black_png
 from lidarsim.datasets.layouts._layout import (
     AnyBoxFilter,
@@ -324,7 +325,7 @@ class _Tables:
                         "num_radar_pts": 0,
                         "prev": tokens[index],
                         "next": tokens[index + 2],
-                        **_pose(record.matrix @ box.matrix),
+                        **_pose(product(record.matrix, box.matrix)),
                     }
 
     def log(self) -> Iterator[dict[str, Any]]:
@@ -350,7 +351,7 @@ class _Tables:
                 yield {
                     "token": self.token("calibrated_sensor", record.sequence, name),
                     "sensor_token": self.token("sensor", _channel(name)),
-                    **_pose(np.linalg.inv(record.body_matrix) @ record.matrix),
+                    **_pose(product(inverse(record.body_matrix), record.matrix)),
                     "camera_intrinsic": [],
                 }
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 import yaml
 
+from lidarsim._base.vectors import inverse, product
 from lidarsim.datasets.layouts._kitti import TO_CAMERA, calibration, read_points
 from lidarsim.datasets.layouts._layout import Extra, Files, SampleFiles, Summary, encode, number_name, root
 from lidarsim.datasets.samples import Record, Sample
@@ -100,11 +101,13 @@ def _finish(files: Files, records: list[Record]) -> None:
     numbers = [record.extra["number"] for record in records]
     if numbers != [*range(len(records))]:  # the rate varies between frames
         raise LidarsimError(f"{folder}: expected frames numbered from 0 to {len(records) - 1}, got {numbers[:20]} …")
-    first = np.linalg.inv(records[0].matrix)
+    first = inverse(records[0].matrix)
     to_sensor = TO_CAMERA.T  # the inverse of a rotation
     poses = BytesIO()
     # The first pose is the exact identity, not the rounded product of a matrix and its inverse.
-    relative = np.array([np.eye(4), *(TO_CAMERA @ (first @ record.matrix) @ to_sensor for record in records[1:])])
+    relative = np.array(
+        [np.eye(4), *(product(product(TO_CAMERA, product(first, record.matrix)), to_sensor) for record in records[1:])]
+    )
     write_poses(np.zeros(len(records)), relative, poses)
     files.write(f"{folder}/poses.txt", poses.getvalue())
     times = (f"{record.seconds - records[0].seconds:.9e}\n" for record in records)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarsim._base.validation import Floats
+from lidarsim._base.vectors import product
 from lidarsim.config.objects import GeneratedObject
 from lidarsim.datasets.draws import Stream
 from lidarsim.datasets.scatter._group import Scatter
@@ -239,7 +240,7 @@ def _objects_passed_through(run: Run, times: Floats) -> dict[str, float]:
         scene.add(item.shape, transform=item.transform)
     poses = run.pose.at(np.clip(times, *run.pose.span)).as_matrix()
     for mount in [part.mount for part in run.sensor.values()] if isinstance(run.sensor, Rig) else [np.eye(4)]:
-        positions = (poses @ mount)[:, :3, 3]
+        positions = product(poses, mount)[:, :3, 3]
         steps_of = np.diff(positions, axis=0)
         there = np.flatnonzero(steps_of.any(axis=1))
         if len(there):
@@ -379,7 +380,7 @@ def _tilt(poses: Floats, corners: Floats, height: Floats, low: float) -> None:
     x = np.stack([one, none, ahead], axis=1) / np.hypot(1.0, ahead)[:, None]
     z = np.stack([-ahead, -left, one], axis=1)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
-    poses[:, :3, :3] = poses[:, :3, :3] @ np.stack([x, np.cross(z, x), z], axis=2)
+    poses[:, :3, :3] = product(poses[:, :3, :3], np.stack([x, np.cross(z, x), z], axis=2))
     at_origin = middle - ahead * corners.mean(axis=0)[0] - left * corners.mean(axis=0)[1] + lift
     poses[:, 2, 3] = at_origin
     poses[:, :3, 3] -= low * poses[:, :3, 2]
@@ -432,7 +433,7 @@ def _fit_turned(item: SceneObject) -> Outline | None:
     if not b or a * e <= b * d:
         return None
     box = item.shape.bounds
-    plan = _corners(box) @ place[:2, :2].T + place[:2, 3]
+    plan = product(_corners(box), place[:2, :2].T) + place[:2, 3]
     heights = np.sort(box[:, 2] * place[2, 2] + place[2, 3])
     return Outline(plan[None], float(heights[0]), float(heights[1]))
 
@@ -443,8 +444,8 @@ def _fit_upright_box(item: SceneObject, place: Floats) -> Outline:
     lengths = np.hypot(*axes)
     x, y = (axes[:, lengths.argmax()] / lengths.max()).tolist()
     turn = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
-    bounds = item.shape._extent(turn @ place[:3])
-    return Outline((_corners(bounds) @ turn[:2, :2])[None], *bounds[:, 2])
+    bounds = item.shape._extent(product(turn, place[:3]))
+    return Outline(product(_corners(bounds), turn[:2, :2])[None], *bounds[:, 2])
 
 
 def _solid(poses: Floats, bounds: Floats) -> Outline:

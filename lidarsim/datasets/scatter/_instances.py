@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -14,7 +15,7 @@ from pydantic import Discriminator, Field
 
 from lidarsim import worlds
 from lidarsim._base.validation import Floats, short_repr
-from lidarsim._base.vectors import product, transforms, turned_about_y
+from lidarsim._base.vectors import nearest_orthogonal, product, transforms, turned_about_y
 from lidarsim.config.factories import Scale
 from lidarsim.config.objects import SHAPES, AnyObject, GeneratedObject, Object, SceneFile, Surfels
 from lidarsim.config.poses import Placement
@@ -164,8 +165,7 @@ class Instance:
 
         If not, an instance that rests has a motion of speed 0, whose frame tells it.
         """
-        u, _, vh = np.linalg.svd(self.parts[0].affine[:3, :3])
-        nearest = u @ vh
+        nearest = nearest_orthogonal(self.parts[0].affine[:3, :3])
         x = nearest[:, 1 if np.abs(nearest[2]).argmax() == 0 else 0]
         return bool(x[0] == np.abs(x).max())
 
@@ -184,13 +184,13 @@ class Instance:
         least = min((half[2] for _, half in wheels.values()), default=np.inf)
         per_step = max(1, int(np.ceil(np.abs(travel.speeds).max() * travel.step / (ROLL * least))))
         times = _divide(travel.times, per_step, place)
-        rest = np.array([_extent(part.shape, size @ part.affine) for part in self.parts])
+        rest = np.array([_extent(part.shape, product(size, part.affine)) for part in self.parts])
         bounds = np.array([rest[:, 0].min(axis=0), rest[:, 1].max(axis=0)])
         poses: list[Floats | None] = [None] * len(self.parts)
         reach = []
         for index, (middle, half) in wheels.items():
             poses[index] = own = turned_about_y(middle, np.fmod(travel.ahead(times) / half[2], 2 * np.pi))
-            reach.append((float(np.linalg.norm(half)), float(turns_of(own).max())))
+            reach.append((math.hypot(*half), float(turns_of(own).max())))
             far = np.hypot(half[0], half[2])
             bounds[:, 0] = min(bounds[0, 0], middle[0] - far), max(bounds[1, 0], middle[0] + far)
         return Swing(poses, times, per_step, bounds, reach)
@@ -213,11 +213,11 @@ class Instance:
         boxes, reach = [], []
         for part, pose in zip(self.parts, poses, strict=True):
             if pose is None:
-                boxes.append(_extent(part.shape, size @ part.affine)[None])
+                boxes.append(_extent(part.shape, product(size, part.affine))[None])
                 continue
-            boxes.append(_extents(part.shape, pose @ size))
+            boxes.append(_extents(part.shape, product(pose, size)))
             if len(pose) > 1:
-                far = float(np.linalg.norm(np.abs(part.shape.bounds).max(axis=0)) * scale)
+                far = math.hypot(*np.abs(part.shape.bounds).max(axis=0)) * scale
                 reach.append((far, float(turns_of(pose).max())))
         ends = np.concatenate(boxes)
         bounds = np.array([ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)])
@@ -236,13 +236,13 @@ class Instance:
             times[[0, -1]] = body.times[[0, -1]]
             motions = iter(Trajectory._through(times, product(body._native.at(times), np.array(swinging))))
         for part, own in zip(self.parts, swing.poses, strict=True):
-            sized = size @ part.affine
+            sized = product(size, part.affine)
             if isinstance(body, Trajectory):
                 if own is not None and part.wheel:
-                    sized = transforms(np.eye(3), -own[0, :3, 3]) @ sized
+                    sized = product(transforms(np.eye(3), -own[0, :3, 3]), sized)
                 parts.append(PlacedPart(part, sized, body if own is None else next(motions)))
             else:
-                parts.append(PlacedPart(part, body @ (sized if own is None else own[0] @ sized), None))
+                parts.append(PlacedPart(part, product(body, sized if own is None else product(own[0], sized)), None))
         return tuple(parts)
 
 
@@ -318,7 +318,7 @@ def _parts(item: AnyItem, place: Place, asset: worlds.Asset | None = None) -> It
             if "instance" in member.model_fields_set:
                 raise (place / "parts" / index / "instance").error("expected none, since all parts are one instance")
             for part in _parts(member, place / "parts" / index):
-                yield replace(part, affine=base @ part.affine)
+                yield replace(part, affine=product(base, part.affine))
     elif isinstance(item, SceneFile):
         yield from _parts_of_file(item, base, place)
     elif isinstance(item, Surfels):
@@ -339,7 +339,7 @@ def _parts_of_file(item: SceneFile, base: Floats, place: Place) -> Iterator[Part
         if item.label or placed.label is not None:
             more["label"] = item.label if placed.label is None else placed.label
         inner = np.eye(4) if placed.transform is None else placed.transform
-        yield Part(item, placed.shape, base @ inner, more)
+        yield Part(item, placed.shape, product(base, inner), more)
 
 
 def _parts_of_asset(
@@ -348,13 +348,13 @@ def _parts_of_asset(
     """Yield the parts of an asset, without their poses those of some indices."""
     for index, made in enumerate(asset.parts):
         inner = np.eye(4) if made.transform is None or index in limbs else made.transform
-        yield Part(item, made.shape, base @ inner, item.looks(made), made.name.startswith("wheel"))
+        yield Part(item, made.shape, product(base, inner), item.looks(made), made.name.startswith("wheel"))
 
 
 def _extents(shape: Shape, affines: Floats) -> Floats:
     """Return the bounds of a shape under affine maps of shape (m, 4, 4): (m, 2, 3)."""
     if shape.transform is not None:
-        affines = affines @ shape.transform
+        affines = product(affines, shape.transform)
     linear, shift = affines[:, :3, :3], affines[:, :3, 3]
     low, high = (shape._reach(sign * linear.reshape(-1, 3)).reshape(-1, 3) for sign in (-1.0, 1.0))
     return np.stack([shift - low, shift + high], axis=1)
@@ -370,7 +370,7 @@ def _extent(shape: Shape, affine: Floats) -> Floats:
 
 def _wheel(part: Part, size: Floats) -> tuple[Floats, Floats]:
     """Return the middle of a wheel, and half its size: its radius is half its height."""
-    low, high = _extent(part.shape, size @ part.affine)
+    low, high = _extent(part.shape, product(size, part.affine))
     return (low + high) / 2, (high - low) / 2
 
 

@@ -14,6 +14,7 @@ from lidarsim import _native as core
 from lidarsim._base.pickling import Pickled, Value
 from lidarsim._base.shown import extent, quantity, short
 from lidarsim._base.validation import Floats, Transform, placement, rays, real, t_range, vector
+from lidarsim._base.vectors import product
 from lidarsim.world.shapes._tessellation import Triangles
 
 
@@ -135,7 +136,7 @@ class Shape(Value):
     def _extent(self, affine: Floats) -> Floats:
         """Return the bounds, (2, 3), of the surface under an affine map of shape (3, 4), after its own transform."""
         if self.transform is not None:
-            affine = affine @ self.transform
+            affine = product(affine, self.transform)
         linear, shift = affine[:, :3], affine[:, 3]
         back, ahead = self._reach(np.concatenate([-linear, linear])).reshape(2, 3)
         return np.array([shift - back, shift + ahead])

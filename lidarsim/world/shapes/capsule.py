@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
+from lidarsim._base.vectors import product
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, frames, unit_capsule
 
@@ -75,7 +76,7 @@ class Capsule(Shape):
 
     def _reach(self, directions: Floats, /) -> Floats:
         arguments = self._arguments
-        ends = np.maximum(directions @ arguments["start"], directions @ arguments["end"])
+        ends = product(directions, np.array([arguments["start"], arguments["end"]]).T).max(axis=1)
         reach: Floats = ends + arguments["radius"] * np.sqrt((directions * directions).sum(axis=1))
         return reach
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze, short_repr
+from lidarsim._base.vectors import products
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, circle, frames
@@ -89,9 +91,11 @@ class Cylinder(Shape):
         return bool(self._arguments["capped"][0])
 
     def _reach(self, directions: Floats, /) -> Floats:
-        axis = (self.end - self.start) / np.linalg.norm(self.end - self.start)
+        axis = (self.end - self.start) / math.hypot(*(self.end - self.start))
         across = np.linalg.norm(np.cross(directions, axis), axis=1)
-        reach: Floats = np.maximum(directions @ self.start, directions @ self.end) + self.radius * across
+        reach: Floats = (
+            np.maximum(products(directions, self.start), products(directions, self.end)) + self.radius * across
+        )
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:

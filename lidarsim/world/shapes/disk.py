@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
+from lidarsim._base.vectors import products
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, circle, frames
 
@@ -76,8 +78,10 @@ class Disk(Shape):
 
     def _reach(self, directions: Floats, /) -> Floats:
         axis = self.normal / np.abs(self.normal).max()  # whose square does not overflow
-        axis /= np.linalg.norm(axis)
-        reach: Floats = directions @ self.center + self.radius * np.linalg.norm(np.cross(directions, axis), axis=1)
+        axis /= math.hypot(*axis)
+        reach: Floats = products(directions, self.center) + self.radius * np.linalg.norm(
+            np.cross(directions, axis), axis=1
+        )
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:

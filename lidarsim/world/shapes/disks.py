@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base.validation import Floats, Transform, Vector, array, flag, freeze, integer
+from lidarsim._base.vectors import product
 from lidarsim.world.shapes._primitives import Primitives, repeat, rows
 from lidarsim.world.shapes._surfels import surfels
 from lidarsim.world.shapes._tessellation import COARSE, Triangles, circle, frames
@@ -188,7 +189,7 @@ class Disks(Primitives):
         axes = rows[:, 4:] / np.abs(rows[:, 4:]).max(axis=1, initial=0.0, keepdims=True)  # squares do not overflow
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
         across = np.linalg.norm(np.cross(directions[:, None], axes), axis=2)
-        reach: Floats = (directions @ rows[:, :3].T + rows[:, 3] * across).max(axis=1, initial=-np.inf)
+        reach: Floats = (product(directions, rows[:, :3].T) + rows[:, 3] * across).max(axis=1, initial=-np.inf)
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base.validation import Floats, Transform, Vector, array
+from lidarsim._base.vectors import product
 from lidarsim.errors import ArgumentValueError
 from lidarsim.world.shapes._polygons import flattened
 from lidarsim.world.shapes._shape import Shape
@@ -68,7 +69,7 @@ class Polygon(Shape):
         return self._native.vertices()
 
     def _reach(self, directions: Floats, /) -> Floats:
-        reach: Floats = (directions @ self.vertices.T).max(axis=1)
+        reach: Floats = product(directions, self.vertices.T).max(axis=1)
         return reach
 
     def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:

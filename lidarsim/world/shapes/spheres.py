@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._base.validation import Floats, Transform, Vector
+from lidarsim._base.vectors import product
 from lidarsim.world.shapes._primitives import Primitives, repeat, rows
 from lidarsim.world.shapes._tessellation import COARSE, Triangles, unit_sphere
 
@@ -57,7 +58,9 @@ class Spheres(Primitives):
     def _reach(self, directions: Floats, /) -> Floats:
         rows = self._rows
         lengths = np.linalg.norm(directions, axis=1)
-        reach: Floats = (directions @ rows[:, :3].T + lengths[:, None] * rows[:, 3]).max(axis=1, initial=-np.inf)
+        reach: Floats = (product(directions, rows[:, :3].T) + lengths[:, None] * rows[:, 3]).max(
+            axis=1, initial=-np.inf
+        )
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:

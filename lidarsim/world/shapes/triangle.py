@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
+from lidarsim._base.vectors import product
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -67,7 +68,7 @@ class Triangle(Shape):
         return freeze(self._arguments["c"])
 
     def _reach(self, directions: Floats, /) -> Floats:
-        reach: Floats = (directions @ np.stack([self.a, self.b, self.c]).T).max(axis=1)
+        reach: Floats = product(directions, np.stack([self.a, self.b, self.c]).T).max(axis=1)
         return reach
 
     def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:

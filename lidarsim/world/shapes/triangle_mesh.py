@@ -16,6 +16,7 @@ from lidarsim._base.files import check_path, check_regular, reading_as
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.shown import plain, quantity
 from lidarsim._base.validation import Floats, Transform, array, as_array, in_order, one_or_each, positive
+from lidarsim._base.vectors import product
 from lidarsim._base.views import view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.world.shapes._polygons import Indices, of_strips, triangulate
@@ -486,7 +487,7 @@ class TriangleMesh(Shape):
         if hull is None:
             hull = _corners_of_hull(self.vertices[np.unique(self.faces)])
             object.__setattr__(self, "_hull", hull)  # a cache: the mesh does not change
-        reach: Floats = (directions @ hull.T).max(axis=1)
+        reach: Floats = product(directions, hull.T).max(axis=1)
         return reach
 
     def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
