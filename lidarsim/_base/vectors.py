@@ -61,7 +61,7 @@ def product(left: Floats, right: Floats) -> Floats:
     return total
 
 
-def products(matrices: Floats, vectors: Floats) -> Floats:
+def matvec(matrices: Floats, vectors: Floats) -> Floats:
     """Return the products of matrices, of shape (…, n, m), and vectors, of shape (…, m), as `product` does."""
     total: Floats = (matrices * vectors[..., None, :]).sum(axis=-1)
     return total
@@ -71,7 +71,7 @@ def inverse(affine: Floats) -> Floats:
     """Return the inverse of an affine map, of shape (4, 4), with the same bits on every processor."""
     cofactors, determinant = _cofactors(affine[:3, :3])
     back = cofactors.T / determinant
-    return transforms(back, -products(back, affine[:3, 3]))
+    return transforms(back, -matvec(back, affine[:3, 3]))
 
 
 def nearest_orthogonal(matrix: Floats) -> Floats:
@@ -81,7 +81,8 @@ def nearest_orthogonal(matrix: Floats) -> Floats:
     Computing the polar decomposition, SIAM J. Sci. Stat. Comput. 7). Singular values σ become (σ + 1/σ)/2 ≥ 1, so that
     each step, whose singular values are |σ − 1/σ|/2, is shorter than the last until only rounding errors are left.
     """
-    found, before = matrix, math.inf
+    found: Floats = matrix / np.abs(matrix).max()  # so that no cofactor underflows
+    before = math.inf
     while True:
         cofactors, determinant = _cofactors(found)
         step = (cofactors / determinant - found) / 2

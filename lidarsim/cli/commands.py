@@ -196,7 +196,7 @@ def scan(
         run.write(output, each=tell, **given)
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
-    paragraph(_tell_fates(totals.tolist()))
+    paragraph(_format_statuses(totals.tolist()))
     for note in filter(None, notes):
         paragraph(note)
     files = outputs.output_of(place, run).pattern(run) + ([run.path_of(screenshot, "*", "*")] if screenshot else [])
@@ -204,11 +204,11 @@ def scan(
     paragraph(f"{count} in {time.perf_counter() - start:.2f} s: {', '.join(map(str, files))}")
 
 
-def _tell_fates(counts: Sequence[int]) -> str:
+def _format_statuses(counts: Sequence[int]) -> str:
     """Return a line with the number of pulses of each status."""
-    fates = {status.name.replace("_", " "): count for status, count in zip(ls.Status, counts, strict=True)}
-    told = ", ".join(f"{count:,} {name}" for name, count in fates.items() if count)
-    return f"{quantity(sum(counts), 'pulse')}: {told}"
+    named = zip(ls.Status, counts, strict=True)
+    listed = ", ".join(f"{count:,} {status.name.replace('_', ' ')}" for status, count in named if count)
+    return f"{quantity(sum(counts), 'pulse')}: {listed}"
 
 
 @app.command()
@@ -694,7 +694,7 @@ def _check_run(config: Path, overrides: list[str] | None) -> None:
     for lidar in run.lidars.values():
         print_sensor(lidar, run.scene.atmosphere)
     which = f"frames {numbers[0]} and {numbers[-1]}" if len(numbers) > 1 else f"frame {numbers[0]}"
-    paragraph(f"{which}: {_tell_fates(totals.tolist())}")
+    paragraph(f"{which}: {_format_statuses(totals.tolist())}")
     for note in filter(None, notes):
         paragraph(note)
     for name, lidar in run.lidars.items():

@@ -24,7 +24,7 @@ from lidarsim._base.shown import quantity
 from lidarsim._base.validation import short_repr
 from lidarsim.comparison import _report as _report  # registers the page
 from lidarsim.comparison._fit import fit_source, recognise, sensor_of
-from lidarsim.comparison._frame import ASTRAY, Frame, check_reach
+from lidarsim.comparison._frame import FARTHEST_ORIGIN, Frame, check_reach
 from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
 from lidarsim.comparison._result import Cell, Comparison, Contrast, Measure, Side, Verdict, reasons, values
 from lidarsim.comparison._sources import Given, Source, intensity_unit, source
@@ -214,7 +214,7 @@ class _Side:
         self.argument, self.name = argument, name
         self.frames = self.points = 0
         self.middle, self.farthest = math.inf, 0.0  # least of the medians of frames, and greatest distance, m
-        self.strays = 0.0
+        self.range_difference = 0.0
         self.rings = np.zeros(0, np.intp)
         self.inferred: dict[str, None] = {}  # an ordered set
         self.missing: dict[str, str] = {}
@@ -239,7 +239,7 @@ class _Side:
         """Add the samples of a frame."""
         self.points += len(frame)
         self.middle, self.farthest = min(self.middle, frame.middle), max(self.farthest, float(frame.reach.max()))
-        self.strays = max(self.strays, frame.strays)
+        self.range_difference = max(self.range_difference, frame.range_difference)
         if frame.ring is not None:
             self.rings = np.union1d(self.rings, frame.ring)
         self.missing |= frame.missing
@@ -327,10 +327,10 @@ def _judge(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: bool
         if side.middle > other.farthest
     ]
     notes += [
-        f"ranges of the {side.argument} clouds differ from the distances to the origin by {side.strays:.4g} m, as if"
-        " points were not in the sensor frame"
+        f"ranges of the {side.argument} clouds differ from the distances to the origin by"
+        f" {side.range_difference:.4g} m, as if points were not in the sensor frame"
         for side in (real, simulated)
-        if side.strays > ASTRAY
+        if side.range_difference > FARTHEST_ORIGIN
     ]
     return Comparison(tuple(measures), real.summary, simulated.summary, tuple(notes))
 

@@ -29,7 +29,7 @@ ROUGH = 0.05
 """Greatest robust deviation from a plane of the points of a tile, m: what is rougher is no plane."""
 FINEST = 1e-3
 """Deviation from a plane up to which a point is on it in any case, m: noise-free points deviate only by rounding."""
-ASTRAY = 1.0
+FARTHEST_ORIGIN = 1.0
 """Distance from the origin of a sensor within which its beams begin, m."""
 PIXELS = 24
 """Fewest points of a plane."""
@@ -109,7 +109,7 @@ class Frame:
         return float(np.median(self.reach))
 
     @property
-    def strays(self) -> float:
+    def range_difference(self) -> float:
         """Median difference of the ranges from the distances, m: at most how far from the origin beams begin."""
         return float(np.median(np.abs(self.range - self.reach)))
 

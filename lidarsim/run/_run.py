@@ -209,7 +209,7 @@ def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]
 def _save_samples(
     samples: Mapping[str, ImuSamples | GnssFixes], output: Path, start: float | datetime
 ) -> Iterator[Path]:
-    """Write the samples of IMUs and receivers, with their clock, into files next to `output`; yield the paths."""
+    """Write samples of IMUs and receivers, whose time 0 is `start`, into files next to `output`; yield the paths."""
     for name, values in samples.items():
         values.save(_samples_path(output, name), start=start)
         yield _samples_path(output, name)

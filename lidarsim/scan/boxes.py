@@ -16,7 +16,7 @@ from lidarsim._base.labels import Labels
 from lidarsim._base.pickling import Pickled
 from lidarsim._base.shown import html_table, plain, quantity, text_table
 from lidarsim._base.validation import Floats, array, as_index
-from lidarsim._base.vectors import CUBE, inverse, nearest_orthogonal, product, products
+from lidarsim._base.vectors import CUBE, inverse, matvec, nearest_orthogonal, product
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.patterns import Pulses
 from lidarsim.patterns.raster import FIXED
@@ -231,10 +231,10 @@ def boxes_of(
     farthest = distance + np.abs(sensor[:, :3, 3]).max(initial=0.0)
     size = _round_up(size, center, farthest)
     back = sensor[:, :3, :3].transpose(0, 2, 1)
-    seen_center, seen_rotation = products(back, center - sensor[:, :3, 3]), product(back, rotation)
+    seen_center, seen_rotation = matvec(back, center - sensor[:, :3, 3]), product(back, rotation)
     truncation = _truncation(_corners(seen_center, size, seen_rotation), scan.pulses, scan.lidar.max_range)
     if not in_world:
-        center, rotation, velocity = seen_center, seen_rotation, products(back, velocity)
+        center, rotation, velocity = seen_center, seen_rotation, matvec(back, velocity)
     return Boxes(
         center=center,
         size=size,
@@ -344,9 +344,9 @@ class _Instances:
                 low, high = _extent(apart, product(axes[k].T, inverse(body[k])[:3]), moment)
                 extent[k] = np.minimum(extent[k, 0], low), np.maximum(extent[k, 1], high)
         turn = body[:, :3, :3]
-        middle = products(axes, extent.mean(axis=1))
-        center = products(turn, middle) + body[:, :3, 3]
-        velocity = linear + products(turn, np.cross(angular, middle))
+        middle = matvec(axes, extent.mean(axis=1))
+        center = matvec(turn, middle) + body[:, :3, 3]
+        velocity = linear + matvec(turn, np.cross(angular, middle))
         return center, extent[:, 1] - extent[:, 0], product(turn, axes), velocity
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lidarsim import materials
 from lidarsim._base.validation import Floats, one_of, real
-from lidarsim._base.vectors import product, products
+from lidarsim._base.vectors import matvec, product
 from lidarsim.materials import Material
 from lidarsim.world.shapes import Capsule, Ellipsoid, Shape, TriangleMesh
 from lidarsim.worlds import _walker
@@ -233,7 +233,7 @@ def _load(load: Load, height: float, *, seated: bool) -> list[Piece]:
         body = _make_rounded((0.75, 0.4, 0.3), (x, 0, 0.62), materials.CLOTH)
         hood = _make_rounded((0.35, 0.42, 0.3), (x + 0.2, 0, 0.85), materials.CLOTH_DARK)
         limbs = _walker.figure(height, hip=(0, 0), knee=(0, 0), **PUSHING)
-        left, right = (products(limbs[arm], np.array([0, 0, -_walker.FOREARM * height, 1])) for arm in (6, 11))
+        left, right = (matvec(limbs[arm], np.array([0, 0, -_walker.FOREARM * height, 1])) for arm in (6, 11))
         hands = [(*hand[:2], hips + hand[2]) for hand in (left, right)]
         bars = [
             tube(ends, 0.015, 6, material=materials.PAINTED_METAL)

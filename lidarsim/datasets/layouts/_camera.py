@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarsim._base.validation import Floats
-from lidarsim._base.vectors import product, products
+from lidarsim._base.vectors import matvec, product
 
 FACES = (
     (0, 1, 3, 2), (4, 6, 7, 5),  # x
@@ -54,7 +54,7 @@ def view_of_box(corners: Floats, projection: Floats, width: int, height: int) ->
         if not share > 0:
             return None
         visible, outside = np.concatenate(parts), min(max(1.0 - share, 0.0), 1.0)
-    u, v, w = product(projection[:, :3], visible[products(visible, row_w) > 0].T)
+    u, v, w = product(projection[:, :3], visible[matvec(visible, row_w) > 0].T)
     columns, rows = u / w, v / w
     left, right = (min(max(float(end), 0.0), width - 1.0) for end in (columns.min(), columns.max()))
     top, bottom = (min(max(float(end), 0.0), height - 1.0) for end in (rows.min(), rows.max()))
@@ -64,7 +64,7 @@ def view_of_box(corners: Floats, projection: Floats, width: int, height: int) ->
 def _clip(polygon: Floats, sides: Floats) -> Floats:
     """Return the part of a polygon on the positive side of planes through the origin (Sutherland and Hodgman 1974)."""
     for side in sides:
-        above = products(polygon, side)
+        above = matvec(polygon, side)
         kept: list[Floats] = []
         for index in range(len(polygon)):
             start, end, h0, h1 = polygon[index - 1], polygon[index], above[index - 1], above[index]
@@ -81,4 +81,4 @@ def _pyramid(polygon: Floats) -> float:
     (ax, ay, az), (bx, by, bz) = polygon[1:-1].T, polygon[2:].T
     # By hand, as `numpy.cross` takes several times as long for so few.
     normals = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
-    return float(products(normals, polygon[0]).sum()) / 6
+    return float(matvec(normals, polygon[0]).sum()) / 6

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from lidarsim._base.validation import short_repr
-from lidarsim._base.vectors import product, products
+from lidarsim._base.vectors import matvec, product
 from lidarsim.datasets.layouts._layout import AnyBoxFilter, BoxFilter, Files, SampleFiles, Summary, class_name, root
 from lidarsim.datasets.samples import Annotation
 from lidarsim.errors import ArgumentValueError
@@ -57,7 +57,7 @@ def upright(box: Annotation) -> Upright:
     """Return the upright box of the same centre and heading around a box."""
     turn, yaw = np.reshape(box.rotation, (3, 3)), math.atan2(box.rotation[3], box.rotation[0])
     axes = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    return Upright(np.array(box.center), products(np.abs(product(axes.T, turn)), np.array(box.size)), axes, yaw)
+    return Upright(np.array(box.center), matvec(np.abs(product(axes.T, turn)), np.array(box.size)), axes, yaw)
 
 
 class Detection(SampleFiles):

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from lidarsim._base.vectors import CUBE, inverse, product, products
+from lidarsim._base.vectors import CUBE, inverse, matvec, product
 from lidarsim.config.factories import Model
 from lidarsim.datasets.layouts._camera import view_of_box
 from lidarsim.datasets.layouts._detection import IGNORED, SETS, Detection, Upright, upright, write_sets
@@ -110,7 +110,7 @@ are black, and only tell their size.
             return ""
         around, rectangle, truncation = view
         size, yaw = around.size, around.yaw
-        x, y, z = products(TO_CAMERA[:3, :3], box.center - np.array([0.0, 0.0, size[2] / 2])).tolist()
+        x, y, z = matvec(TO_CAMERA[:3, :3], box.center - np.array([0.0, 0.0, size[2] / 2])).tolist()
         length, width, height = size.tolist()
         rotation = _wrap_angle(-yaw - math.pi / 2)
         alpha = _wrap_angle(rotation - math.atan2(x, z))

@@ -161,7 +161,7 @@ def root_of(path: Path) -> str:
         with path.open("rb") as file, suppress(expat.ExpatError, LookupError, ValueError):
             while not found and (part := file.read(1 << 16)):
                 parser.Parse(part)
-            parser.Parse(b"", True)  # what it keeps until more of the element comes
+            parser.Parse(b"", True)  # what it holds back, in case more of the element comes
     return found[0] if found else ""
 
 

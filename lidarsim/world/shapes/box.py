@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
-from lidarsim._base.vectors import CUBE, products
+from lidarsim._base.vectors import CUBE, matvec
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles
 
@@ -76,7 +76,7 @@ class Box(Shape):
         return freeze(self._arguments["center"])
 
     def _reach(self, directions: Floats, /) -> Floats:
-        reach: Floats = products(directions, self.center) + products(np.abs(directions), self.size) / 2
+        reach: Floats = matvec(directions, self.center) + matvec(np.abs(directions), self.size) / 2
         return reach
 
     def _tessellate(self, _chord_error: float | None, _box: Floats, /) -> Triangles:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze, short_repr
-from lidarsim._base.vectors import products
+from lidarsim._base.vectors import product
 from lidarsim.errors import ArgumentTypeError
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, circle, frames
@@ -93,9 +93,8 @@ class Cylinder(Shape):
     def _reach(self, directions: Floats, /) -> Floats:
         axis = (self.end - self.start) / math.hypot(*(self.end - self.start))
         across = np.linalg.norm(np.cross(directions, axis), axis=1)
-        reach: Floats = (
-            np.maximum(products(directions, self.start), products(directions, self.end)) + self.radius * across
-        )
+        ends = product(directions, np.stack([self.start, self.end], axis=1)).max(axis=1)
+        reach: Floats = ends + self.radius * across
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:

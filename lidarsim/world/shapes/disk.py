@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
-from lidarsim._base.vectors import products
+from lidarsim._base.vectors import matvec
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, circle, frames
 
@@ -79,9 +79,8 @@ class Disk(Shape):
     def _reach(self, directions: Floats, /) -> Floats:
         axis = self.normal / np.abs(self.normal).max()  # whose square does not overflow
         axis /= math.hypot(*axis)
-        reach: Floats = products(directions, self.center) + self.radius * np.linalg.norm(
-            np.cross(directions, axis), axis=1
-        )
+        across = np.linalg.norm(np.cross(directions, axis), axis=1)
+        reach: Floats = matvec(directions, self.center) + self.radius * across
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._base.validation import Floats, Transform, Vector, freeze, matrix
-from lidarsim._base.vectors import product, products
+from lidarsim._base.vectors import matvec, product
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, unit_sphere
 
@@ -85,7 +85,7 @@ class Ellipsoid(Shape):
 
     def _reach(self, directions: Floats, /) -> Floats:
         axes = self.rotation * self.radii
-        reach: Floats = products(directions, self.center) + np.linalg.norm(product(directions, axes), axis=1)
+        reach: Floats = matvec(directions, self.center) + np.linalg.norm(product(directions, axes), axis=1)
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, Transform, Vector, freeze
-from lidarsim._base.vectors import products
+from lidarsim._base.vectors import matvec
 from lidarsim.world.shapes._shape import Shape
 from lidarsim.world.shapes._tessellation import Triangles, unit_sphere
 
@@ -66,7 +66,7 @@ class Sphere(Shape):
         return self._arguments["radius"][0]
 
     def _reach(self, directions: Floats, /) -> Floats:
-        reach: Floats = products(directions, self.center) + self.radius * np.linalg.norm(directions, axis=1)
+        reach: Floats = matvec(directions, self.center) + self.radius * np.linalg.norm(directions, axis=1)
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:

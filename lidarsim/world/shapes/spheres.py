@@ -58,9 +58,8 @@ class Spheres(Primitives):
     def _reach(self, directions: Floats, /) -> Floats:
         rows = self._rows
         lengths = np.linalg.norm(directions, axis=1)
-        reach: Floats = (product(directions, rows[:, :3].T) + lengths[:, None] * rows[:, 3]).max(
-            axis=1, initial=-np.inf
-        )
+        ends = product(directions, rows[:, :3].T) + lengths[:, None] * rows[:, 3]
+        reach: Floats = ends.max(axis=1, initial=-np.inf)
         return reach
 
     def _tessellate(self, chord_error: float | None, _box: Floats, /) -> Triangles:
