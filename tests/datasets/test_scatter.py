@@ -174,6 +174,7 @@ def moving(path: Path, sequence: int) -> list[Placed]:
     groups = {
         "ahead": Scatter(**road, offset_m=-1.5, speed_m_per_s={"uniform": [2, 12]}),
         "back": Scatter(**road, offset_m=1.0, speed_m_per_s=-9.0),
+        "against": Scatter(**road, offset_m=2.5, speed_m_per_s=6.0, yaw_deg=180),
         "across": Scatter(
             on=["floor"], objects=[box], count=4, area_m=[[-20, -20], [20, 20]], yaw_deg=90, gap_m=0.5, speed_m_per_s=5
         ),
@@ -199,7 +200,7 @@ def test_movers_never_meet(recipe: Path) -> None:
         for first, second in combinations(plans, 2):
             apart = np.linalg.norm(first[:, :, None, :2] - second[:, None, :, :2], axis=-1).min()
             assert apart >= 0.5
-    assert groups == {"ahead", "back", "across", "still"}
+    assert groups == {"ahead", "back", "against", "across", "still"}
 
 
 def test_movers_go_as_fast_as_said(recipe: Path) -> None:
@@ -211,13 +212,13 @@ def test_movers_go_as_fast_as_said(recipe: Path) -> None:
         track = item.motion.poses
         step = np.diff(track.translation[:, :2], axis=0)
         speed = np.linalg.norm(step, axis=1)[:5] / np.diff(item.motion.times)[:5]
-        wanted = {"back": 9.0, "across": 5.0}.get(item.group)
+        wanted = {"back": 9.0, "against": 6.0, "across": 5.0}.get(item.group)
         # Coordinates below 64 are rounded by 2⁻⁴⁸: four in a step, and as much again in the way along the path.
         rounded, way = 8 * 2.0**-48, np.linalg.norm(step[0])
         np.testing.assert_allclose(speed, speed[0] if wanted is None else wanted, rtol=0, atol=rounded / 0.1)
         heading = track[0].rotation.apply([1, 0, 0])[:2]
         np.testing.assert_allclose(step[0] / way, heading, rtol=0, atol=rounded / way)
-        assert (heading[0] < -0.9) == (item.group == "back")
+        assert (heading[0] < -0.9) == (item.group in {"back", "against"})
 
 
 def test_points_on_movers_of_the_street_move() -> None:

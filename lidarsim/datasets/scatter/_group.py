@@ -97,11 +97,12 @@ class Scatter(Model):
     offset_m: DrawOr = 0.0
     """Distance to the left of the path."""
     yaw_deg: DrawOr = 0.0
-    """Heading relative to the x axis or the path."""
+    """Heading relative to the x axis or the path. Those that head back follow their path backwards."""
     scale: DrawOr = 1.0
     """Scale factor."""
     speed_m_per_s: SpeedOverTime = 0.0
-    """Speed ahead; negative: they turn around and come. Or rows of time and speed, linear in between."""
+    """Speed ahead. Negative: in an area, they reverse; on a path, they turn around and come. Or rows of time and speed,
+    linear in between."""
     tilt: bool = False
     """Pitch and roll with the ground, as vehicles do."""
     gap_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0

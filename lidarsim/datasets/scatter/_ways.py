@@ -55,7 +55,7 @@ class Way:
         if self.path is None or self.room < 0:
             return None
         at = stream.uniform(0.0, self.room) + distance
-        if back:
+        if back != (np.cos(self.yaw) < 0):  # they go where they head
             at = self.path.length - at
         position, tangent = self.path.at(at)
         return _upright(position, np.arctan2(tangent[:, 1], tangent[:, 0]) + self.yaw + np.pi * back)
