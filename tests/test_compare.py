@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
@@ -1029,6 +1030,15 @@ class Checker(HTMLParser):
     def handle_endtag(self, tag: str) -> None:
         if tag not in self.VOID:
             assert self.open.pop() == tag
+
+
+def test_reports_of_files_whose_names_are_not_utf_8(alike: ls.Comparison, tmp_path: Path) -> None:
+    name = os.fsdecode(b"\xff.pcd")
+    named = replace(alike, real=replace(alike.real, name=name))
+    for suffix in (".html", ".json"):
+        named.save(tmp_path / f"report{suffix}")
+    assert "\\udcff.pcd" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert json.loads((tmp_path / "report.json").read_bytes())["real"]["name"] == name
 
 
 def test_the_page_needs_nothing_else(alike: ls.Comparison, tmp_path: Path) -> None:

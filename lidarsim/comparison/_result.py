@@ -234,7 +234,7 @@ class Comparison(Immutable, Sequence[Measure], metaclass=AnsweringABC):
             else json.dumps(self.to_dict(), indent=1, ensure_ascii=False)
         )
         with atomic_writer(path) as file:
-            file.write(f"{text.rstrip()}\n".encode())
+            file.write(f"{text.rstrip()}\n".encode(errors="backslashreplace"))  # names that are not UTF-8
 
 
 SUFFIXES = (".html", ".json")
