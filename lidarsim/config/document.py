@@ -531,6 +531,9 @@ def _children(node: Node) -> list[tuple[str, Node]]:
         if not isinstance(key, yaml.ScalarNode):
             raise ConfigError(f"{_describe_mark(key.start_mark)}: expected a word as a key")
         _check_text(key)
+        if key.value == "<<" and key.style is None:
+            where = _describe_mark(key.start_mark)
+            raise ConfigError(f"{where}: expected no merge key <<, which YAML 1.2 lacks; write out what it adds")
         if key.value in lines:
             raise ConfigError(
                 f"{_describe_mark(key.start_mark)}: {_short(key.value)}: this key is already on line {lines[key.value]}"

@@ -78,6 +78,10 @@ def test_an_alias_stands_for_its_anchor() -> None:
         ("a: *x", "f.yaml:1: not valid YAML: found undefined alias 'x'"),
         ("a: &x [*x]", "f.yaml:1: not valid YAML: this value contains itself"),
         ("? [a]\n: 1", "f.yaml:1: expected a word as a key"),
+        (
+            "a: &x {b: 1}\nc:\n  <<: *x",
+            "f.yaml:3: expected no merge key <<, which YAML 1.2 lacks; write out what it adds",
+        ),
         ("a: \0", "f.yaml:1: not valid YAML: character U+0000"),
         ("[" * 2_000, "f.yaml:1: not valid YAML: nested too deeply"),
         ("a: !!int x", "f.yaml:1: not valid YAML: int is unknown or does not fit the value"),
