@@ -1,6 +1,7 @@
 """Point clouds: fields, and the guarantees of saving and loading for all formats."""
 
 import copy
+import os
 import pickle
 import re
 from fractions import Fraction
@@ -342,12 +343,18 @@ def test_a_float32_does_not_become_infinite() -> None:
         assert str(caught.value) == f"{name}: expected numbers that float32 can hold, got {name}{where} = 1e+39"
 
 
-def test_paths_that_no_file_can_have() -> None:
+def test_paths_that_no_file_can_have(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
     for use in (PointCloud.load, PointCloud(XYZ).save):
         with pytest.raises(ValueError, match=r"^path: expected a path without null characters, got 'a\\x00\.npz'$"):
             use("a\0.npz")
         with pytest.raises(TypeError, match=r"^path: expected a path, got 5$"):
             use(5)  # type: ignore[arg-type]
+        with (
+            os.scandir(os.fsencode(tmp_path)) as entries,
+            pytest.raises(TypeError, match=r"^path: expected a path, got"),
+        ):
+            use(next(entries))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".pcd", ".ply"])

@@ -281,9 +281,10 @@ def link(path: Path, name: str) -> Iterator[Path]:
 
 def check_path(path: PathLike) -> Path:
     """Return a path, after checking that it is one and that a file can have it."""
-    if not isinstance(path, str | os.PathLike):
+    text = os.fspath(path) if isinstance(path, str | os.PathLike) else None
+    if not isinstance(text, str):
         raise ArgumentTypeError("path", "a path", short_repr(path))
-    if "\0" in os.fspath(path):
+    if "\0" in text:
         raise ArgumentValueError("path", "a path without null characters", short_repr(str(path)))
     return Path(path)
 
