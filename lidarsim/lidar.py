@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import difflib
-import inspect
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
-from lidarsim._base.files import check_path, check_regular
+from lidarsim._base.files import PathLike, check_path, check_regular
 from lidarsim._base.names import explain_arguments
-from lidarsim._base.validation import Instances, Transform, frames, function, integer, items, short_repr
+from lidarsim._base.validation import Instances, Transform, check_options, frames, function, integer, items, short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.scan import scan as _scan
 from lidarsim.scan.batch import Poses, ScanBatch, scan_many
@@ -59,6 +58,7 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
 
 
 @explain_arguments
+@dataclass(frozen=True, init=False, repr=False, eq=False)  # else other names could be set, as max_rnge
 class Lidar(Sensor):
     """A lidar sensor.
 
@@ -322,7 +322,7 @@ class Lidar(Sensor):
             raise ArgumentValueError("rate", f"a rate that {name} can have", f"{rate}, with {error}") from None
 
     @classmethod
-    def from_file(cls, path: str | Path, **options: Any) -> Lidar:
+    def from_file(cls, path: PathLike, **options: Any) -> Lidar:
         """Return the sensor described by a file: lidarsim's own YAML or a vendor's file, recognised by its content.
 
         Parameters
@@ -353,11 +353,7 @@ class Lidar(Sensor):
         if kind is None:
             raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
         _, read = _readers[kind]
-        known = [name for name in inspect.signature(read).parameters if name != "path"]
-        for name, value in options.items():
-            if name not in known:
-                expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
-                raise ArgumentTypeError(name, expected, short_repr(value))
+        check_options(kind, read, options)
         lidar = read(path, **options)
         if not isinstance(lidar, Lidar):
             raise ArgumentTypeError(f"reader {kind!r}", "a Lidar", short_repr(lidar))

@@ -185,6 +185,11 @@ def copy_of(scene: ls.Scene) -> ls.Scene:
     return fresh
 
 
+def test_a_misspelt_attribute_is_refused() -> None:
+    with pytest.raises(AttributeError, match="atmospher"):
+        ls.Scene().atmospher = ls.Atmosphere.fog(visibility=50.0)  # type: ignore[attr-defined]
+
+
 def test_copies_share_no_changes() -> None:
     scene = row_of_spheres(3)
     for other in (copy.copy(scene), copy.deepcopy(scene)):

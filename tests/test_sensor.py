@@ -53,6 +53,8 @@ def test_lidar_is_frozen_and_varied_by_replace() -> None:
     lidar = ls.Lidar(PATTERN, max_range=50.0, name="front")
     with pytest.raises(dataclasses.FrozenInstanceError):
         lidar.max_range = 60.0  # type: ignore[misc]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        lidar.max_rnge = 60.0  # type: ignore[attr-defined]
     far = dataclasses.replace(lidar, max_range=60.0)
     assert (far.max_range, far.name, lidar.max_range) == (60.0, "front", 50.0)
 
@@ -209,6 +211,33 @@ def test_a_reader_that_returns_nothing_is_named(
     (tmp_path / "a.mine").write_bytes(b"")
     with pytest.raises(TypeError, match=f"^reader 'mine': expected a {load.__name__}, got None$"):
         load.from_file(tmp_path / "a.mine")
+
+
+def test_a_reader_may_take_any_option(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[object] = []
+
+    def read(file: Path, **options: object) -> ls.Scene:
+        given.extend([file.name, options])
+        return ls.Scene()
+
+    monkeypatch.setattr(scene, "_readers", dict(scene._readers))
+    ls.register_scene_reader("mine", lambda path, _: path.suffix == ".mine", read)
+    (tmp_path / "a.mine").write_bytes(b"")
+    ls.Scene.from_file(tmp_path / "a.mine", up="y", unit=0.01)
+    assert given == ["a.mine", {"up": "y", "unit": 0.01}]
+
+
+def test_the_first_argument_of_a_reader_is_no_option(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lidar, "_readers", dict(lidar._readers))
+
+    def read(file: Path, *, gain: float = 1.0) -> ls.Lidar:
+        return ls.Lidar(PATTERN, name=f"{file.stem} {gain}")
+
+    ls.register_lidar_reader("mine", lambda path, _: path.suffix == ".mine", read)
+    (tmp_path / "a.mine").write_bytes(b"")
+    assert ls.Lidar.from_file(tmp_path / "a.mine", gain=2.0).name == "a 2.0"
+    with pytest.raises(TypeError, match=r"^file: expected none, since mine has gain as options, got 3$"):
+        ls.Lidar.from_file(tmp_path / "a.mine", file=3)
 
 
 def test_a_preset_at_another_rate() -> None:

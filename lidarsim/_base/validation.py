@@ -133,6 +133,18 @@ def function(name: str, value: object, takes: str, count: int) -> None:
         raise ArgumentTypeError(name, f"a function of {takes}", f"one of {signature}") from None
 
 
+def check_options(kind: str, read: Callable[..., object], options: Mapping[str, object]) -> None:
+    """Check that the reader of a kind of file, ``read(path, **options)``, takes these options."""
+    signature = inspect.signature(read)
+    for name, value in options.items():
+        try:
+            signature.bind_partial(None, **{name: value})
+        except TypeError:
+            _, *known = signature.parameters
+            expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
+            raise ArgumentTypeError(name, expected, short_repr(value)) from None
+
+
 def items(name: str, value: object, kind: str) -> list[Any]:
     """Return the items of `value`, an iterable but no text, as a list; the error names their `kind`."""
     if not isinstance(value, str | bytes):

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidarsim._base.files import check_path
+from lidarsim._base.files import PathLike, check_path
 from lidarsim.lidar import OWN, Lidar, register_lidar_reader
 from lidarsim.world.scene import Scene, register_scene_reader
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["load", "read_lidar"]
 
 
-def load(path: str | Path, overrides: Sequence[str] = ()) -> Run:
+def load(path: PathLike, overrides: Sequence[str] = ()) -> Run:
     """Return the run that a configuration describes.
 
     Parameters
@@ -45,7 +45,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Run:
     return loader.load(check_path(path), overrides)
 
 
-def read_lidar(path: str | Path, *, mode: str | None = None, noise: str | None = None) -> Lidar:
+def read_lidar(path: PathLike, *, mode: str | None = None, noise: str | None = None) -> Lidar:
     """Return the sensor that a YAML file describes; called by `Lidar.from_file` and `Lidar.preset`.
 
     Parameters

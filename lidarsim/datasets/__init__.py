@@ -40,7 +40,7 @@ TOLD = 10
 
 
 def generate(
-    recipe: str | Path | MakeRun,
+    recipe: PathLike | MakeRun,
     output: PathLike,
     *,
     client: Client | None = None,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._base.files import check_path, check_regular, format_error, load_array
+from lidarsim._base.files import PathLike, check_path, check_regular, format_error, load_array
 from lidarsim._base.lines import cells
 from lidarsim._base.names import explain_arguments
 from lidarsim._base.validation import Floats, angles, array, freeze, frequency, nonzero_vectors
@@ -94,7 +94,7 @@ class Table(ScanPattern):
             raise ArgumentValueError("times", f"fewer than {2**53} frames at {self.rate:g} Hz", f"{last:g} s")
 
     @classmethod
-    def from_file(cls, path: str | Path, *, rate: float, pulse_rate: float | None = None) -> Table:
+    def from_file(cls, path: PathLike, *, rate: float, pulse_rate: float | None = None) -> Table:
         """Return the pattern that a CSV or NPY file lists.
 
         Parameters

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import operator
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -26,6 +25,7 @@ from lidarsim._base.validation import (
     Transform,
     array,
     as_array,
+    check_options,
     function,
     instances,
     integer,
@@ -271,6 +271,9 @@ class Scene(Pickled, Plotted):
     >>> scene.cast([[0, 0, 1]], [[1, 0, 0]]).t
     array([3.])
     """
+
+    # No others: `scene.atmospher = fog` would leave the air clear.
+    __slots__ = "__weakref__", "_animations", "_atmosphere", "_class_names", "_items", "_kept", "_next", "_version"
 
     @explain_arguments
     def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
@@ -544,11 +547,7 @@ class Scene(Pickled, Plotted):
             raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
         _, read = _readers[kind]
         given = {name: value for name, value in vars(options).items() if value is not None and value != ()}
-        known = [name for name in inspect.signature(read).parameters if name in vars(options)]
-        for name, value in given.items():
-            if name not in known:
-                expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
-                raise ArgumentTypeError(name, expected, short_repr(value))
+        check_options(kind, read, given)
         scene = read(path, **given)
         if not isinstance(scene, Scene):
             raise ArgumentTypeError(f"reader {kind!r}", "a Scene", short_repr(scene))
