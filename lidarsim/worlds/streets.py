@@ -71,7 +71,7 @@ class Street:
     Attributes
     ----------
     scene : Scene
-        Ground, in objects named as in `GROUND`, and all that stands on it.
+        Ground, in objects named as in `GROUND`, one instance for each name, and all that stands on it.
     ways : Ways
         Where traffic and people move.
     """
@@ -82,6 +82,9 @@ class Street:
 
 GROUND = ("road", "parking", "sidewalk", "other-ground", "terrain")
 """Names of the objects that are the ground of a street, each of the class of that name."""
+
+TILE = 80.0
+"""Length of tiles of the ground, m; but for the roadway, each is on one side: rays do not enter the boxes of others."""
 
 KERB = 0.12
 """Height of a kerb, m; 3 cm at crossings (RASt 06 and DIN 18040-3)."""
@@ -203,15 +206,16 @@ def street(seed: int = 0, kind: StreetKind = "residential", *, length: float = 3
     >>> world = ls.worlds.street(3, "residential", length=100.0)
     >>> len(world.ways.lanes) >= 2
     True
-    >>> world.scene.find("road")
-    [0]
+    >>> world.scene[world.scene.find("road")[0]].label
+    40
     """
     rng = np.random.default_rng(integer("seed", seed, at_least=0, at_most=2**64 - 1))
     one_of("kind", kind, STREETS)
     plan = Plan.draw(rng, kind, real("length", length, at_least=60.0, at_most=1000.0))
     scene = Scene(class_names=labels.CLASS_NAMES)
     for name, mesh, material in _ground(rng, plan):
-        scene.add(mesh, name=name, label=_CLASSES[name], material=material)
+        # There are more tiles than kinds of ground, so nothing else gets one of these numbers.
+        scene.add(mesh, name=name, label=_CLASSES[name], instance=GROUND.index(name) + 1, material=material)
     _Builder(rng, plan, scene).build()
     return Street(scene, plan.ways)
 
@@ -532,7 +536,7 @@ def _between(start: float, stop: float, holes: Sequence[tuple[float, float]]) ->
 
 
 def _ground(rng: np.random.Generator, plan: Plan) -> Iterator[tuple[str, TriangleMesh, Material]]:
-    """Yield the name, mesh and material of each kind of ground; they share the vertices where they meet."""
+    """Yield name, mesh and material of tiles of each kind of ground; they share the vertices where they meet."""
     s, d = _lines(plan)
     grid_s, grid_d = np.meshgrid(s, d, indexing="ij")
     points = plan.at(grid_s, grid_d).reshape(-1, 3)
@@ -559,9 +563,10 @@ def _ground(rng: np.random.Generator, plan: Plan) -> Iterator[tuple[str, Triangl
     bright[_find_painted(plan, mid_s, mid_d) & (surface == labels.ROAD)] = np.asarray(
         materials.ROAD_PAINT_WORN.reflectivity
     )
+    tile = 2 * np.floor(mid_s / TILE) + ((mid_d > 0) & (surface != labels.ROAD))
     for name in GROUND:
-        there = surface == _CLASSES[name]
-        if there.any():
+        for part in np.unique(tile[surface == _CLASSES[name]]):
+            there = (surface == _CLASSES[name]) & (tile == part)
             corners = faces[there].reshape(-1, 3)
             used = np.bincount(corners.ravel(), minlength=len(points)) > 0
             number = np.cumsum(used, dtype=np.uint32) - np.uint32(1)

@@ -97,6 +97,25 @@ def test_the_ground_has_no_gaps(world: ls.worlds.Street) -> None:
     assert np.isfinite(under(scene, inside)[0]).all()
 
 
+def test_tiles_of_the_ground_are_one_instance_of_each_kind(town: ls.worlds.Street) -> None:
+    """No tile is long or, but for the road, on both sides of the street."""
+    kinds = {item.name: item.instance for item in town.scene if item.name in ls.worlds.GROUND}
+    assert len(kinds) > 3
+    assert len({*kinds.values()}) == len(kinds)
+    for item in town.scene:
+        assert (item.name in kinds) == (item.instance in kinds.values())
+        assert kinds.get(item.name, item.instance) == item.instance
+    right, left = (lane[:, None, :2] for lane in town.ways.lanes[:2])
+    for item in town.scene:
+        if item.name in kinds:
+            assert np.ptp(item.bounds[:, 0]) < 100.0
+            corners = cast("ls.TriangleMesh", item.shape).vertices[::20, :2]
+            corners = corners[np.abs(corners[:, 0]) < 130.0]  # beside the lanes
+            to_left, to_right = (np.linalg.norm(corners - lane, axis=2).min(axis=0) for lane in (left, right))
+            is_left = to_left < to_right
+            assert item.name == "road" or is_left.all() or not is_left.any()
+
+
 def test_each_ground_has_its_reflectivity_and_roads_are_painted(world: ls.worlds.Street) -> None:
     usual = {"road": (0.2, 0.34), "parking": (0.2, 0.34), "sidewalk": (0.26, 0.4), "terrain": (0.4, 0.55)}
     paint = ls.materials.ROAD_PAINT_WORN.reflectivity
@@ -112,10 +131,12 @@ def test_each_ground_has_its_reflectivity_and_roads_are_painted(world: ls.worlds
 def test_rural_roads_have_lines_along_their_edges() -> None:
     """Outside of both lanes, away from the junction, what is painted is two lines of 12 cm."""
     world = street(5, "rural", length=160.0)
-    (number,) = world.scene.find("road")
-    mesh, material = world.scene[number].shape, world.scene[number].material
-    assert isinstance(mesh, ls.TriangleMesh)
-    painted = mesh.vertices[mesh.faces[material.reflectivity == ls.materials.ROAD_PAINT_WORN.reflectivity]]
+    found = []
+    for number in world.scene.find("road"):
+        mesh, material = world.scene[number].shape, world.scene[number].material
+        assert isinstance(mesh, ls.TriangleMesh)
+        found.append(mesh.vertices[mesh.faces[material.reflectivity == ls.materials.ROAD_PAINT_WORN.reflectivity]])
+    painted = np.concatenate(found)
     middles = painted.mean(axis=1)
     there, back = (np.linalg.norm(middles[:, None, :2] - lane[:, :2], axis=2).min(axis=1) for lane in world.ways.lanes)
     turns = np.concatenate(world.ways.turns)
