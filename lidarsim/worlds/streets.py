@@ -376,7 +376,7 @@ class Plan:
             road |= aside <= junction.half + STEP
             u, v = across - kerb, aside - junction.half
             in_corner = (u >= 0) & (v >= 0) & (u <= CORNER) & (v <= CORNER)
-            road |= in_corner & (np.hypot(u - CORNER, v - CORNER) >= CORNER)
+            road |= in_corner & (np.hypot(u - CORNER, v - CORNER) >= CORNER - STEP)
         return road
 
     def surface(self, s: Floats, d: Floats) -> npt.NDArray[np.int64]:
@@ -537,13 +537,12 @@ def _between(start: float, stop: float, holes: Sequence[tuple[float, float]]) ->
 
 def _ground(rng: np.random.Generator, plan: Plan) -> Iterator[tuple[str, TriangleMesh, Material]]:
     """Yield name, mesh and material of tiles of each kind of ground; they share the vertices where they meet."""
-    s, d = _lines(plan)
-    grid_s, grid_d = np.meshgrid(s, d, indexing="ij")
+    grid_s, grid_d = _round_corners(plan, *np.meshgrid(*_lines(plan), indexing="ij"))
     points = plan.at(grid_s, grid_d).reshape(-1, 3)
     number = np.arange(len(points), dtype=np.uint32).reshape(grid_s.shape)
     a, b, c, e = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     faces = np.stack([a, b, c, a, c, e], axis=-1).reshape(*a.shape, 2, 3)
-    mid_s, mid_d = np.meshgrid((s[:-1] + s[1:]) / 2, (d[:-1] + d[1:]) / 2, indexing="ij")
+    mid_s, mid_d = ((grid[:-1, :-1] + grid[1:, 1:]) / 2 for grid in (grid_s, grid_d))
     surface = plan.surface(mid_s, mid_d)
     bright = np.empty(surface.shape)
     base = {
@@ -580,27 +579,44 @@ def _lines(plan: Plan) -> tuple[Floats, Floats]:
     s = [np.arange(-end, end + 0.75, 1.5)]
     fine = np.arange(0.0, CORNER + 0.3, 0.35)
     for junction in plan.junctions:
-        edges = np.array([0.0, junction.half, junction.half + 0.03, junction.plot, *(junction.half + fine)])
+        edges = np.array([0.0, junction.plot, *(junction.half + fine)])
         s += [junction.s - edges, junction.s + edges]
     across = [np.array([0.0])]
     for side, widths in plan.sides.items():
         kerb = widths.kerb
         edges = np.array([
-            0.06, widths.lane, kerb - 0.2, kerb - 0.08, kerb, kerb + 0.03, widths.walk, widths.plot, widths.front,
+            0.06, widths.lane, kerb - 0.2, kerb - 0.08, widths.walk, widths.plot, widths.front,
             *(kerb + fine),
             *np.arange(0.5, widths.lane, 0.5),
             *np.arange(widths.plot + 1.5, 24.0, 1.5),
             *np.linspace(24.0, REACH, 22),
         ])  # fmt: skip
         across.append(side * edges)
-    return _distinct(np.concatenate(s)), _distinct(np.concatenate(across))
+    kerbs = [side * (widths.kerb + face) for side, widths in plan.sides.items() for face in (0.0, 0.03)]
+    side_kerbs = [j.s + way * (j.half + face) for j in plan.junctions for way in (1, -1) for face in (0.0, 0.03)]
+    return _distinct(side_kerbs, np.concatenate(s)), _distinct(kerbs, np.concatenate(across))
 
 
-def _distinct(lines: Floats) -> Floats:
-    """Return lines in order, multiples of `STEP` and at least 1 cm apart."""
-    lines = np.unique(np.round(lines / STEP) * STEP)
-    apart: Floats = lines[np.append(True, np.diff(lines) > 0.01)]
-    return apart
+def _distinct(kerbs: Sequence[float], lines: Floats) -> Floats:
+    """Return lines of kerbs, and others at least 1 cm from these and each other, in order, as multiples of `STEP`."""
+    kept, rest = (np.unique(np.round(np.asarray(given) / STEP) * STEP) for given in (kerbs, lines))
+    rest = rest[(np.abs(rest[:, None] - kept) > 0.01).all(axis=1)]
+    return np.sort(np.append(kept, rest[np.append(True, np.diff(rest) > 0.01)]))
+
+
+def _round_corners(plan: Plan, s: Floats, d: Floats) -> tuple[Floats, Floats]:
+    """Return the places of a grid, moved so that its lines along kerbs are round at corners.
+
+    Squares around the centre of a corner become circles, of which the outermost is the kerb.
+    """
+    kerb = np.where(d >= 0, plan.sides[1].kerb, plan.sides[-1].kerb)
+    for junction, aside in plan.near(s, d):
+        to_centre = CORNER + kerb - np.abs(d), CORNER + junction.half - aside
+        square, circle = np.maximum(*to_centre), np.hypot(*to_centre)
+        corner = (np.minimum(*to_centre) > 0) & (square <= CORNER + STEP)
+        shift = np.where(corner, 1.0 - square / np.where(corner, circle, 1.0), 0.0)
+        s, d = s + np.sign(s - junction.s) * to_centre[1] * shift, d + np.sign(d) * to_centre[0] * shift
+    return s, d
 
 
 def _find_painted(plan: Plan, s: Floats, d: Floats) -> Bools:
