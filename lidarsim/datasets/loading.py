@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
 import numpy as np
@@ -156,9 +156,9 @@ class DataSet(Sequence[LabelledFrame]):
     layout: Layout
     class_names: dict[int, str]
     split: str | None
-    _store: Store
-    _places: npt.NDArray[np.int64]
-    _in_world: bool
+    _store: Store = field(repr=False)
+    _places: npt.NDArray[np.int64] = field(repr=False)
+    _in_world: bool = field(repr=False)
 
     def __len__(self) -> int:
         """Return the number of frames; with a rig, those of all sensors."""

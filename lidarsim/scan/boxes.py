@@ -62,7 +62,7 @@ class Boxes(Pickled):
         Number of points on the instance.
     visibility : ndarray of float64, shape (m,)
         Share, 0 to 1, of the pulses that would hit the instance if it stood alone, within the maximum range, that reach
-        it in the scene.
+        it in the scene; nan if none would.
     truncation : ndarray of float64, shape (m,)
         Share, 0 to 1, of the box outside the sensor's view at that moment, as KITTI's "truncated" is the share outside
         the image. Box and view are ranges of azimuth, elevation and distance from the sensor: the box spans those of

@@ -124,6 +124,7 @@ def test_items_and_slices(made: Any) -> None:
     assert frames[-1].sequence == frames[np.int64(5)].sequence == 2
     assert [frame.sequence for frame in frames[1::2]] == [0, 1, 2]
     assert len(frames[2:4]) == 2
+    assert "array" not in repr(frames)
     for index in (6, -7):
         with pytest.raises(IndexError, match="expected less than 6 frames"):
             frames[index]
