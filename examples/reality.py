@@ -61,8 +61,8 @@ def simulate(row: dict[str, str], noise: str) -> float:
         pattern = ls.patterns.Grid(np.linspace(-np.pi, np.pi, 4000), [-np.arcsin(height / x)], rate=10.0)
     if quantity == "scatter":
         material = ls.materials.named(row["material"])
-        ring = np.arange(-0.5, 0.5, np.radians(0.172)), pattern.elevations[:1]
-        pattern = ls.patterns.Grid(*ring, rate=10.0)
+        rings = pattern.elevations[0] + np.linspace(0.0, 1e-3, 64)
+        pattern = ls.patterns.Grid(np.arange(-0.5, 0.5, np.radians(0.172)), rings, rate=10.0)
     scene = ls.Scene()
     scene.add(surface, material=material)
     effects = dataclasses.replace(lidar.measurement, beam=None, channel_bias_sigma=0.0)
@@ -73,7 +73,7 @@ def simulate(row: dict[str, str], noise: str) -> float:
         seen = scan.intensity[~np.isnan(scan.intensity)]
         return float(np.median(seen)) if len(seen) else np.nan
     if quantity == "scatter":  # robust: of second differences, relative to the mean of three
-        of = scan.intensity[:, 0].astype(float)
+        of = scan.image("intensity").T.astype(float)
         second = (of[2:] - 2 * of[1:-1] + of[:-2]) / 6**0.5
         return float(1.4826 * np.nanmedian(np.abs(second / ((of[2:] + of[1:-1] + of[:-2]) / 3))))
     return float(((scan.status == ls.Status.hit) == (quantity == "road")).mean())

@@ -732,6 +732,12 @@ MUTANTS = [
         ("tests/test_measurement.py", "-k", "response"),
     ),
     Mutant(
+        "response: stretches of each channel",
+        "(index / stretch) << 16 | u64::from(*ring)",
+        "(index / stretch) << 16",
+        ("tests/test_measurement.py", "-k", "response"),
+    ),
+    Mutant(
         "response: the curve of noisy intensities",
         "if !self.curve.is_empty() {",
         "if !self.curve.is_empty() && self.sigma == 0.0 {",

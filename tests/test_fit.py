@@ -374,6 +374,14 @@ def test_what_is_not_told_is_left(change: Callable[[ls.PointCloud], ls.PointClou
     assert comparison["response.exponent"].why == "this takes targets of known reflectivities"
 
 
+def test_noise_that_is_stronger_in_some_stretches_is_left() -> None:
+    of = unit(6)
+    response = ls.Response(sigma=0.1, stretch=1280)
+    fitted, comparison = ls.fit(clouds(of), replace(of, measurement=ls.Measurement(response=response)))
+    assert comparison["response.sigma"].why == "it is stronger in some stretches than in others"
+    assert true_value(fitted, "response.sigma") == 0.1
+
+
 def test_bad_input_is_one_line() -> None:
     of = unit(2)
     (cloud,) = clouds(of, count=1)

@@ -407,7 +407,10 @@ def _flicker(fit: Fit) -> Found:
     if not found.has(FEWEST)[0]:
         raise UntoldError("too few points have the intensity and the place of the frame before")
     errors = fit.lidar.measurement
-    exponent = 1.0 if errors.response is None else errors.response.exponent
+    response = errors.response or Response()
+    if response.stretch:
+        raise UntoldError("it is stronger in some stretches than in others")
+    exponent = response.exponent
     rounding_part = fit.step_of_intensity**2 / 12.0 * float(rounding.value[0])
     square, error = float(found.value[0] ** 2) - rounding_part, float(2.0 * found.value[0] * found.error[0])
     # Squares of two differences that share a frame are correlated by 1/4.

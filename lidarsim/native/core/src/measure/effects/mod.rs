@@ -345,6 +345,15 @@ impl Pulses<'_> {
         normals.resize(self.padded_len(), 0.0);
     }
 
+    /// For each pulse the normal number of its channel in its stretch of pulses of the frame.
+    #[inline(always)]
+    fn normals_of_stretches<I: Isa, E: Effect>(&self, stretch: u64, draw: u16, normals: &mut Vec<f64>) {
+        let stretches = self.indices.iter().zip(self.rings);
+        let stretches = stretches.map(|(index, ring)| (index / stretch) << 16 | u64::from(*ring));
+        self.stream.normals::<I>(&stretches.collect::<Vec<_>>(), const { id::<E>() }, draw, normals);
+        normals.resize(self.padded_len(), 0.0);
+    }
+
     /// A normal number for the pulse of each echo, drawn as it is needed.
     #[inline(always)]
     fn lane_normals<E: Effect, F: Floats<f64, N>, const N: usize>(

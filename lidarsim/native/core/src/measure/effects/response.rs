@@ -1,7 +1,8 @@
 //! The response: the number that a sensor reports for an intensity.
 //!
-//! I' = min(limit, round(h((I·f(R)·c)^e·(1 + σg)))), with a factor f against range, a factor c of the
-//! channel, an exponent e, a normal g, and a curve h. It comes last, so that noise and detection have seen I.
+//! I' = min(limit, round(h((I·f(R)·c)^e·(1 + σgs)))), with a factor f against range, a factor c of the
+//! channel, an exponent e, a normal g, a normal s of the stretch or 1, and a curve h. It comes last, so that
+//! noise and detection have seen I.
 
 use super::range_noise::interpolate;
 use super::{Echoes, Effect, Pulses};
@@ -17,6 +18,8 @@ pub(super) struct Response {
     exponent: f64,
     /// σ.
     sigma: f64,
+    /// Pulses of a frame that share their channels' s. 0: s is 1.
+    stretch: u64,
     /// (intensity, reported), both rising: linear between, constant outside. Empty: the intensity itself.
     curve: Vec<[f64; 2]>,
     /// Standard deviation of the logarithm of the factor of a channel.
@@ -26,15 +29,16 @@ pub(super) struct Response {
     limit: f64,
 }
 
-/// Per pulse: the factor of its channel, and a normal for its first echo.
+/// Per pulse: the factor of its channel, a normal for its first echo, and s of its channel and stretch.
 #[derive(Default)]
 pub(super) struct Drawn {
     factors: Vec<f64>,
     normals: Vec<f64>,
+    strengths: Vec<f64>,
 }
 
-/// The effect by whose id the factors of channels are drawn, with the ring in place of the pulse, and frame
-/// 0.
+/// The effect by whose id channels draw: their factors, with the ring in place of the pulse and frame 0, and
+/// s of each stretch.
 pub(super) struct Channels;
 
 impl Effect for Channels {
@@ -65,6 +69,7 @@ impl Effect for Response {
             curve: rows("measurement.response.curve")?,
             exponent,
             sigma: parameters.number("measurement.response.sigma")?,
+            stretch: parameters.number("measurement.response.stretch")? as u64,
             ring_sigma: parameters.number("measurement.response.ring_sigma")?,
             resolution: parameters.number("measurement.response.resolution")?,
             limit: parameters.number("measurement.response.limit")?,
@@ -72,7 +77,7 @@ impl Effect for Response {
     }
 
     #[inline(always)]
-    fn draw<I: Isa>(&self, pulses: &Pulses, Drawn { factors, normals }: &mut Drawn) {
+    fn draw<I: Isa>(&self, pulses: &Pulses, Drawn { factors, normals, strengths }: &mut Drawn) {
         if self.ring_sigma > 0.0 {
             pulses.normals_of_channels::<I, Channels>(0, factors);
             for factor in factors {
@@ -81,6 +86,9 @@ impl Effect for Response {
         }
         if self.sigma > 0.0 {
             pulses.normals::<I, Self>(0, normals);
+            if self.stretch > 0 {
+                pulses.normals_of_stretches::<I, Channels>(self.stretch, 1, strengths);
+            }
         }
     }
 
@@ -110,10 +118,13 @@ impl Effect for Response {
             intensity = F::load(&powers);
         }
         if self.sigma > 0.0 {
-            let normal = match echoes.number {
+            let mut normal = match echoes.number {
                 0 => lanes::load(&drawn.normals, echoes.part),
                 number => pulses.lane_normals::<Self, F, N>(number, echoes),
             };
+            if self.stretch > 0 {
+                normal = normal.mul(lanes::load(&drawn.strengths, echoes.part));
+            }
             let factor = F::splat(1.0).add(F::splat(self.sigma).mul(normal));
             intensity = intensity.mul(factor.max(F::splat(0.0)));
         }
@@ -144,6 +155,7 @@ mod tests {
             range: vec![[1.0, 0.5], [3.0, 1.0]],
             exponent: 0.5,
             sigma: 0.0,
+            stretch: 0,
             curve: vec![[0.0, 0.0], [1.0, 1.0], [9.0, 2.0]],
             ring_sigma: 0.0,
             resolution: 0.25,
