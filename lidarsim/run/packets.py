@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lidarsim.io import packets
-from lidarsim.rig import Rig
 from lidarsim.run._frames import CloudArguments, Frames, RunFrame
 from lidarsim.run._output import Option, Output, Samples, Save, register_output
 
@@ -21,8 +20,7 @@ def pcap(run: Frames, path: PathLike, **options: Any) -> packets.Writer:
 
     The options, and the errors, are those of `lidarsim.io.packets.Writer`.
     """
-    sensors = run.lidars if isinstance(run.sensor, Rig) else run.sensor
-    return packets.Writer(path, sensors, start=run.clock, **options)
+    return packets.Writer(path, run.sensor, start=run.clock, **options)
 
 
 @register_output

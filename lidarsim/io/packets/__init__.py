@@ -14,12 +14,13 @@ from pathlib import Path
 from lidarsim._base.files import FileWriter, PathLike, atomic_writer, check_names, check_suffix
 from lidarsim.errors import ArgumentValueError
 from lidarsim.io.packets import _pcap, hesai, livox, ouster, velodyne  # noqa: F401 - each vendor registers itself
-from lidarsim.io.packets._encoders import companions, encoders
+from lidarsim.io.packets._encoders import companions, encoders, lidars
 from lidarsim.io.packets._format import Encoder, Packet, PacketFormat, format_of, names, register, variants
 from lidarsim.io.packets._merged import Merged
 from lidarsim.io.packets._udp import Sender, Sent
 from lidarsim.lidar import Lidar
 from lidarsim.motion.georeference import START
+from lidarsim.rig import Rig
 from lidarsim.scan.scan import Scan
 
 __all__ = ["SUFFIXES", "Encoder", "Packet", "PacketFormat", "Sender", "Sent", "Writer", "encoders", "format_of",
@@ -40,7 +41,7 @@ class Writer(FileWriter):
     ----------
     path : path-like
         The file, ``.pcap``.
-    sensors : mapping of str to Lidar, or Lidar
+    sensors : mapping of str to Lidar, Rig or Lidar
         The sensors, by names of letters, digits, _ and -. The first sends from 192.168.1.201, each further one from the
         next address and to ports of its own.
     start : float or datetime
@@ -76,7 +77,7 @@ class Writer(FileWriter):
     def __init__(
         self,
         path: PathLike,
-        sensors: Mapping[str, Lidar] | Lidar,
+        sensors: Mapping[str, Lidar] | Rig | Lidar,
         *,
         start: float | datetime = START,
         variant: str | None = None,
@@ -86,7 +87,7 @@ class Writer(FileWriter):
         super().__init__(path)
         if isinstance(sensors, Mapping):
             check_names("sensors", sensors)
-        self._sensors = sensors if isinstance(sensors, Mapping) else {"": sensors}
+        self._sensors = lidars(sensors)
         self._encoders = encoders(self._sensors, start=start, variant=variant, port=port)
         self._addresses = {name: _FIRST_ADDRESS + number for number, name in enumerate(self._sensors)}
         self._merged = Merged(self._encoders)

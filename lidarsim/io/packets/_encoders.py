@@ -11,13 +11,21 @@ from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.packets._format import Encoder, format_of
 from lidarsim.lidar import Lidar
 from lidarsim.motion.georeference import START, unix_time
+from lidarsim.rig import Rig, RigSensor
 
 LIMIT = 2**32
 """Seconds since 1970 by which packets end: some hold them in 32 bits."""
 
 
+def lidars(sensors: Mapping[str, Lidar] | Rig | Lidar) -> Mapping[str, Lidar]:
+    """Return the lidars by name; the name of a single one is empty."""
+    if not isinstance(sensors, Mapping):
+        return {"": sensors}
+    return {name: sensor.lidar if isinstance(sensor, RigSensor) else sensor for name, sensor in sensors.items()}
+
+
 def encoders(
-    sensors: Mapping[str, Lidar],
+    sensors: Mapping[str, Lidar] | Rig,
     *,
     start: float | datetime = START,
     variant: str | None = None,
@@ -27,7 +35,7 @@ def encoders(
 
     Parameters
     ----------
-    sensors : mapping of str to Lidar
+    sensors : mapping of str to Lidar, or Rig
         The sensors by name.
     start : float or datetime
         Moment at time 0 of the scans, before 2106: s since 1970, or a datetime with its time zone. Default: the start
@@ -55,7 +63,7 @@ def encoders(
     if not sensors:
         raise ArgumentValueError("sensors", "one or more", "none")
     found: dict[str, Encoder] = {}
-    for number, (name, lidar) in enumerate(sensors.items()):
+    for number, (name, lidar) in enumerate(lidars(sensors).items()):
         try:
             layout = format_of(lidar, variant)
             of_it = (layout.port if port is None else port) + 2 * number

@@ -168,7 +168,7 @@ def format_of(lidar: Lidar, variant: str | None = None) -> PacketFormat:
         If the format has no such variant.
     """
     if not isinstance(getattr(lidar, "model", None), str):
-        raise ArgumentTypeError("sensors", "a Lidar, or Lidars by name", type(lidar).__name__)
+        raise ArgumentTypeError("sensors", "a Lidar, a Rig, or Lidars by name", type(lidar).__name__)
     model = lidar.model.lower()
     found = next((item for pattern, item in _formats.items() if fnmatchcase(model, pattern)), None)
     if found is None:

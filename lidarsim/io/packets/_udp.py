@@ -21,11 +21,12 @@ from lidarsim._base import validation
 from lidarsim._base.files import PathLike, atomic_writer, check_folder
 from lidarsim._base.validation import short_repr
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
-from lidarsim.io.packets._encoders import companions, encoders
+from lidarsim.io.packets._encoders import companions, encoders, lidars
 from lidarsim.io.packets._format import Packet
 from lidarsim.io.packets._merged import Merged
 from lidarsim.lidar import Lidar
 from lidarsim.motion.georeference import START
+from lidarsim.rig import Rig
 from lidarsim.scan.scan import Scan
 
 Scans: TypeAlias = Iterable[Scan | Mapping[str, Scan]]
@@ -82,7 +83,7 @@ class Sender:
 
     Parameters
     ----------
-    sensors : mapping of str to Lidar, or Lidar
+    sensors : mapping of str to Lidar, Rig or Lidar
         The sensors.
     to : str
         Host, and optionally the port of the first sensor: a name, an IPv4 address, or an IPv6 address, such as
@@ -113,7 +114,7 @@ class Sender:
 
     def __init__(
         self,
-        sensors: Mapping[str, Lidar] | Lidar,
+        sensors: Mapping[str, Lidar] | Rig | Lidar,
         to: str = "127.0.0.1",
         *,
         start: float | datetime = START,
@@ -121,8 +122,7 @@ class Sender:
         fast: bool = False,
     ) -> None:
         host, port = _parse(to)
-        named = sensors if isinstance(sensors, Mapping) else {"": sensors}
-        self._encoders = encoders(named, start=start, variant=variant, port=port)
+        self._encoders = encoders(lidars(sensors), start=start, variant=variant, port=port)
         self._fast = fast
         self._clock: Callable[[], float] = time.monotonic
         self._sleep: Callable[[float], object] = time.sleep

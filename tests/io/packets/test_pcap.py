@@ -36,10 +36,6 @@ def rig() -> ls.Rig:
     return ls.Rig({"fast": (replace(fast, name="fast"), np.eye(4)), "slow": (replace(slow, name="slow"), np.eye(4))})
 
 
-def lidars(rig: ls.Rig) -> dict[str, ls.Lidar]:
-    return {name: sensor.lidar for name, sensor in rig.items()}
-
-
 @pytest.mark.parametrize("size", [0, 1, 1206, 1472, 1473, 2952, 2953, 24832, 65507])
 def test_a_packet_is_fragmented_as_on_its_way(size: int, tmp_path: Path) -> None:
     payload = np.random.default_rng(size).bytes(size)
@@ -77,7 +73,7 @@ def test_the_packets_of_a_rig_are_in_order(rig: ls.Rig, scene: ls.Scene, tmp_pat
     path = tmp_path / "drive.pcap"
     scans = list(rig.frames(scene, None, 5))
     assert [sorted(of) for of in scans] == [["fast", "slow"], ["fast"]] * 2 + [["fast", "slow"]]
-    with packets.Writer(path, lidars(rig)) as writer:
+    with packets.Writer(path, rig) as writer:
         for of in scans:
             writer.write(of)
     assert writer.files == [path, tmp_path / "drive_fast.json", tmp_path / "drive_slow.json"]
@@ -85,7 +81,7 @@ def test_the_packets_of_a_rig_are_in_order(rig: ls.Rig, scene: ls.Scene, tmp_pat
     found = list(datagrams(path))
     times = [datagram.microseconds for datagram in found]
     assert times == sorted(times)
-    for number, (name, encoder) in enumerate(packets.encoders(lidars(rig)).items()):
+    for number, (name, encoder) in enumerate(packets.encoders(rig).items()):
         address, port = IPv4Address("192.168.1.201") + number, 7502 + 2 * number
         own = [packet for of in scans if name in of for packet in encoder.packets(of[name])]
         assert len(own) == 32 * {"fast": 5, "slow": 3}[name]
@@ -98,7 +94,7 @@ def test_packets_do_not_wait_forever_for_a_silent_sensor(
 ) -> None:
     size = 64 + 16 * (12 + 64 * 12)  # bytes of a packet, of which a frame has 32
     monkeypatch.setattr(_merged, "MOST", 3 * 32 * size)
-    merged = _merged.Merged(packets.encoders(lidars(rig)))
+    merged = _merged.Merged(packets.encoders(rig))
     fast, waiting, given = rig["fast"].lidar, 0, 0
     for scan in fast.frames(scene, None, 12):
         ready = merged.add({"fast": scan})
@@ -226,7 +222,7 @@ def test_bad_arguments(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
             packets.Writer(path, {name: fast})
     with pytest.raises(ValueError, match=r"^sensors: expected one or more, got none$"):
         packets.Writer(path, {})
-    with pytest.raises(TypeError, match=r"^sensors: expected a Lidar, or Lidars by name, got NoneType$"):
+    with pytest.raises(TypeError, match=r"^sensors: expected a Lidar, a Rig, or Lidars by name, got NoneType$"):
         packets.Writer(path, {"fast": fast, "none": None})  # type: ignore[dict-item]
     late = datetime(2106, 2, 7, 6, 28, 16, tzinfo=UTC)  # 2³² s since 1970
     for start in (-1.0, 2.0**32, 1e300, late, late.replace(tzinfo=None)):
@@ -234,10 +230,10 @@ def test_bad_arguments(rig: ls.Rig, scene: ls.Scene, tmp_path: Path) -> None:
             packets.Writer(path, fast, start=start)
     assert packets.encoders({"a": fast}, port=0xFFFE)
     with pytest.raises(ValueError, match=r"^port: expected at most 65532 for 2 sensors, got 65534$"):
-        packets.Writer(path, lidars(rig), port=0xFFFE)
+        packets.Writer(path, rig, port=0xFFFE)
     with packets.Writer(path, fast) as writer, pytest.raises(ValueError, match=r"^scans: expected scans of the sensor"):
         writer.write(slow.scan(scene))
-    with packets.Writer(path, lidars(rig)) as writer:
+    with packets.Writer(path, rig) as writer:
         with pytest.raises(ValueError, match=r"^sensor: expected one of fast, slow, got 'third'$"):
             writer.write({"third": fast.scan(scene)})
         with pytest.raises(ValueError, match=r"^scans: expected scans by name \(fast, slow\), got a Scan$"):

@@ -139,8 +139,7 @@ def test_ipv6_keeps_its_scope(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_sensors_of_a_rig_send_in_order_of_time_to_ports_of_their_own() -> None:
     rig = ls.Rig({"top": (toy.lidar(20), None), "left": (toy.lidar(40, rate=50.0), None, 0.0012)})
-    lidars = {name: sensor.lidar for name, sensor in rig.items()}
-    with Sender(lidars, "127.0.0.1:4000") as sender:
+    with Sender(rig, "127.0.0.1:4000") as sender:
         clock = Clock(sender)
         sender.send(rig.frames(room(), None, 4))
     assert [packet.time for _, packet in clock.sent] == sorted(packet.time for _, packet in clock.sent)
