@@ -534,10 +534,15 @@ fn pair_of_points(low: &[f64; 3], high: &[f64; 3]) -> __m512d {
     unsafe { _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(point(low)), point(high)) }
 }
 
+/// Implements `Floats` by the intrinsics of these names, and by expressions where the widths differ.
 macro_rules! register {
-    ($register:ty, $float:ty, $n:literal, $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident,
-     $mul:ident, $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident,
-     $compare:ident, $le_pick:ident, $largest:ident, $smallest:ident, $inline:ident) => {
+    (
+        $register:ty, $float:ty, $n:literal, $inline:ident,
+        [$set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident, $div:ident,
+         $sqrt:ident, $fmadd:ident, $max:ident, $min:ident],
+        |$x:ident| { abs: $abs:expr, largest: $largest:expr, smallest: $smallest:expr }
+        |$a:ident, $b:ident, $then:ident, $else:ident| { le: $le:expr, lt: $lt:expr, le_pick: $le_pick:expr }
+    ) => {
         impl Floats<$float, $n> for Register<$register> {
             #[inline(always)]
             fn splat(x: $float) -> Self {
@@ -583,7 +588,9 @@ macro_rules! register {
             }
             #[inline(always)]
             fn abs(self) -> Self {
-                Register($abs!(self.0))
+                let $x = self.0;
+                // SAFETY: as above.
+                Register(unsafe { $abs })
             }
             #[inline(always)]
             fn negated(self) -> Self {
@@ -610,23 +617,33 @@ macro_rules! register {
             }
             #[inline(always)]
             fn le(self, other: Self) -> u32 {
-                $compare!(self.0, other.0, _CMP_LE_OQ)
+                let ($a, $b) = (self.0, other.0);
+                // SAFETY: as above.
+                unsafe { $le as u32 }
             }
             #[inline(always)]
             fn lt(self, other: Self) -> u32 {
-                $compare!(self.0, other.0, _CMP_LT_OQ)
+                let ($a, $b) = (self.0, other.0);
+                // SAFETY: as above.
+                unsafe { $lt as u32 }
             }
             #[inline(always)]
             fn largest(self) -> $float {
-                $largest!(self.0)
+                let $x = self.0;
+                // SAFETY: as above.
+                unsafe { $largest }
             }
             #[inline(always)]
             fn smallest(self) -> $float {
-                $smallest!(self.0)
+                let $x = self.0;
+                // SAFETY: as above.
+                unsafe { $smallest }
             }
             #[inline(always)]
             fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self {
-                Register($le_pick!(self.0, other.0, then.0, otherwise.0))
+                let ($a, $b, $then, $else) = (self.0, other.0, then.0, otherwise.0);
+                // SAFETY: as above.
+                Register(unsafe { $le_pick })
             }
             #[inline(always)]
             fn run<O: Operation>(operation: O) -> O::Output {
@@ -637,247 +654,71 @@ macro_rules! register {
     };
 }
 
-macro_rules! abs_m256 {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), $x) }
-    };
-}
-
-macro_rules! abs_m256d {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), $x) }
-    };
-}
-
-macro_rules! abs_m512 {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm512_abs_ps($x) }
-    };
-}
-
-macro_rules! abs_m512d {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm512_abs_pd($x) }
-    };
-}
-
-macro_rules! le_pick_m256 {
-    ($a:expr, $b:expr, $then:expr, $else:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm256_blendv_ps($else, $then, _mm256_cmp_ps::<_CMP_LE_OQ>($a, $b)) }
-    };
-}
-
-macro_rules! le_pick_m256d {
-    ($a:expr, $b:expr, $then:expr, $else:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm256_blendv_pd($else, $then, _mm256_cmp_pd::<_CMP_LE_OQ>($a, $b)) }
-    };
-}
-
-macro_rules! le_pick_m512 {
-    ($a:expr, $b:expr, $then:expr, $else:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_LE_OQ>($a, $b), $else, $then) }
-    };
-}
-
-macro_rules! le_pick_m512d {
-    ($a:expr, $b:expr, $then:expr, $else:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_LE_OQ>($a, $b), $else, $then) }
-    };
-}
-
-macro_rules! compare_m256 {
-    ($a:expr, $b:expr, $how:ident) => {
-        // SAFETY: as above.
-        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<$how>($a, $b)) as u32 }
-    };
-}
-
-macro_rules! compare_m256d {
-    ($a:expr, $b:expr, $how:ident) => {
-        // SAFETY: as above.
-        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<$how>($a, $b)) as u32 }
-    };
-}
-
-macro_rules! compare_m512 {
-    ($a:expr, $b:expr, $how:ident) => {
-        // SAFETY: as above.
-        unsafe { u32::from(_mm512_cmp_ps_mask::<$how>($a, $b)) }
-    };
-}
-
-macro_rules! compare_m512d {
-    ($a:expr, $b:expr, $how:ident) => {
-        // SAFETY: as above.
-        unsafe { u32::from(_mm512_cmp_pd_mask::<$how>($a, $b)) }
-    };
-}
-
-macro_rules! largest_m256 {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe {
-            let x = _mm_max_ps(_mm256_castps256_ps128($x), _mm256_extractf128_ps::<1>($x));
+register!(
+    __m256, f32, 8, inline_avx2,
+    [_mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_add_ps, _mm256_sub_ps, _mm256_mul_ps,
+     _mm256_div_ps, _mm256_sqrt_ps, _mm256_fmadd_ps, _mm256_max_ps, _mm256_min_ps],
+    |x| {
+        abs: _mm256_andnot_ps(_mm256_set1_ps(-0.0), x),
+        largest: {
+            let x = _mm_max_ps(_mm256_castps256_ps128(x), _mm256_extractf128_ps::<1>(x));
             let x = _mm_max_ps(x, _mm_movehl_ps(x, x));
             _mm_cvtss_f32(_mm_max_ss(x, _mm_movehdup_ps(x)))
-        }
-    };
-}
-
-macro_rules! largest_m256d {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe {
-            let x = _mm_max_pd(_mm256_castpd256_pd128($x), _mm256_extractf128_pd::<1>($x));
-            _mm_cvtsd_f64(_mm_max_sd(x, _mm_unpackhi_pd(x, x)))
-        }
-    };
-}
-
-macro_rules! largest_m512 {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm512_reduce_max_ps($x) }
-    };
-}
-
-macro_rules! largest_m512d {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm512_reduce_max_pd($x) }
-    };
-}
-
-macro_rules! smallest_m256 {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe {
-            let x = _mm_min_ps(_mm256_castps256_ps128($x), _mm256_extractf128_ps::<1>($x));
+        },
+        smallest: {
+            let x = _mm_min_ps(_mm256_castps256_ps128(x), _mm256_extractf128_ps::<1>(x));
             let x = _mm_min_ps(x, _mm_movehl_ps(x, x));
             _mm_cvtss_f32(_mm_min_ss(x, _mm_movehdup_ps(x)))
         }
-    };
-}
-
-macro_rules! smallest_m256d {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe {
-            let x = _mm_min_pd(_mm256_castpd256_pd128($x), _mm256_extractf128_pd::<1>($x));
+    }
+    |a, b, then, otherwise| {
+        le: _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a, b)),
+        lt: _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a, b)),
+        le_pick: _mm256_blendv_ps(otherwise, then, _mm256_cmp_ps::<_CMP_LE_OQ>(a, b))
+    }
+);
+register!(
+    __m256d, f64, 4, inline_avx2,
+    [_mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd,
+     _mm256_div_pd, _mm256_sqrt_pd, _mm256_fmadd_pd, _mm256_max_pd, _mm256_min_pd],
+    |x| {
+        abs: _mm256_andnot_pd(_mm256_set1_pd(-0.0), x),
+        largest: {
+            let x = _mm_max_pd(_mm256_castpd256_pd128(x), _mm256_extractf128_pd::<1>(x));
+            _mm_cvtsd_f64(_mm_max_sd(x, _mm_unpackhi_pd(x, x)))
+        },
+        smallest: {
+            let x = _mm_min_pd(_mm256_castpd256_pd128(x), _mm256_extractf128_pd::<1>(x));
             _mm_cvtsd_f64(_mm_min_sd(x, _mm_unpackhi_pd(x, x)))
         }
-    };
-}
-
-macro_rules! smallest_m512 {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm512_reduce_min_ps($x) }
-    };
-}
-
-macro_rules! smallest_m512d {
-    ($x:expr) => {
-        // SAFETY: as above.
-        unsafe { _mm512_reduce_min_pd($x) }
-    };
-}
-
-register!(
-    __m256,
-    f32,
-    8,
-    _mm256_set1_ps,
-    _mm256_loadu_ps,
-    _mm256_storeu_ps,
-    _mm256_add_ps,
-    _mm256_sub_ps,
-    _mm256_mul_ps,
-    _mm256_div_ps,
-    _mm256_sqrt_ps,
-    _mm256_fmadd_ps,
-    _mm256_max_ps,
-    _mm256_min_ps,
-    abs_m256,
-    compare_m256,
-    le_pick_m256,
-    largest_m256,
-    smallest_m256,
-    inline_avx2
+    }
+    |a, b, then, otherwise| {
+        le: _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LE_OQ>(a, b)),
+        lt: _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(a, b)),
+        le_pick: _mm256_blendv_pd(otherwise, then, _mm256_cmp_pd::<_CMP_LE_OQ>(a, b))
+    }
 );
 register!(
-    __m256d,
-    f64,
-    4,
-    _mm256_set1_pd,
-    _mm256_loadu_pd,
-    _mm256_storeu_pd,
-    _mm256_add_pd,
-    _mm256_sub_pd,
-    _mm256_mul_pd,
-    _mm256_div_pd,
-    _mm256_sqrt_pd,
-    _mm256_fmadd_pd,
-    _mm256_max_pd,
-    _mm256_min_pd,
-    abs_m256d,
-    compare_m256d,
-    le_pick_m256d,
-    largest_m256d,
-    smallest_m256d,
-    inline_avx2
+    __m512, f32, 16, inline_avx512,
+    [_mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_add_ps, _mm512_sub_ps, _mm512_mul_ps,
+     _mm512_div_ps, _mm512_sqrt_ps, _mm512_fmadd_ps, _mm512_max_ps, _mm512_min_ps],
+    |x| { abs: _mm512_abs_ps(x), largest: _mm512_reduce_max_ps(x), smallest: _mm512_reduce_min_ps(x) }
+    |a, b, then, otherwise| {
+        le: _mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b),
+        lt: _mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b),
+        le_pick: _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b), otherwise, then)
+    }
 );
 register!(
-    __m512,
-    f32,
-    16,
-    _mm512_set1_ps,
-    _mm512_loadu_ps,
-    _mm512_storeu_ps,
-    _mm512_add_ps,
-    _mm512_sub_ps,
-    _mm512_mul_ps,
-    _mm512_div_ps,
-    _mm512_sqrt_ps,
-    _mm512_fmadd_ps,
-    _mm512_max_ps,
-    _mm512_min_ps,
-    abs_m512,
-    compare_m512,
-    le_pick_m512,
-    largest_m512,
-    smallest_m512,
-    inline_avx512
-);
-register!(
-    __m512d,
-    f64,
-    8,
-    _mm512_set1_pd,
-    _mm512_loadu_pd,
-    _mm512_storeu_pd,
-    _mm512_add_pd,
-    _mm512_sub_pd,
-    _mm512_mul_pd,
-    _mm512_div_pd,
-    _mm512_sqrt_pd,
-    _mm512_fmadd_pd,
-    _mm512_max_pd,
-    _mm512_min_pd,
-    abs_m512d,
-    compare_m512d,
-    le_pick_m512d,
-    largest_m512d,
-    smallest_m512d,
-    inline_avx512
+    __m512d, f64, 8, inline_avx512,
+    [_mm512_set1_pd, _mm512_loadu_pd, _mm512_storeu_pd, _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd,
+     _mm512_div_pd, _mm512_sqrt_pd, _mm512_fmadd_pd, _mm512_max_pd, _mm512_min_pd],
+    |x| { abs: _mm512_abs_pd(x), largest: _mm512_reduce_max_pd(x), smallest: _mm512_reduce_min_pd(x) }
+    |a, b, then, otherwise| {
+        le: _mm512_cmp_pd_mask::<_CMP_LE_OQ>(a, b),
+        lt: _mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b),
+        le_pick: _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_LE_OQ>(a, b), otherwise, then)
+    }
 );
 
 /// Two registers as one of twice as many lanes.
