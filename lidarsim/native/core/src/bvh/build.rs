@@ -13,6 +13,7 @@ use super::node::{Child, Node, WIDTH};
 use super::traversal_ray::{down, up};
 use super::{Bvh, MAX_LEAF_SIZE};
 use crate::arith::number::Interval;
+use crate::geometry::ray::union;
 use crate::geometry::vector::Point;
 use crate::memory;
 use crate::stop::Job;
@@ -244,11 +245,6 @@ impl Majority {
         }
         self.lead = if plane == self.plane { self.lead + 1 } else { self.lead - 1 };
     }
-}
-
-/// The box around two boxes.
-pub fn union(a: [Interval; 3], b: [Interval; 3]) -> [Interval; 3] {
-    std::array::from_fn(|i| Interval { low: a[i].low.min(b[i].low), high: a[i].high.max(b[i].high) })
 }
 
 /// The centre of a hierarchy with these bounds, which may be empty or unlimited.

@@ -19,7 +19,6 @@ use crate::geometry::vector::Point;
 use crate::parallel;
 use node::Node;
 
-pub use build::union;
 pub use crossings::Crossings;
 pub use packet::{EnterHierarchy, Packet};
 pub use ray_packet::{LANES, LARGEST, Mask, RayPacket, SMALLEST, all, is_run, part_of_mask, take};

@@ -2,10 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::build::{Aabb, PARALLEL, center_of, find_flat, planes_of, union};
+use super::build::{Aabb, PARALLEL, center_of, find_flat, planes_of};
 use super::node::{Node, WIDTH};
 use super::{Bvh, MAX_LEAF_SIZE};
 use crate::arith::number::Interval;
+use crate::geometry::ray::union;
 use crate::geometry::vector::Point;
 use crate::{memory, parallel, stop};
 

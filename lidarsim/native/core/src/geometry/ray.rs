@@ -7,6 +7,11 @@ use crate::geometry::vector::{self, Point, Vector};
 /// Bounds of a vector, by axis.
 pub type Bounds<F> = [Interval<F>; 3];
 
+/// The box around two boxes.
+pub fn union(a: Bounds<f64>, b: Bounds<f64>) -> Bounds<f64> {
+    std::array::from_fn(|i| Interval { low: a[i].low.min(b[i].low), high: a[i].high.max(b[i].high) })
+}
+
 /// The line (origin + t·direction)/weight, weight > 0; without a weight, it is 1.
 ///
 /// The separate common denominator lets an inverse affine map avoid division and stay exact.

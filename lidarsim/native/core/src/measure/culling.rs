@@ -7,12 +7,13 @@
 //! range.
 
 use crate::arith::number::{Interval, UNIT};
-use crate::bvh::{Bvh, union};
+use crate::bvh::Bvh;
 use crate::cast::NO_INSTANCE;
 use crate::geometry::affine::Affine;
 use crate::geometry::dop::Dop;
 use crate::geometry::origins::Origins;
 use crate::geometry::pose::Path;
+use crate::geometry::ray::union;
 use crate::geometry::vector::{Point, length_above};
 use crate::memory;
 use crate::scene::World;

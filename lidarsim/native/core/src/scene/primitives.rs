@@ -5,6 +5,7 @@ use std::marker::PhantomData;
 
 use crate::arith::number::Interval;
 use crate::bvh::{Bvh, MAX_LEAF_SIZE};
+use crate::geometry::ray::union;
 use crate::shapes::{Disk, Each, Sphere};
 use crate::{memory, stop};
 
@@ -94,7 +95,7 @@ impl<S: Each<K>, const K: usize> Primitives<S, K> {
             stop::poll();
             for (lane, &id) in leaf.ids().iter().enumerate() {
                 places[id as usize] = (MAX_LEAF_SIZE * at + lane) as u32;
-                bounds = union(bounds, S::of(leaf.row(lane)).bounds());
+                bounds = bounds.into_iter().chain(S::of(leaf.row(lane)).bounds()).reduce(union);
             }
         }
         Primitives { hierarchy, places, bounds, kind: PhantomData }
@@ -136,10 +137,4 @@ impl<S: Each<K>, const K: usize> Primitives<S, K> {
     pub fn bytes(&self) -> usize {
         self.hierarchy.bytes() + self.places.len() * size_of::<u32>()
     }
-}
-
-fn union(a: Option<[Interval; 3]>, b: Option<[Interval; 3]>) -> Option<[Interval; 3]> {
-    let (Some(x), Some(y)) = (a, b) else { return a.or(b) };
-    let side = |i: usize| Interval { low: x[i].low.min(y[i].low), high: x[i].high.max(y[i].high) };
-    Some(std::array::from_fn(side))
 }

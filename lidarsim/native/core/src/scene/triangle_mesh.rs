@@ -4,6 +4,7 @@ use crate::arith::number::Interval;
 use crate::arith::simd::{self, Isa};
 use crate::bvh::Bvh;
 use crate::geometry::dop::Dop;
+use crate::geometry::ray::union;
 use crate::geometry::vector::Point;
 use crate::once::Once;
 use crate::shapes::Triangle;
@@ -132,10 +133,8 @@ impl TriangleMesh {
             let first = self.vertices[self.faces.first()?[0] as usize].map(Interval::point);
             Some(self.faces.chunks(1 << 16).fold(first, |bounds, faces| {
                 stop::poll();
-                let all = faces.iter().flatten().map(|&v| self.vertices[v as usize]);
-                all.fold(bounds, |b, v| {
-                    std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
-                })
+                let all = faces.iter().flatten().map(|&v| self.vertices[v as usize].map(Interval::point));
+                all.fold(bounds, union)
             }))
         })
     }

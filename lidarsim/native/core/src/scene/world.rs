@@ -39,6 +39,14 @@ pub struct Movers {
     surface: f32,
 }
 
+impl Movers {
+    fn new(movers: &[u32], boxes: &[Option<[Interval; 3]>]) -> Self {
+        let leaf = |places: &[u32]| movers[places[0] as usize];
+        let hierarchy = Bvh::new(boxes.len(), |place| boxes[place as usize], 1, leaf);
+        Movers { surface: hierarchy.surface(), hierarchy }
+    }
+}
+
 /// The range of the finite times, as no ray is cast at others; [0, 0] if there are none. Eight at a time,
 /// which vectorizes.
 pub fn span(times: &[f64]) -> [f64; 2] {
@@ -91,34 +99,14 @@ impl Scene {
     /// are reused. That of moving objects is refitted from the previous span while it stays about as good,
     /// since successive frames differ little.
     pub fn during(&self, span: [f64; 2]) -> World<'_> {
-        let (index, number) = (self.index(), NUMBER.fetch_add(1, Ordering::Relaxed));
-        if !self.moves() {
-            return World { scene: self, index, movers: None, size: index.size, number, ignored: &[] };
-        }
-        let bounds = |id: &u32| self.objects[*id as usize].bounds_during(span);
-        let mut boxes = memory::with_capacity(self.movers.len());
-        if self.movers.len() > BOXES {
-            parallel::run(|| {
-                self.movers.par_iter().with_min_len(BOXES).map(bounds).collect_into_vec(&mut boxes)
-            });
-        } else {
-            boxes.extend(self.movers.iter().map(bounds));
-        }
-        let movers = self.refitted_movers(&boxes).unwrap_or_else(|| {
-            let leaf = |places: &[u32]| self.movers[places[0] as usize];
-            let hierarchy = Bvh::new(boxes.len(), |place| boxes[place as usize], 1, leaf);
-            Movers { surface: hierarchy.surface(), hierarchy }
+        let boxes = self.boxes_during(&self.movers, span);
+        let movers = self.moves().then(|| {
+            let movers = self.refitted_movers(&boxes).unwrap_or_else(|| Movers::new(&self.movers, &boxes));
+            let movers = Arc::new(movers);
+            self.last_movers.store(Some(movers.clone()));
+            movers
         });
-        let movers = Arc::new(movers);
-        self.last_movers.store(Some(movers.clone()));
-        World {
-            scene: self,
-            index,
-            size: size(&boxes).max(index.size),
-            movers: Some(movers),
-            number,
-            ignored: &[],
-        }
+        self.world(self.index(), movers, &boxes)
     }
 
     /// The world of some of the objects, those that `is_in` tells, in a span of time. `index` is their index.
@@ -128,18 +116,34 @@ impl Scene {
         span: [f64; 2],
         is_in: &dyn Fn(u32) -> bool,
     ) -> World<'a> {
-        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let mut movers = memory::copy(&self.movers);
         movers.retain(|&id| is_in(id));
-        if movers.is_empty() {
-            return World { scene: self, index, movers: None, size: index.size, number, ignored: &[] };
+        let boxes = self.boxes_during(&movers, span);
+        let hierarchy = (!movers.is_empty()).then(|| Arc::new(Movers::new(&movers, &boxes)));
+        self.world(index, hierarchy, &boxes)
+    }
+
+    /// A world; `boxes` are those of the movers.
+    fn world<'a>(
+        &'a self,
+        index: &'a Index,
+        movers: Option<Arc<Movers>>,
+        boxes: &[Option<[Interval; 3]>],
+    ) -> World<'a> {
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        World { scene: self, index, movers, size: size(boxes).max(index.size), number, ignored: &[] }
+    }
+
+    /// The boxes around all places of moving objects during a span of time.
+    fn boxes_during(&self, movers: &[u32], span: [f64; 2]) -> Vec<Option<[Interval; 3]>> {
+        let bounds = |id: &u32| self.objects[*id as usize].bounds_during(span);
+        let mut boxes = memory::with_capacity(movers.len());
+        if movers.len() > BOXES {
+            parallel::run(|| movers.par_iter().with_min_len(BOXES).map(bounds).collect_into_vec(&mut boxes));
+        } else {
+            boxes.extend(movers.iter().map(bounds));
         }
-        let boxes = memory::collect(movers.iter().map(|id| self.objects[*id as usize].bounds_during(span)));
-        let hierarchy =
-            Bvh::new(boxes.len(), |place| boxes[place as usize], 1, |places| movers[places[0] as usize]);
-        let movers = Movers { surface: hierarchy.surface(), hierarchy };
-        let size = size(&boxes).max(index.size);
-        World { scene: self, index, size, movers: Some(Arc::new(movers)), number, ignored: &[] }
+        boxes
     }
 
     /// The hierarchy of the previous span, refitted to the boxes of this one. `None` if there is none or it

@@ -13,7 +13,7 @@ use super::sphere::Sphere;
 use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Root;
-use crate::geometry::ray::Ray;
+use crate::geometry::ray::{Ray, union};
 use crate::geometry::vector::{Point, Vector};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,11 +121,7 @@ impl Surface for Capsule {
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
-        let (start, end) = (self.ball(START).bounds()?, self.ball(END).bounds()?);
-        Some(std::array::from_fn(|i| Interval {
-            low: start[i].low.min(end[i].low),
-            high: start[i].high.max(end[i].high),
-        }))
+        Some(union(self.ball(START).bounds()?, self.ball(END).bounds()?))
     }
 }
 
