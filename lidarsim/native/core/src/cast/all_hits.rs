@@ -2,11 +2,11 @@
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{self, Interval};
+use crate::arith::number;
 use crate::bvh::Stack;
 use crate::cast::ray_query::RayQuery;
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Rays, RootId, RootIntervals, Scene, TRange, TimedRay, World};
+use crate::scene::{BoundedRoot, Hit, Rays, RootId, Scene, TRange, TimedRay, World};
 use crate::{memory, parallel};
 
 /// Rays that a thread takes at a time.
@@ -14,9 +14,6 @@ const PIECE: usize = 256;
 
 /// Roots beyond the requested ones that are collected before the farthest are discarded.
 const SPARE: usize = 32;
-
-/// A root, with bounds of t.
-pub type BoundedRoot = (RootId, Interval);
 
 /// The roots of a ray on a primitive whose rounded t is in range. A negative t is not, even if it rounds to
 /// zero.
@@ -26,12 +23,9 @@ pub fn roots_in_range(
     TRange { min, max }: TRange,
     object: u32,
     primitive: u32,
-) -> impl Iterator<Item = (RootId, Interval)> {
-    let TimedRay { origin, direction, time } = *ray;
-    let found =
-        number::decide(&RootIntervals { object: scene.at(object, time), primitive, origin, direction });
-    let root = move |(t, index, feature)| (RootId { object, primitive, index, feature }, t);
-    found.into_iter().flatten().map(root).filter(move |(at, t): &(RootId, Interval)| {
+) -> impl Iterator<Item = BoundedRoot> {
+    let found = number::decide(&scene.root_intervals(object, primitive, ray));
+    found.into_iter().flatten().filter(move |(at, t)| {
         if t.high < min || t.low > max {
             return false;
         }
@@ -51,7 +45,7 @@ struct AllHits<'a> {
     range: TRange,
     most: usize,
     /// Roots in range, with bounds of t, in any order; more than `most` only between two prunings.
-    roots: Vec<(RootId, Interval)>,
+    roots: Vec<BoundedRoot>,
     limit: f64,
 }
 

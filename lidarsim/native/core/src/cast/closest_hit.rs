@@ -6,7 +6,7 @@ use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::bvh::{LANES, Mask, RayPacket, Stack, take};
 use crate::cast::ray_query::RayQuery;
-use crate::scene::{RootId, RootIntervals, Scene, TRange, TimedRay};
+use crate::scene::{BoundedRoot, RootId, Scene, TRange, TimedRay};
 use crate::shapes::MOST_ROOTS;
 
 /// The closest-hit query of one ray.
@@ -39,30 +39,23 @@ impl<'a> ClosestHit<'a> {
     }
 
     /// The closest hit, with bounds of t.
-    pub fn hit(&self) -> Option<(RootId, Interval)> {
+    pub fn hit(&self) -> Option<BoundedRoot> {
         if self.low < f64::INFINITY { Some((self.root, bounds(self.low, self.limit))) } else { None }
     }
 
     /// Keeps the primitive's first hit in range if it is the closest so far.
     fn intersect(&mut self, id: u32, primitive: u32) {
-        let found = number::decide(&self.root_intervals(id, primitive));
-        self.accept_first(id, primitive, found);
+        self.accept_first(number::decide(&self.scene.root_intervals(id, primitive, &self.ray)));
     }
 
     /// As `intersect`, without the float64 stage.
     fn intersect_exactly(&mut self, id: u32, primitive: u32) {
-        let found = number::decide_exactly(&self.root_intervals(id, primitive));
-        self.accept_first(id, primitive, found);
+        self.accept_first(number::decide_exactly(&self.scene.root_intervals(id, primitive, &self.ray)));
     }
 
-    fn root_intervals(&self, id: u32, primitive: u32) -> RootIntervals<'a> {
-        let TimedRay { origin, direction, time } = self.ray;
-        RootIntervals { object: self.scene.at(id, time), primitive, origin, direction }
-    }
-
-    fn accept_first(&mut self, id: u32, primitive: u32, found: [Option<(Interval, u8, u8)>; MOST_ROOTS]) {
-        for &(t, index, feature) in found.iter().flatten() {
-            if self.accept(RootId { object: id, primitive, index, feature }, t) {
+    fn accept_first(&mut self, found: [Option<BoundedRoot>; MOST_ROOTS]) {
+        for &(at, t) in found.iter().flatten() {
+            if self.accept(at, t) {
                 return;
             }
         }

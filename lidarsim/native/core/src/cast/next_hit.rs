@@ -4,12 +4,12 @@ use std::cmp::Ordering;
 
 use crate::arith::number::{self, Dyadic, Number};
 use crate::bvh::Stack;
-use crate::cast::all_hits::{BoundedRoot, order, order_of_t, roots_in_range};
+use crate::cast::all_hits::{order, order_of_t, roots_in_range};
 use crate::cast::ray_query::RayQuery;
 use crate::geometry::vector;
-use crate::scene::{Geometry, Hit, ObjectAt, RootId, RootIntervals, Scene, TRange, TimedRay, World};
+use crate::scene::{BoundedRoot, Geometry, Hit, ObjectAt, RootId, Scene, TRange, TimedRay, World};
+use crate::shapes::Triangle;
 use crate::shapes::triangle::volume;
-use crate::shapes::{MOST_ROOTS, Triangle};
 
 /// All t that a hit may have.
 const ALL: TRange = TRange { min: 0.0, max: f64::MAX };
@@ -101,15 +101,17 @@ fn is_left_out(scene: &Scene, before: &TimedRay, mirror: &SurfaceHit, ray: &Time
 
 /// Whether a ray meets a primitive at the exact t at which it met a mirror.
 fn is_met(scene: &Scene, ray: &TimedRay, mirror: &SurfaceHit, object: u32, primitive: u32) -> bool {
-    let mut others = roots_of(scene, ray, object, primitive).into_iter().flatten();
+    let mut others = roots_of(scene, ray, object, primitive);
     others.any(|other| mirror.order_of_t(scene, ray, &other) == Ordering::Equal)
 }
 
-fn roots_of(scene: &Scene, ray: &TimedRay, object: u32, primitive: u32) -> [Option<BoundedRoot>; MOST_ROOTS] {
-    let TimedRay { origin, direction, time } = *ray;
-    let found =
-        number::decide(&RootIntervals { object: scene.at(object, time), primitive, origin, direction });
-    found.map(|root| root.map(|(t, index, feature)| (RootId { object, primitive, index, feature }, t)))
+fn roots_of(
+    scene: &Scene,
+    ray: &TimedRay,
+    object: u32,
+    primitive: u32,
+) -> impl Iterator<Item = BoundedRoot> + use<> {
+    number::decide(&scene.root_intervals(object, primitive, ray)).into_iter().flatten()
 }
 
 /// The index of the root of a primitive whose rounded t is nearest to zero; of equal ones, the first.
@@ -121,7 +123,7 @@ fn nearest_to_origin(scene: &Scene, ray: &TimedRay, object: u32, primitive: u32)
         }
         scene.t(&a.0, ray).abs() > scene.t(&b.0, ray).abs()
     };
-    let roots = roots_of(scene, ray, object, primitive).into_iter().flatten();
+    let roots = roots_of(scene, ray, object, primitive);
     roots.reduce(|a, b| if is_farther(&a, &b) { b } else { a }).map(|root| root.0.index)
 }
 
@@ -192,7 +194,7 @@ impl<'a> RayQuery<'a> for NextHit<'a> {
 /// The root of a hit of a ray: of those whose t may round to that of the hit, the first that does.
 fn root_of(scene: &Scene, hit: &Hit, ray: &TimedRay) -> Option<BoundedRoot> {
     let (low, high) = (hit.t.next_down(), hit.t.next_up());
-    let on = |primitive| roots_of(scene, ray, hit.object as u32, primitive).into_iter().flatten();
+    let on = |primitive| roots_of(scene, ray, hit.object as u32, primitive);
     let is_near = |root: &BoundedRoot| root.1.low <= high && low <= root.1.high;
     let mut found: Vec<BoundedRoot> = match &scene.objects()[hit.object as usize] {
         object if !object.is_whole() => on(hit.primitive as u32).filter(is_near).collect(),

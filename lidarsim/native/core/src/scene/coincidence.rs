@@ -5,6 +5,7 @@
 use std::cmp::Ordering;
 use std::sync::Arc;
 
+use super::object::with_shape;
 use super::{Geometry, Object, RootId};
 use crate::arith::root::TOUCHING;
 use crate::geometry::axis_plane::AxisPlane;
@@ -56,12 +57,7 @@ fn are_same_surface(x: &Object, a: &RootId, y: &Object, b: &RootId) -> bool {
 /// The plane perpendicular to an axis that contains this root's part of the surface, in the coordinates of
 /// the object.
 fn local_plane(object: &Object, at: &RootId) -> Option<AxisPlane> {
-    match &object.geometry {
-        Geometry::Surface(surface) => surface.axis_plane(at.feature),
-        Geometry::Mesh(mesh) => mesh.triangle(at.primitive).axis_plane(at.feature),
-        Geometry::Spheres(spheres) => spheres.shape(at.primitive).axis_plane(at.feature),
-        Geometry::Disks(disks) => disks.shape(at.primitive).axis_plane(at.feature),
-    }
+    with_shape!(&object.geometry, at.primitive, shape => shape.axis_plane(at.feature))
 }
 
 /// As `local_plane`, in world coordinates, for objects that do not move.
@@ -78,8 +74,8 @@ mod tests {
     use crate::arith::number;
     use crate::geometry::affine::Affine;
     use crate::geometry::vector::Point;
-    use crate::scene::RootIntervals;
-    use crate::scene::predicates::RootOrder;
+    use crate::scene::TimedRay;
+    use crate::scene::predicates::{RootIntervals, RootOn, RootOrder};
     use crate::scene::tests::{FLAT, object, tipped};
     use crate::shapes::{AnySurface, Box, Capsule, Cylinder, Disk, Ellipsoid, Plane, Sphere, Triangle};
     use crate::testing::numbers;
@@ -129,18 +125,14 @@ mod tests {
             };
             let (origin, target) = (point(9.0), point(0.0));
             let direction = [0, 1, 2].map(|i| target[i] - origin[i]);
-            let roots = [0, 1].map(|object: u32| {
-                let at = &objects[object as usize];
-                let primitives = if let Geometry::Mesh(mesh) = &at.geometry { mesh.len() as u32 } else { 1 };
+            let ray = TimedRay { origin, direction, time: 0.0 };
+            let roots = [0, 1].map(|id: u32| {
+                let object = objects[id as usize].at(0.0);
+                let primitives =
+                    if let Geometry::Mesh(mesh) = &object.geometry { mesh.len() as u32 } else { 1 };
                 let on = |primitive| {
-                    let found =
-                        number::decide(&RootIntervals { object: at.at(0.0), primitive, origin, direction });
-                    found.into_iter().flatten().map(move |(_, index, feature)| RootId {
-                        object,
-                        primitive,
-                        index,
-                        feature,
-                    })
+                    let found = number::decide(&RootIntervals { object, id, primitive, ray });
+                    found.into_iter().flatten().map(|(at, _)| at)
                 };
                 (0..primitives).flat_map(on).collect::<Vec<_>>()
             });
@@ -148,14 +140,9 @@ mod tests {
                 for b in &roots[1] {
                     let told = order(x, a, y, b);
                     assert_eq!(told, order(y, b, x, a).map(Ordering::reverse));
-                    let exact = number::decide(&RootOrder {
-                        objects: [x.at(0.0), y.at(0.0)],
-                        a,
-                        b,
-                        origin,
-                        direction,
-                    });
-                    assert!(told.is_none_or(|told| told == exact), "{a:?} {b:?} {origin:?} {direction:?}");
+                    let [a, b] = [(x, a), (y, b)].map(|(x, at)| RootOn { object: x.at(0.0), at, ray: &ray });
+                    let exact = number::decide(&RootOrder([a, b]));
+                    assert!(told.is_none_or(|told| told == exact), "{:?} {:?} {ray:?}", a.at, b.at);
                     found[0] += usize::from(told == Some(Ordering::Equal));
                     found[1] += usize::from(told.is_some_and(|told| told != Ordering::Equal));
                     found[2] += usize::from(exact == Ordering::Equal);

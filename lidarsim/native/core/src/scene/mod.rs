@@ -17,18 +17,18 @@ use arc_swap::ArcSwapOption;
 use crate::arith::number::{self, Dyadic, Interval, Number, One, Uncertain};
 use crate::bvh::{Bvh, Stack, TraversalRay};
 use crate::geometry::affine::Placement;
-use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point};
 use crate::once::Once;
 use crate::shapes::newton;
 use crate::shapes::triangle::Leaf;
 use crate::{memory, parallel};
 
-use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot, meets_what_they_share};
+use object::with_shape;
+use predicates::{NegativeRoot, RefinedHit, RootOn, RootOrder, RoundedRoot, meets_what_they_share};
 
 pub use hit::{EightHits, Hit, HitRun, Sink};
 pub use object::{Geometry, Object, ObjectAt};
-pub use predicates::RootIntervals;
+pub use predicates::{BoundedRoot, RootIntervals};
 pub use primitives::{Disks, PrimitiveLeaf, Primitives, Spheres};
 pub use rays::{Rays, TRange, TimedRay};
 pub use root_id::RootId;
@@ -159,11 +159,8 @@ impl Scene {
         let primitives = self.primitives_on_line(object, origin, direction);
         let mut roots: Vec<RootId> = Vec::new();
         for primitive in primitives {
-            let found =
-                number::decide(&RootIntervals { object: self.at(object, 0.0), primitive, origin, direction });
-            for &(_, index, feature) in found.iter().flatten() {
-                roots.push(RootId { object, primitive, index, feature });
-            }
+            let found = number::decide(&self.root_intervals(object, primitive, &ray));
+            roots.extend(found.into_iter().flatten().map(|(at, _)| at));
         }
         let order = |a: &RootId, b: &RootId| self.compare(a, b, &ray);
         roots.sort_by(order);
@@ -202,60 +199,55 @@ impl Scene {
         found
     }
 
+    /// The predicate of the roots of a ray on a primitive of an object.
+    pub fn root_intervals(&self, object: u32, primitive: u32, ray: &TimedRay) -> RootIntervals<'_> {
+        RootIntervals { object: self.at(object, ray.time), id: object, primitive, ray: *ray }
+    }
+
+    fn root_on<'a>(&'a self, at: &'a RootId, ray: &'a TimedRay) -> RootOn<'a> {
+        RootOn { object: self.at(at.object, ray.time), at, ray }
+    }
+
     /// The order of two roots on a line, at a time.
     pub fn compare(&self, a: &RootId, b: &RootId, ray: &TimedRay) -> Ordering {
-        let TimedRay { origin, direction, time } = *ray;
         let object = |at: &RootId| &self.objects[at.object as usize];
         if let Some(order) = coincidence::order(object(a), a, object(b), b) {
             return order;
         }
-        let objects = [self.at(a.object, time), self.at(b.object, time)];
-        let [x, y] = &objects;
-        if x.is_triangle() && y.is_triangle() && x.is_placed_as(y) {
-            let ray = x.local(Ray::<Dyadic>::new(origin, direction));
-            if meets_what_they_share(&ray, &x.triangle(a.primitive), &y.triangle(b.primitive)) == Ok(true) {
+        let roots = [self.root_on(a, ray), self.root_on(b, ray)];
+        let [x, y] = roots.map(|root| root.object);
+        if x.is_triangle() && y.is_triangle() && x.is_placed_as(&y) {
+            let local = x.local_ray::<Dyadic>(ray);
+            if meets_what_they_share(&local, &x.triangle(a.primitive), &y.triangle(b.primitive)) == Ok(true) {
                 return Ordering::Equal;
             }
         }
-        number::decide(&RootOrder { objects, a, b, origin, direction })
+        number::decide(&RootOrder(roots))
     }
 
     /// t, correctly rounded.
     pub fn t(&self, at: &RootId, ray: &TimedRay) -> f64 {
-        let TimedRay { origin, direction, time } = *ray;
-        number::decide_exactly(&RoundedRoot { object: self.at(at.object, time), at, origin, direction })
+        number::decide_exactly(&RoundedRoot(self.root_on(at, ray)))
     }
 
     /// Whether t is below zero, even by less than float64 resolves.
     pub fn is_negative(&self, at: &RootId, ray: &TimedRay) -> bool {
-        let TimedRay { origin, direction, time } = *ray;
-        number::decide(&NegativeRoot { object: self.at(at.object, time), at, origin, direction })
+        number::decide(&NegativeRoot(self.root_on(at, ray)))
     }
 
     pub fn hit(&self, at: &RootId, ray: &TimedRay) -> Hit {
-        let TimedRay { origin, direction, time } = *ray;
-        let object = self.at(at.object, time);
-        let found = number::decide_exactly(&RefinedHit { object, at, origin, direction });
-        self.hit_of(at, found)
+        self.hit_of(at, number::decide_exactly(&RefinedHit(self.root_on(at, ray))))
     }
 
     /// As `hit`, with bounds of t.
     pub fn hit_within(&self, at: &RootId, bounds: Interval, timed: &TimedRay) -> Hit {
         let object = self.at(at.object, timed.time);
-        let placement = object.placement();
-        let ray = object.local(Ray::new(timed.origin, timed.direction));
-        let step = match &object.geometry {
-            Geometry::Surface(shape) => newton::newton_step(&ray, shape, at.feature, bounds, One),
-            Geometry::Mesh(mesh) => {
-                newton::newton_step(&ray, &mesh.triangle(at.primitive), at.feature, bounds, One)
-            }
-            Geometry::Spheres(spheres) => {
-                newton::newton_step(&ray, &spheres.shape(at.primitive), at.feature, bounds, One)
-            }
-            Geometry::Disks(disks) => {
-                newton::newton_step(&ray, &disks.shape(at.primitive), at.feature, bounds, One)
-            }
-        };
+        let (placement, ray) = (object.placement(), object.local_ray(timed));
+        let step = with_shape!(
+            &object.geometry,
+            at.primitive,
+            shape => newton::newton_step(&ray, shape, at.feature, bounds, One)
+        );
         let found = step.and_then(|(t, normal)| Ok((t, Number::proportions(&placement.normal(normal))?)));
         match found {
             Ok(found) => self.hit_of(at, found),

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::Deref;
 use std::sync::Arc;
 
-use super::{Disks, RootId, Spheres, TriangleMesh};
+use super::{Disks, RootId, Spheres, TimedRay, TriangleMesh};
 use crate::arith::number::{self, Interval, Number, Predicate, Uncertain};
 use crate::arith::root::Root;
 use crate::arith::simd::Isa;
@@ -23,6 +23,29 @@ pub enum Geometry {
     Spheres(Arc<Spheres>),
     Disks(Arc<Disks>),
 }
+
+/// Evaluates an expression with a primitive of a geometry, a shape of any type.
+macro_rules! with_shape {
+    ($geometry:expr, $primitive:expr, $shape:ident => $value:expr) => {
+        match $geometry {
+            Geometry::Surface($shape) => $value,
+            Geometry::Mesh(mesh) => {
+                let $shape = &mesh.triangle($primitive);
+                $value
+            }
+            Geometry::Spheres(spheres) => {
+                let $shape = &spheres.shape($primitive);
+                $value
+            }
+            Geometry::Disks(disks) => {
+                let $shape = &disks.shape($primitive);
+                $value
+            }
+        }
+    };
+}
+
+pub(super) use with_shape;
 
 /// A geometry, the maps that take it into the world, in order of application, and its motion after them.
 #[derive(Clone, Debug)]
@@ -196,21 +219,11 @@ impl Object {
     }
 
     pub(super) fn roots<N: Number>(&self, primitive: u32, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        match &self.geometry {
-            Geometry::Surface(shape) => shape.roots(ray),
-            Geometry::Mesh(mesh) => mesh.triangle(primitive).roots(ray),
-            Geometry::Spheres(spheres) => spheres.shape(primitive).roots(ray),
-            Geometry::Disks(disks) => disks.shape(primitive).roots(ray),
-        }
+        with_shape!(&self.geometry, primitive, shape => shape.roots(ray))
     }
 
     pub(super) fn root<N: Number>(&self, at: &RootId, ray: &Ray<N>) -> Result<Root<N>, Uncertain> {
-        match &self.geometry {
-            Geometry::Surface(shape) => shape.root(ray, at.index),
-            Geometry::Mesh(mesh) => mesh.triangle(at.primitive).root(ray, at.index),
-            Geometry::Spheres(spheres) => spheres.shape(at.primitive).root(ray, at.index),
-            Geometry::Disks(disks) => disks.shape(at.primitive).root(ray, at.index),
-        }
+        with_shape!(&self.geometry, at.primitive, shape => shape.root(ray, at.index))
     }
 }
 
@@ -250,6 +263,12 @@ impl ObjectAt<'_> {
     #[inline(always)]
     pub fn local<N: Number>(&self, ray: Ray<N>) -> Ray<N> {
         self.placement().local(ray)
+    }
+
+    /// As `local`, of a ray as given.
+    #[inline(always)]
+    pub fn local_ray<N: Number>(&self, ray: &TimedRay) -> Ray<N> {
+        self.local(Ray::new(ray.origin, ray.direction))
     }
 
     /// Bounds of the ray in the coordinates of the object.

@@ -3,55 +3,64 @@
 
 use std::cmp::Ordering;
 
-use super::{Geometry, ObjectAt, RootId};
+use super::object::with_shape;
+use super::{Geometry, ObjectAt, RootId, TimedRay};
 use crate::arith::number::{Interval, Number, Predicate, Uncertain};
-use crate::arith::root::TOUCHING;
+use crate::arith::root::{Root, TOUCHING};
 use crate::geometry::affine::Placement;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point};
 use crate::shapes::{MOST_ROOTS, Surface, Triangle, triangle};
 
-/// Bounds of the roots of a primitive.
+/// A root, with bounds of t.
+pub type BoundedRoot = (RootId, Interval);
+
+/// The roots of a ray on a primitive of an object, which has this id, with their bounds.
 pub struct RootIntervals<'a> {
     pub object: ObjectAt<'a>,
+    pub id: u32,
     pub primitive: u32,
-    pub origin: Point,
-    pub direction: Point,
+    pub ray: TimedRay,
 }
 
 impl Predicate for RootIntervals<'_> {
-    /// Bounds of t, and the index and feature as in `RootId`.
-    type Answer = [Option<(Interval, u8, u8)>; MOST_ROOTS];
+    type Answer = [Option<BoundedRoot>; MOST_ROOTS];
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
-        let roots = self
-            .object
-            .roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;
+        let RootIntervals { object, id, primitive, ray } = self;
+        let roots = object.roots::<N>(*primitive, &object.local_ray(ray))?;
         let mut found = [None; MOST_ROOTS];
         for (index, (found, root)) in (0..).zip(found.iter_mut().zip(roots.iter().flatten())) {
-            *found = Some((N::enclose(root)?, if root.touches { TOUCHING } else { index }, root.feature));
+            let index = if root.touches { TOUCHING } else { index };
+            let at = RootId { object: *id, primitive: *primitive, index, feature: root.feature };
+            *found = Some((at, N::enclose(root)?));
         }
         Ok(found)
     }
 }
 
-pub struct RootOrder<'a> {
-    pub objects: [ObjectAt<'a>; 2],
-    pub a: &'a RootId,
-    pub b: &'a RootId,
-    pub origin: Point,
-    pub direction: Point,
+/// A root of a ray on an object.
+#[derive(Clone, Copy)]
+pub struct RootOn<'a> {
+    pub object: ObjectAt<'a>,
+    pub at: &'a RootId,
+    pub ray: &'a TimedRay,
 }
+
+impl RootOn<'_> {
+    fn root<N: Number>(&self) -> Result<Root<N>, Uncertain> {
+        self.object.root(self.at, &self.object.local_ray(self.ray))
+    }
+}
+
+pub struct RootOrder<'a>(pub [RootOn<'a>; 2]);
 
 impl Predicate for RootOrder<'_> {
     type Answer = Ordering;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
-        let root = |object: &ObjectAt, at: &RootId| {
-            object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)))
-        };
-        let [a, b] = &self.objects;
-        N::compare(&root(a, self.a)?, &root(b, self.b)?)
+        let [a, b] = &self.0;
+        N::compare(&a.root::<N>()?, &b.root::<N>()?)
     }
 }
 
@@ -76,64 +85,38 @@ pub fn meets_what_they_share<N: Number>(
     }
 }
 
-pub struct RoundedRoot<'a> {
-    pub object: ObjectAt<'a>,
-    pub at: &'a RootId,
-    pub origin: Point,
-    pub direction: Point,
-}
+/// t, correctly rounded.
+pub struct RoundedRoot<'a>(pub RootOn<'a>);
 
 impl Predicate for RoundedRoot<'_> {
     type Answer = f64;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<f64, Uncertain> {
-        N::round(&self.object.root::<N>(self.at, &self.object.local(Ray::new(self.origin, self.direction)))?)
+        N::round(&self.0.root::<N>()?)
     }
 }
 
 /// Whether t < 0.
-pub struct NegativeRoot<'a> {
-    pub object: ObjectAt<'a>,
-    pub at: &'a RootId,
-    pub origin: Point,
-    pub direction: Point,
-}
+pub struct NegativeRoot<'a>(pub RootOn<'a>);
 
 impl Predicate for NegativeRoot<'_> {
     type Answer = bool;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<bool, Uncertain> {
-        let ray = self.object.local(Ray::new(self.origin, self.direction));
-        Ok(self.object.root::<N>(self.at, &ray)?.sign()? == Ordering::Less)
+        Ok(self.0.root::<N>()?.sign()? == Ordering::Less)
     }
 }
 
 /// A hit: t, correctly rounded, and a normal of moderate length.
-pub struct RefinedHit<'a> {
-    pub object: ObjectAt<'a>,
-    pub at: &'a RootId,
-    pub origin: Point,
-    pub direction: Point,
-}
+pub struct RefinedHit<'a>(pub RootOn<'a>);
 
 impl Predicate for RefinedHit<'_> {
     type Answer = (f64, Point);
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<(f64, Point), Uncertain> {
-        let ray = self.object.local::<N>(Ray::new(self.origin, self.direction));
-        let placement = self.object.placement();
-        match &self.object.geometry {
-            Geometry::Surface(shape) => refined_hit(placement, shape, &ray, self.at.index),
-            Geometry::Mesh(mesh) => {
-                refined_hit(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index)
-            }
-            Geometry::Spheres(spheres) => {
-                refined_hit(placement, &spheres.shape(self.at.primitive), &ray, self.at.index)
-            }
-            Geometry::Disks(disks) => {
-                refined_hit(placement, &disks.shape(self.at.primitive), &ray, self.at.index)
-            }
-        }
+        let RootOn { object, at, ray } = &self.0;
+        let (ray, placement) = (object.local_ray::<N>(ray), object.placement());
+        with_shape!(&object.geometry, at.primitive, shape => refined_hit(placement, shape, &ray, at.index))
     }
 }
 
@@ -225,15 +208,13 @@ mod tests {
                     } else {
                         (origin, direction)
                     };
-                    let at = object.at(0.0);
-                    let roots =
-                        number::decide(&RootIntervals { object: at, primitive: 0, origin, direction });
-                    let [Some((t, index, feature)), None] = roots else { panic!("{object:?} {k}") };
-                    assert!(index == TOUCHING && t.low <= k && k <= t.high);
-                    let root = RootId { object: 0, primitive: 0, index, feature };
-                    let rounded = number::decide(&RoundedRoot { object: at, at: &root, origin, direction });
-                    let (refined, _) =
-                        number::decide_exactly(&RefinedHit { object: at, at: &root, origin, direction });
+                    let (object, ray) = (object.at(0.0), TimedRay { origin, direction, time: 0.0 });
+                    let roots = number::decide(&RootIntervals { object, id: 0, primitive: 0, ray });
+                    let [Some((root, t)), None] = roots else { panic!("{ray:?} {k}") };
+                    assert!(root.index == TOUCHING && t.low <= k && k <= t.high);
+                    let root = RootOn { object, at: &root, ray: &ray };
+                    let rounded = number::decide(&RoundedRoot(root));
+                    let (refined, _) = number::decide_exactly(&RefinedHit(root));
                     assert_eq!((rounded, refined), (k, k));
                     found += 1;
                 }
