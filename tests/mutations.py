@@ -727,8 +727,8 @@ MUTANTS = [
     ),
     Mutant(
         "response: factors of channels",
-        "exp(self.ring_sigma * (*factor - 0.5 * self.ring_sigma))",
-        "exp(self.ring_sigma * *factor)",
+        "turn_into_factors(self.ring_sigma, factors);",
+        "turn_into_factors(0.5 * self.ring_sigma, factors);",
         ("tests/test_measurement.py", "-k", "response"),
     ),
     Mutant(

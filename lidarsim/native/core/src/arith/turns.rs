@@ -125,8 +125,8 @@ fn fraction(rate: &[u64], time: f64) -> u128 {
     high << 64 | middle & u128::from(u64::MAX)
 }
 
-/// |x| = m·2ᵉ.
-fn parts(x: f64) -> (u64, i64) {
+/// |x| = m·2ᵉ; ±∞ counts as ±2¹⁰²⁴.
+pub fn parts(x: f64) -> (u64, i64) {
     let bits = x.to_bits();
     let (exponent, mantissa) = ((bits >> 52 & 0x7ff) as i64, bits & ((1 << 52) - 1));
     if exponent == 0 { (mantissa, -1074) } else { (mantissa | 1 << 52, exponent - 1075) }

@@ -39,13 +39,11 @@ pub trait RayQuery<'a> {
 
     fn traverse(&mut self, world: &World, hierarchy: &Bvh<u32>, stack: &mut Stack) {
         let TimedRay { origin, direction, .. } = *self.ray();
-        let (o, d) = (origin.map(Interval::point), direction.map(Interval::point));
-        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min(), self.limit());
-        hierarchy.traverse(&mut ray, stack, |stack, leaf| {
-            if !world.ignores(*leaf) && !self.skips(*leaf) {
-                self.enter(*leaf, stack);
+        let ray = [origin.map(Interval::point), direction.map(Interval::point)];
+        self.traverse_within(hierarchy, ray, stack, |query, leaf, stack| {
+            if !world.ignores(*leaf) && !query.skips(*leaf) {
+                query.enter(*leaf, stack);
             }
-            self.limit()
         });
     }
 
@@ -59,7 +57,7 @@ pub trait RayQuery<'a> {
                     return;
                 }
                 let ray = self.local_ray(object);
-                self.traverse_within(mesh.hierarchy(), ray, stack, |query, leaf| {
+                self.traverse_within(mesh.hierarchy(), ray, stack, |query, leaf, _| {
                     leaf.ids().iter().for_each(|primitive| query.visit(object, *primitive));
                 });
             }
@@ -85,7 +83,7 @@ pub trait RayQuery<'a> {
         let [(origin, off), (direction, bent)] = local.map(middle_of_one);
         let length = direction.iter().map(|x| x.abs()).sum();
         let ray = EachRay::new(direction, length, off, bent);
-        self.traverse_within(primitives.hierarchy(), local, stack, |query, leaf| {
+        self.traverse_within(primitives.hierarchy(), local, stack, |query, leaf, _| {
             let seen = S::seen_from::<Portable>(origin, &leaf.numbers);
             let mut left = (S::candidates(&seen, &ray) & leaf.all()).into();
             while let Some(lane) = take(&mut left) {
@@ -99,11 +97,11 @@ pub trait RayQuery<'a> {
         hierarchy: &Bvh<L>,
         [origin, direction]: [Bounds<f64>; 2],
         stack: &mut Stack,
-        visit: impl Fn(&mut Self, &L),
+        visit: impl Fn(&mut Self, &L, &mut Stack),
     ) {
         let mut ray = TraversalRay::new(origin, direction, hierarchy.center(), self.t_min(), self.limit());
-        hierarchy.traverse(&mut ray, stack, |_, leaf| {
-            visit(self, leaf);
+        hierarchy.traverse(&mut ray, stack, |stack, leaf| {
+            visit(self, leaf, stack);
             self.limit()
         });
     }

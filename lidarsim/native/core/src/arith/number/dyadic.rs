@@ -6,6 +6,7 @@ use std::cmp::Ordering;
 
 use super::integer::Integer;
 use super::{Interval, Kinds, Number, Root, Uncertain, approximate, nearly};
+use crate::arith::turns::parts;
 
 /// The number `mantissa · 2^exponent`.
 #[derive(Clone, Debug)]
@@ -202,11 +203,7 @@ impl Number for Dyadic {
 
     /// ±∞ becomes ±2¹⁰²⁴.
     fn exact(x: f64) -> Self {
-        let bits = x.to_bits();
-        let biased = ((bits >> 52) & 0x7ff) as i64;
-        let fraction = bits & ((1 << 52) - 1);
-        let (mantissa, exponent) =
-            if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
+        let (mantissa, exponent) = parts(x);
         if mantissa == 0 {
             return Dyadic::zero();
         }

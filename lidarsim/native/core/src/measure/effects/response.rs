@@ -4,6 +4,7 @@
 //! channel, an exponent e, a normal g, a normal s of the stretch or 1, and a curve h. It comes last, so that
 //! noise and detection have seen I.
 
+use super::fluctuation::turn_into_factors;
 use super::range_noise::interpolate;
 use super::{Echoes, Effect, Pulses};
 use crate::arith::elementary::{exp, ln};
@@ -80,9 +81,7 @@ impl Effect for Response {
     fn draw<I: Isa>(&self, pulses: &Pulses, Drawn { factors, normals, strengths }: &mut Drawn) {
         if self.ring_sigma > 0.0 {
             pulses.normals_of_channels::<I, Channels>(0, factors);
-            for factor in factors {
-                *factor = exp(self.ring_sigma * (*factor - 0.5 * self.ring_sigma));
-            }
+            turn_into_factors(self.ring_sigma, factors);
         }
         if self.sigma > 0.0 {
             pulses.normals::<I, Self>(0, normals);
