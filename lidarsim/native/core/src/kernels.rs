@@ -23,10 +23,10 @@ pub trait Kernels: Sync {
     fn write_points(&self, points: WritePoints);
 
     /// Measures a batch of pulses, or returns the first bad pulse.
-    fn measure(&self, batch: Batch<World>) -> Result<(), BadPulse>;
+    fn measure(&self, batch: Batch) -> Result<(), BadPulse>;
 
     /// Records the waveforms of a batch of pulses, or returns the first bad pulse.
-    fn record(&self, recording: Recording<World>) -> Result<(), BadPulse>;
+    fn record(&self, recording: Recording) -> Result<(), BadPulse>;
 
     /// Writes the pulses of a piece of a frame. False if a prism reflects one of them totally.
     fn fire(&self, piece: ColumnPiece) -> bool;
@@ -49,11 +49,11 @@ impl<R: Runner> Kernels for R {
         R::run(points);
     }
 
-    fn measure(&self, batch: Batch<World>) -> Result<(), BadPulse> {
+    fn measure(&self, batch: Batch) -> Result<(), BadPulse> {
         R::run(batch)
     }
 
-    fn record(&self, recording: Recording<World>) -> Result<(), BadPulse> {
+    fn record(&self, recording: Recording) -> Result<(), BadPulse> {
         R::run(recording)
     }
 

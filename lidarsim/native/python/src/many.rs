@@ -245,7 +245,7 @@ pub fn scan_many<'py>(
                 frame,
                 measurement,
                 appearances: &own.appearances,
-                caster: own_worlds.get(i).unwrap_or(&worlds[world_of[i]]),
+                world: own_worlds.get(i).unwrap_or(&worlds[world_of[i]]),
                 transport: transport_of(own, measurement, span_of(own, frame), ignored.of(i, scene[i])),
             }
         }));

@@ -6,7 +6,7 @@ use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
     BadPulse, Fault, Frame, Layout, LightTransport, Measurement, Parameters, Scan, ScanColumns, Value,
 };
-use lidarsim_core::{Origins, Path, Point, World, memory, span};
+use lidarsim_core::{Origins, Path, Point, memory, span};
 use numpy::ndarray::ArrayD;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayMethods, PyReadonlyArray1,
@@ -275,7 +275,7 @@ pub fn transport_of<'a>(
     measurement: &Measurement,
     span: [f64; 2],
     ignored: &'a [u32],
-) -> Option<LightTransport<World<'a>>> {
+) -> Option<LightTransport<'a>> {
     let depth = measurement.depth();
     let goes_on = depth > 1 && scene.appearances.iter().any(|appearance| appearance.goes_on());
     goes_on.then(|| {
@@ -304,7 +304,7 @@ impl Shot<'_, '_> {
         &self,
         py: Python<'_>,
         measurement: &Measurement,
-        work: impl FnOnce(&Scan<World>) -> Result<R, BadPulse> + Send,
+        work: impl FnOnce(&Scan) -> Result<R, BadPulse> + Send,
     ) -> PyResult<R> {
         let Pulses { directions, origins, times, rings } = self.pulses.slices()?;
         let indices = self.indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
@@ -324,7 +324,7 @@ impl Shot<'_, '_> {
             let world = world.ignoring(&ignored);
             let transport = transport_of(scene, measurement, span, &ignored);
             let appearances = &scene.appearances;
-            work(&Scan { frame: &frame, measurement, appearances, caster: &world, transport })
+            work(&Scan { frame: &frame, measurement, appearances, world: &world, transport })
         })?;
         done.map_err(|bad| explain(bad, &frame))
     }

@@ -1,10 +1,9 @@
 //! What a lidar can tell of an object.
 
 use super::backscatter::Backscatter;
-use super::caster::Caster;
 use super::grain::Grain;
 use super::texture::TextureMap;
-use crate::scene::{Hit, TimedRay};
+use crate::scene::{Hit, Scene, TimedRay};
 
 /// What a lidar measures of an object besides its geometry.
 #[derive(Clone, Debug)]
@@ -62,15 +61,10 @@ pub enum Reflectivity {
 impl Reflectivity {
     /// The reflectivity at a hit on a primitive; `hit` gives the hit and the ray if they are needed.
     #[inline(always)]
-    pub(super) fn at(
-        &self,
-        primitive: i32,
-        hit: impl FnOnce() -> (Hit, TimedRay),
-        caster: &impl Caster,
-    ) -> f64 {
+    pub(super) fn at(&self, primitive: i32, hit: impl FnOnce() -> (Hit, TimedRay), scene: &Scene) -> f64 {
         let place = || {
             let (hit, ray) = hit();
-            caster.barycentric(&hit, &ray)
+            scene.barycentric(&hit, &ray)
         };
         match self {
             Reflectivity::Object(value) => *value,

@@ -3,18 +3,18 @@
 
 use std::ops::Range;
 
-use super::caster::Caster;
 use super::direction::{Axis, is_finite, is_unit};
 use super::effects::Pulses;
 use super::frame::{BadPulse, Frame};
 use super::scan::Scan;
 use super::scratch::{RayArrays, Scratch};
 use crate::arith::simd::{self, Floats, Isa};
+use crate::cast::Cast;
 use crate::geometry::origins::Origins;
 use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
 use crate::memory::resize;
-use crate::scene::Rays;
+use crate::scene::{Rays, TRange};
 
 impl Frame<'_> {
     /// Pulses as effects see them; `indices`: their numbers in the whole frame.
@@ -25,7 +25,7 @@ impl Frame<'_> {
     }
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// Draws for the effects, aims the rays of a batch of pulses, and casts them.
     #[inline(always)]
     pub(super) fn fire<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch) -> Result<(), BadPulse> {
@@ -50,7 +50,7 @@ impl<C: Caster> Scan<'_, C> {
             return frame.check(pulses);
         }
         rays.times.clear();
-        if self.caster.moves() {
+        if self.world.scene.moves() {
             for time in &frame.times[pulses] {
                 rays.times.extend(std::iter::repeat_n(frame.start + time, measurement.rays()));
             }
@@ -62,7 +62,8 @@ impl<C: Caster> Scan<'_, C> {
             times: &rays.times,
             bundle: self.measurement.rays(),
         };
-        self.caster.cast::<I>(rays, hits);
+        // The pulses have been checked, so the rays are legal.
+        I::call(Cast { world: self.world, rays, range: TRange::RAY, hits: &mut hits.columns() });
         Ok(())
     }
 

@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use super::beam::Beam;
-use super::caster::Caster;
 use super::columns::{Entries, Rows, unused, write};
 use super::direction::beside;
 use super::echo::Echo;
@@ -20,24 +19,91 @@ use crate::arith::simd::{Floats, Isa, Task, lanes};
 use crate::geometry::point::{cross, dot};
 use crate::memory::resize;
 
-/// [`Scan::measure_pulses`], compiled once for its callers.
-struct MeasurePulses<'a, 'b, 'c, C> {
-    scan: &'a Scan<'b, C>,
+/// Measures the `wanted` pulses one by one.
+struct MeasurePulses<'a, 'b, 'c> {
+    scan: &'a Scan<'b>,
     pulses: Range<usize>,
     scratch: &'a mut Scratch,
     rows: &'a mut Rows<'c>,
 }
 
-impl<C: Caster> Task for MeasurePulses<'_, '_, '_, C> {
+impl Task for MeasurePulses<'_, '_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        self.scan.measure_pulses::<I>(self.pulses, self.scratch, self.rows);
+        let MeasurePulses { scan, pulses, scratch, rows } = self;
+        let (most, rays, beam) =
+            (scan.measurement.most_returns(), scan.measurement.rays(), &scan.measurement.beam);
+        let indices = std::mem::take(&mut scratch.indices);
+        let batch = scan.frame.pulses(pulses.clone(), &indices);
+        let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
+        for pulse in 0..pulses.len() {
+            if scratch.wanted[pulse / 8] >> (pulse % 8) & 1 == 0 {
+                continue;
+            }
+            match beam {
+                Some(beam) => waveform.echoes::<I>(beam, scratch, pulse, &mut echoes),
+                None => scratch.echoes_of_ray(pulse, &mut echoes),
+            }
+            for (echo, number) in echoes.iter_mut().zip(0..) {
+                scan.receive(pulse, number, echo, &batch, &scratch.draws);
+            }
+            if scan.measurement.effects.has_weather() {
+                scan.insert_weather(beam.as_ref(), pulse, &batch, scratch, &mut echoes);
+            }
+            let false_return =
+                scan.measurement.effects.false_returns::<f64, 1>(pulse, &batch, &scratch.draws);
+            if let Some(other) = false_return.filter(|other| other.kept != 0) {
+                let echo = Echo::falsely(pulse * rays, other.reported_range(), other.intensity);
+                let place = echoes.partition_point(|nearer| nearer.range <= echo.range);
+                echoes.insert(place, echo);
+            }
+            // Of one there is no choice.
+            let reported = if echoes.len() < 2 {
+                &echoes
+            } else {
+                scan.measurement.returns.choose(&echoes, &mut chosen);
+                &chosen
+            };
+            let mut row = pulse * most;
+            for echo in reported {
+                if echo.source == Source::FalseReturn {
+                    report_false(row, echo, scratch, rows);
+                    row += 1;
+                    continue;
+                }
+                if echo.source == Source::Atmosphere {
+                    scan.report_air(row, echo, scratch, rows);
+                } else {
+                    scan.report(row, pulse, echo, scratch, rows);
+                    if let Some(entry) = rows.mirrored_point.get_mut(row) {
+                        entry.write(scan.mirrored_point(pulses.start + pulse, echo.ray, scratch));
+                    }
+                }
+                if let Some(entry) = rows.true_direction.get_mut(row) {
+                    let direction = scan.measurement.effects.directions(&batch, &scratch.draws)[pulse];
+                    let sub_ray = scratch.paths.fired_ray(echo.ray) - pulse * rays;
+                    entry.write(match beam {
+                        Some(beam) => beside(direction, beam.offset(sub_ray)),
+                        None => direction,
+                    });
+                }
+                row += 1;
+            }
+            let status = reported.first().map_or(Status::Miss, Echo::status);
+            let count = if status == Status::Hit { reported.len() as u8 } else { 0 };
+            write(rows.status, pulse, [status as u8]);
+            write(rows.return_count, pulse, [count]);
+            for row in row..(pulse + 1) * most {
+                report_nothing(row, Entries::UNUSED, scratch, rows);
+            }
+        }
+        scratch.indices = indices;
     }
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     #[inline(always)]
     pub(super) fn measure_footprints<I: Isa>(
         &self,
@@ -72,78 +138,6 @@ impl<C: Caster> Scan<'_, C> {
             scratch.wanted[pulse / 8] |= u8::from(!scratch.paths.of(pulse).is_empty()) << (pulse % 8);
         }
         I::call(MeasurePulses { scan: self, pulses, scratch, rows });
-    }
-
-    /// Measures the `wanted` pulses one by one.
-    #[inline(always)]
-    fn measure_pulses<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch, rows: &mut Rows) {
-        let (most, rays, beam) =
-            (self.measurement.most_returns(), self.measurement.rays(), &self.measurement.beam);
-        let indices = std::mem::take(&mut scratch.indices);
-        let batch = self.frame.pulses(pulses.clone(), &indices);
-        let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
-        for pulse in 0..pulses.len() {
-            if scratch.wanted[pulse / 8] >> (pulse % 8) & 1 == 0 {
-                continue;
-            }
-            match beam {
-                Some(beam) => waveform.echoes::<I>(beam, scratch, pulse, &mut echoes),
-                None => scratch.echoes_of_ray(pulse, &mut echoes),
-            }
-            for (echo, number) in echoes.iter_mut().zip(0..) {
-                self.receive(pulse, number, echo, &batch, &scratch.draws);
-            }
-            if self.measurement.effects.has_weather() {
-                self.insert_weather(beam.as_ref(), pulse, &batch, scratch, &mut echoes);
-            }
-            let false_return =
-                self.measurement.effects.false_returns::<f64, 1>(pulse, &batch, &scratch.draws);
-            if let Some(other) = false_return.filter(|other| other.kept != 0) {
-                let echo = Echo::falsely(pulse * rays, other.reported_range(), other.intensity);
-                let place = echoes.partition_point(|nearer| nearer.range <= echo.range);
-                echoes.insert(place, echo);
-            }
-            // Of one there is no choice.
-            let reported = if echoes.len() < 2 {
-                &echoes
-            } else {
-                self.measurement.returns.choose(&echoes, &mut chosen);
-                &chosen
-            };
-            let mut row = pulse * most;
-            for echo in reported {
-                if echo.source == Source::FalseReturn {
-                    report_false(row, echo, scratch, rows);
-                    row += 1;
-                    continue;
-                }
-                if echo.source == Source::Atmosphere {
-                    self.report_air(row, echo, scratch, rows);
-                } else {
-                    self.report(row, pulse, echo, scratch, rows);
-                    if let Some(entry) = rows.mirrored_point.get_mut(row) {
-                        entry.write(self.mirrored_point(pulses.start + pulse, echo.ray, scratch));
-                    }
-                }
-                if let Some(entry) = rows.true_direction.get_mut(row) {
-                    let direction = self.measurement.effects.directions(&batch, &scratch.draws)[pulse];
-                    let sub_ray = scratch.paths.fired_ray(echo.ray) - pulse * rays;
-                    entry.write(match beam {
-                        Some(beam) => beside(direction, beam.offset(sub_ray)),
-                        None => direction,
-                    });
-                }
-                row += 1;
-            }
-            let status = reported.first().map_or(Status::Miss, Echo::status);
-            let count = if status == Status::Hit { reported.len() as u8 } else { 0 };
-            write(rows.status, pulse, [status as u8]);
-            write(rows.return_count, pulse, [count]);
-            for row in row..(pulse + 1) * most {
-                report_nothing(row, Entries::UNUSED, scratch, rows);
-            }
-        }
-        scratch.indices = indices;
     }
 
     /// Applies the effects to an echo of a pulse, with its number of the draws.

@@ -2,7 +2,6 @@
 
 use super::appearance::Reflectivity;
 use super::backscatter::Backscatter;
-use super::caster::Caster;
 use super::direction::distance;
 use super::echo::Light;
 use super::scan::Scan;
@@ -20,24 +19,54 @@ pub(super) struct EightLights<F> {
     pub(super) intensity: F,
 }
 
-/// [`Scan::keep_light`], compiled once for its callers.
-pub(super) struct KeepLight<'a, 'b, C> {
-    pub(super) scan: &'a Scan<'b, C>,
-    /// Only of rays whose light goes on from the first surface.
+/// Stores the light of all rays; with `of_further`, only of eights in which the light of a ray goes on:
+/// others are unspecified.
+pub(super) struct KeepLight<'a, 'b> {
+    pub(super) scan: &'a Scan<'b>,
     pub(super) of_further: bool,
     pub(super) scratch: &'a mut Scratch,
 }
 
-impl<C: Caster> Task for KeepLight<'_, '_, C> {
+impl Task for KeepLight<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        self.scan.keep_light::<I>(self.of_further, self.scratch);
+        let KeepLight { scan, of_further, scratch } = self;
+        let whole = scratch.hits.len();
+        let LightArrays { range, cosine, intensity, transmission, received, power } = &mut scratch.light;
+        for numbers in [range, cosine, intensity, received, power] {
+            resize(numbers, whole, 0.0);
+        }
+        transmission.clear();
+        resize(transmission, whole, 1.0);
+        for part in 0..whole / 8 {
+            if of_further && !scratch.paths.touch(part) {
+                continue;
+            }
+            let lights = scan.eight_lights::<I>(part, scratch);
+            let LightArrays { range, cosine, intensity, .. } = &mut scratch.light;
+            range.as_chunks_mut().0[part] = lights.range.store();
+            cosine.as_chunks_mut().0[part] = lights.cosine.store();
+            intensity.as_chunks_mut().0[part] = lights.intensity.store();
+            if !scratch.paths.is_empty() {
+                let shares = I::F64x8::load(&scratch.paths.each(part, 1.0, |path| path.share));
+                intensity.as_chunks_mut().0[part] = lights.intensity.mul(shares).store();
+            }
+        }
+        let LightArrays { range, intensity, transmission, received, power, .. } = &mut scratch.light;
+        scan.measurement.effects.attenuate(range, transmission);
+        for part in 0..whole / 8 {
+            let (range, clear): (I::F64x8, I::F64x8) =
+                (lanes::load(range, part), lanes::load(intensity, part));
+            let left = clear.mul(lanes::load(transmission, part));
+            received.as_chunks_mut().0[part] = left.store();
+            power.as_chunks_mut().0[part] = left.div(range.mul(range)).store();
+        }
     }
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// The reflectivity of what each ray hits. Makes arrays of hits and rays as long as whole registers.
     #[inline(always)]
     pub(super) fn reflect<I: Isa>(&self, scratch: &mut Scratch) {
@@ -62,10 +91,10 @@ impl<C: Caster> Scan<'_, C> {
                 if let Some(appearance) = self.appearances.get(*object as usize) {
                     let i = 8 * part + k;
                     let hit = || (hits.at(i), rays.at(i));
-                    values[k] = appearance.reflectivity.at(hits.primitive[i], hit, self.caster);
+                    values[k] = appearance.reflectivity.at(hits.primitive[i], hit, self.world.scene);
                     if let Some(grain) = &appearance.grain {
                         let (hit, ray) = hit();
-                        grain_hits.push(i, grain, self.caster.local(&hit, &ray));
+                        grain_hits.push(i, grain, self.world.scene.place_on_object(&hit, &ray));
                     }
                     all_lambert &= appearance.backscatter.is_none();
                 }
@@ -110,42 +139,6 @@ impl<C: Caster> Scan<'_, C> {
             }
         }
         surfaces
-    }
-
-    /// Stores the light of all rays; with `of_further`, only of eights in which the light of a ray goes on:
-    /// others are unspecified.
-    #[inline(always)]
-    fn keep_light<I: Isa>(&self, of_further: bool, scratch: &mut Scratch) {
-        let whole = scratch.hits.len();
-        let LightArrays { range, cosine, intensity, transmission, received, power } = &mut scratch.light;
-        for numbers in [range, cosine, intensity, received, power] {
-            resize(numbers, whole, 0.0);
-        }
-        transmission.clear();
-        resize(transmission, whole, 1.0);
-        for part in 0..whole / 8 {
-            if of_further && !scratch.paths.touch(part) {
-                continue;
-            }
-            let lights = self.eight_lights::<I>(part, scratch);
-            let LightArrays { range, cosine, intensity, .. } = &mut scratch.light;
-            range.as_chunks_mut().0[part] = lights.range.store();
-            cosine.as_chunks_mut().0[part] = lights.cosine.store();
-            intensity.as_chunks_mut().0[part] = lights.intensity.store();
-            if !scratch.paths.is_empty() {
-                let shares = I::F64x8::load(&scratch.paths.each(part, 1.0, |path| path.share));
-                intensity.as_chunks_mut().0[part] = lights.intensity.mul(shares).store();
-            }
-        }
-        let LightArrays { range, intensity, transmission, received, power, .. } = &mut scratch.light;
-        self.measurement.effects.attenuate(range, transmission);
-        for part in 0..whole / 8 {
-            let (range, clear): (I::F64x8, I::F64x8) =
-                (lanes::load(range, part), lanes::load(intensity, part));
-            let left = clear.mul(lanes::load(transmission, part));
-            received.as_chunks_mut().0[part] = left.store();
-            power.as_chunks_mut().0[part] = left.div(range.mul(range)).store();
-        }
     }
 }
 

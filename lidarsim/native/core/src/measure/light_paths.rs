@@ -4,15 +4,15 @@ use crate::bvh::Stack;
 use crate::cast::{Departure, HitArrays, SurfaceHit};
 use crate::geometry::vector::Point;
 use crate::memory::resize;
-use crate::scene::{Hit, TimedRay};
+use crate::scene::{Hit, TimedRay, World};
 
 /// The scene behind panes and in mirrors.
-pub struct LightTransport<C> {
+pub struct LightTransport<'a> {
     /// The most surfaces of a path.
     pub depth: usize,
     /// The objects that light goes on from, and all others.
-    pub passing: C,
-    pub solid: C,
+    pub passing: World<'a>,
+    pub solid: World<'a>,
 }
 
 /// A surface that light met after it passed others or was mirrored.

@@ -10,7 +10,6 @@
 //! many as before; the `MOST_PATHS` of greatest share are followed, of equal ones the first, where straight
 //! on comes before mirrored.
 
-use super::caster::Caster;
 use super::columns::unused;
 use super::direction::distance;
 use super::echo::Echo;
@@ -18,11 +17,11 @@ use super::light_paths::{LightPath, LightPaths, LightTransport, PathSegment, Pat
 use super::scan::Scan;
 use super::scratch::Scratch;
 use crate::arith::simd::Isa;
-use crate::cast::{Departure, SurfaceHit};
+use crate::cast::{Cast, Departure, SurfaceHit, next_hit};
 use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 use crate::memory::push;
-use crate::scene::{Hit, Rays, TimedRay};
+use crate::scene::{Hit, Rays, TRange, TimedRay, World};
 use crate::stop;
 
 /// Paths of a ray that are followed at each depth.
@@ -31,9 +30,9 @@ const MOST_PATHS: usize = 16;
 /// Paths that are followed between two polls for a stop of the scan.
 const POLL: usize = 64;
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// Follows the light of the fired rays that goes on.
-    pub(super) fn go_on<I: Isa>(&self, transport: &LightTransport<C>, scratch: &mut Scratch) {
+    pub(super) fn go_on<I: Isa>(&self, transport: &LightTransport, scratch: &mut Scratch) {
         let fired = scratch.hits.len();
         let mut paths = std::mem::take(&mut scratch.paths);
         paths.front.clear();
@@ -52,18 +51,20 @@ impl<C: Caster> Scan<'_, C> {
                 break;
             }
             self.leave(&mut paths, scratch);
-            find_solid::<I, C>(&transport.solid, &mut paths);
+            find_solid::<I>(&transport.solid, &mut paths);
             self.arrive(transport, &mut paths, scratch);
         }
         paths.sort();
         scratch.paths = paths;
     }
 
+    #[inline]
     fn goes_on(&self, object: i32) -> bool {
         self.appearances.get(object as usize).is_some_and(|appearance| appearance.goes_on())
     }
 
     /// The steps from the surfaces at the front, those of a ray together.
+    #[inline]
     fn leave(&self, paths: &mut LightPaths, scratch: &Scratch) {
         let LightPaths { front, steps, .. } = paths;
         steps.clear();
@@ -97,7 +98,8 @@ impl<C: Caster> Scan<'_, C> {
     }
 
     /// Finds the next surface of each step.
-    fn arrive(&self, transport: &LightTransport<C>, paths: &mut LightPaths, scratch: &mut Scratch) {
+    #[inline]
+    fn arrive(&self, transport: &LightTransport, paths: &mut LightPaths, scratch: &mut Scratch) {
         let LightPaths { paths, front, steps, stack, .. } = paths;
         let (rays, hits) = (&mut scratch.rays, &mut scratch.hits);
         let stack = stack.get_or_insert_default();
@@ -107,7 +109,7 @@ impl<C: Caster> Scan<'_, C> {
                 stop::poll();
             }
             let solid = solid.unwrap_or(Hit::MISS);
-            let found = self.caster.next_hit(&transport.passing, &solid, ray, from, stack);
+            let found = next_hit(self.world, &transport.passing, &solid, ray, from, stack);
             let Some(met) = found else { continue };
             let at = hits.len();
             push(paths, *path);
@@ -143,7 +145,7 @@ fn keep_strongest(steps: &mut Vec<PathSegment>, first: usize) {
 
 /// Finds the closest solid hit of each step that does not know it. Neighbours that go straight on, and those
 /// that a mirror turns, are alike; together they are not.
-fn find_solid<I: Isa, C: Caster>(solid: &C, paths: &mut LightPaths) {
+fn find_solid<I: Isa>(solid: &World, paths: &mut LightPaths) {
     let LightPaths { steps, origins, directions, times, solid: hits, .. } = paths;
     for are_mirrored in [false, true] {
         let is_asked = |step: &PathSegment| {
@@ -156,7 +158,7 @@ fn find_solid<I: Isa, C: Caster>(solid: &C, paths: &mut LightPaths) {
         for step in steps.iter().filter(|step| is_asked(step)) {
             push(origins, step.ray.origin);
             push(directions, step.ray.direction);
-            if solid.moves() {
+            if solid.scene.moves() {
                 push(times, step.ray.time);
             }
         }
@@ -164,7 +166,8 @@ fn find_solid<I: Isa, C: Caster>(solid: &C, paths: &mut LightPaths) {
             continue;
         }
         hits.resize(origins.len());
-        solid.cast::<I>(Rays::new(origins, directions, times), hits);
+        let rays = Rays::new(origins, directions, times);
+        I::call(Cast { world: solid, rays, range: TRange::RAY, hits: &mut hits.columns() });
         for (at, step) in steps.iter_mut().filter(|step| is_asked(step)).enumerate() {
             step.solid = Some(hits.at(at));
         }
@@ -183,8 +186,9 @@ fn mirror_image(ray: &TimedRay, hit: &Hit) -> Option<TimedRay> {
     is_legal.then_some(TimedRay { origin, direction, time: ray.time })
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// The place of a surface that was seen in mirrors, in the sensor frame when it fired a pulse.
+    #[inline]
     pub(super) fn mirrored_point(&self, pulse: usize, at: usize, scratch: &Scratch) -> Point {
         if scratch.paths.path(at).is_none_or(|path| path.mirror.is_none()) {
             return unused::mirrored_point;

@@ -1,16 +1,14 @@
 //! Many scans in one call: their batches of pulses are shared among all threads.
 
 use std::mem::MaybeUninit;
-use std::sync::{Mutex, PoisonError};
 
-use super::caster::Caster;
 use super::columns::Rows;
 use super::frame::{BadPulse, Frame};
-use super::scan::{Batch, Scan};
+use super::scan::{Batch, Scan, share};
 use crate::cast::NEAR;
 use crate::geometry::vector::Point;
+use crate::memory;
 use crate::memory::split_off;
-use crate::{memory, parallel};
 
 /// Most rays of a piece: they stay in the second-level cache. Few scans have more.
 const MOST: usize = 8 * NEAR;
@@ -21,12 +19,12 @@ const MOST: usize = 8 * NEAR;
 /// `rows` and `points` have entries for `pulses` pulses of each scan, which are not written where a scan has
 /// fewer. `points` may be empty; otherwise it receives the measured points of `rows.range`, in the sensor
 /// frame. `work` runs a batch.
-pub fn measure_all<C: Caster>(
-    scans: &[Scan<C>],
+pub fn measure_all(
+    scans: &[Scan],
     pulses: usize,
     mut rows: Rows,
     mut points: &mut [MaybeUninit<Point>],
-    work: impl Fn(Batch<C>) -> Result<(), BadPulse> + Sync,
+    work: impl Fn(Batch) -> Result<(), BadPulse> + Sync,
 ) -> Result<(), (usize, BadPulse)> {
     let mut pieces = memory::with_capacity(scans.len());
     for (number, scan) in scans.iter().enumerate() {
@@ -41,22 +39,16 @@ pub fn measure_all<C: Caster>(
             memory::push(&mut pieces, (number, piece, parts));
         }
     }
-    let bad = Mutex::new(None);
-    parallel::share(pieces.into_iter(), |(number, pulses, (mut rows, points))| {
+    share(pieces, |(number, pulses, (mut rows, points))| {
         let scan = &scans[number];
-        let outcome = scan.measure_piece(pulses.clone(), &mut rows, &work);
-        if let Err(found) = outcome {
-            let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
-            if bad.is_none_or(|(other, bad): (usize, BadPulse)| (number, found.pulse) < (other, bad.pulse)) {
-                *bad = Some((number, found));
-            }
-        } else if !points.is_empty() {
+        scan.measure_piece(pulses.clone(), &mut rows, &work).map_err(|bad| (number, bad))?;
+        if !points.is_empty() {
             // SAFETY: the pulses have been measured, and none was bad.
             let ranges = unsafe { rows.written_range() };
             scan.frame.place(pulses.start, scan.measurement.most_returns(), ranges, points);
         }
-    });
-    bad.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+        Ok(())
+    })
 }
 
 impl Frame<'_> {

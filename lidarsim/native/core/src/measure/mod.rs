@@ -12,7 +12,6 @@
 mod appearance;
 mod backscatter;
 mod beam;
-mod caster;
 mod columns;
 mod coverage;
 mod culling;
@@ -23,6 +22,7 @@ mod fire;
 mod footprint;
 mod frame;
 mod grain;
+mod hit_places;
 mod light;
 mod light_paths;
 mod light_transport;

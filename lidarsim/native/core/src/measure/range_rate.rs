@@ -1,6 +1,5 @@
 //! Radial velocity: how fast the true range grows.
 
-use super::caster::Caster;
 use super::scan::Scan;
 use super::scratch::{RayArrays, Scratch, Velocities};
 use crate::geometry::point::{dot, sub};
@@ -8,7 +7,7 @@ use crate::geometry::pose::Path;
 use crate::geometry::vector::Point;
 use crate::scene::{Hit, TimedRay};
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// The products of the direction of a ray of a pulse with the relative velocity of what it hits, and with
     /// itself.
     #[inline(always)]
@@ -26,6 +25,7 @@ impl<C: Caster> Scan<'_, C> {
     /// (vᵢ₊₁ − vᵢ)·dᵢ. So each point adds its velocity times the direction of the light that
     /// comes less that of the light that leaves. By Fermat's principle the points at which mirrors are met
     /// do not add to it by moving along them: their velocities are those of the mirrors.
+    #[inline]
     fn range_rate_in_mirrors(&self, pulse: usize, surface: usize, scratch: &mut Scratch) -> [f64; 2] {
         let mut direction = scratch.rays.directions[surface];
         let mut rate = dot(self.velocity_of_surface(surface, scratch), direction);
@@ -58,7 +58,7 @@ impl<C: Caster> Scan<'_, C> {
     fn velocity_of_surface(&self, ray: usize, scratch: &mut Scratch) -> Point {
         let mut velocity = [0.0; 3];
         if let Some(&time) = scratch.rays.times.get(ray)
-            && let Some(path) = self.caster.path(scratch.hits.object[ray])
+            && let Some(path) = self.world.scene.objects()[scratch.hits.object[ray] as usize].motion()
         {
             velocity =
                 velocity_on(path, time, &scratch.hits.at(ray), ray, &scratch.rays, &mut scratch.velocities);

@@ -8,7 +8,6 @@
 use std::ops::Range;
 
 use super::beam::HALF_SPEED_OF_LIGHT;
-use super::caster::Caster;
 use super::effects::Pulses;
 use super::frame::BadPulse;
 use super::light::KeepLight;
@@ -84,8 +83,8 @@ enum Part<'a> {
 }
 
 /// The work on a batch of pulses, compiled for each instruction set.
-pub struct Recording<'a, 'b, C> {
-    scan: &'b Scan<'a, C>,
+pub struct Recording<'a, 'b> {
+    scan: &'b Scan<'a>,
     recorder: Recorder,
     open_fog: Option<&'b OpenFog>,
     pulses: Range<usize>,
@@ -137,13 +136,13 @@ impl Recorder {
     }
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// Records the waveforms of all pulses, on all threads, or returns the first bad pulse. `work` runs a
     /// batch.
     pub fn record(
         &self,
         recorder: Recorder,
-        work: impl Fn(Recording<C>) -> Result<(), BadPulse> + Sync,
+        work: impl Fn(Recording) -> Result<(), BadPulse> + Sync,
     ) -> Result<Samples, BadPulse> {
         let open_fog = self.open_fog(recorder);
         let run = |pulses: Range<usize>, part: Part| {
@@ -181,7 +180,7 @@ impl<C: Caster> Scan<'_, C> {
     }
 }
 
-impl<C: Caster> Task for Recording<'_, '_, C> {
+impl Task for Recording<'_, '_> {
     type Output = Result<(), BadPulse>;
 
     #[inline(always)]
@@ -237,7 +236,7 @@ impl Received {
     }
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// The light of the `pulse`-th pulse of a batch, before the receiver; of fog, where it ends.
     #[inline(always)]
     fn gather(
@@ -292,6 +291,7 @@ impl<C: Caster> Scan<'_, C> {
     }
 
     /// The light of fog in front of no surface; `None` without fog.
+    #[inline]
     fn open_fog(&self, recorder: Recorder) -> Option<OpenFog> {
         let (fog, sigma) = (self.measurement.effects.fog()?, self.measurement.pulse_sigma());
         let (margin, mut lights) = (MARGIN * sigma, Vec::new());
@@ -310,6 +310,7 @@ impl<C: Caster> Scan<'_, C> {
 
     /// Adds the light of the fog to the samples of a pulse: far from all ends of its air, a share of that in
     /// front of no surface; near some ends, that of the air around them.
+    #[inline]
     fn add_fog(
         &self,
         recorder: Recorder,

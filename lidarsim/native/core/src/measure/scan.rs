@@ -5,7 +5,6 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::appearance::Appearance;
-use super::caster::Caster;
 use super::columns::Rows;
 use super::direction::reciprocal_length;
 use super::frame::{BadPulse, Frame};
@@ -15,17 +14,18 @@ use super::scratch::Scratch;
 use crate::arith::simd::{Isa, Task};
 use crate::cast::pieces;
 use crate::memory::resize;
+use crate::scene::World;
 use crate::{memory, parallel};
 
 /// A frame fired at a scene.
-pub struct Scan<'a, C> {
+pub struct Scan<'a> {
     pub frame: &'a Frame<'a>,
     pub measurement: &'a Measurement,
     /// Of each object of the scene.
     pub appearances: &'a [Arc<Appearance>],
-    pub caster: &'a C,
+    pub world: &'a World<'a>,
     /// None if light goes on from no surface.
-    pub transport: Option<LightTransport<C>>,
+    pub transport: Option<LightTransport<'a>>,
 }
 
 thread_local! {
@@ -33,35 +33,56 @@ thread_local! {
 }
 
 /// The work on a batch of pulses, compiled for each instruction set.
-pub struct Batch<'a, 'b, 'c, C> {
-    scan: &'b Scan<'a, C>,
+pub struct Batch<'a, 'b, 'c> {
+    scan: &'b Scan<'a>,
     pulses: Range<usize>,
     scratch: &'b mut Scratch,
     rows: &'b mut Rows<'c>,
 }
 
-impl<C: Caster> Task for Batch<'_, '_, '_, C> {
+impl Task for Batch<'_, '_, '_> {
     type Output = Result<(), BadPulse>;
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        self.scan.measure_batch::<I>(self.pulses, self.scratch, self.rows)
+        let Batch { scan, pulses, scratch, rows } = self;
+        I::call(Illuminate { scan, pulses: pulses.clone(), scratch })?;
+        resize(&mut scratch.range_rate, rows.radial_velocity.len(), [0.0; 2]);
+        if scan.measurement.beam.is_none() && scan.measurement.most_returns() == 1 {
+            scan.measure_single_rays::<I>(pulses, scratch, rows);
+        } else {
+            scan.measure_footprints::<I>(pulses, scratch, rows);
+        }
+        for (velocity, [along, squared_length]) in rows.radial_velocity.iter_mut().zip(&scratch.range_rate) {
+            velocity.write((along * reciprocal_length(*squared_length)) as f32);
+        }
+        Ok(())
     }
 }
 
-/// [`Scan::illuminate`], compiled once for its callers.
-pub(super) struct Illuminate<'a, 'b, C> {
-    pub(super) scan: &'a Scan<'b, C>,
+/// Fires a batch of pulses, and finds what their light meets.
+pub(super) struct Illuminate<'a, 'b> {
+    pub(super) scan: &'a Scan<'b>,
     pub(super) pulses: Range<usize>,
     pub(super) scratch: &'a mut Scratch,
 }
 
-impl<C: Caster> Task for Illuminate<'_, '_, C> {
+impl Task for Illuminate<'_, '_> {
     type Output = Result<(), BadPulse>;
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        self.scan.illuminate::<I>(self.pulses, self.scratch)
+        let Illuminate { scan, pulses, scratch } = self;
+        scan.fire::<I>(pulses.clone(), scratch)?;
+        if scan.measurement.receiver_offset != 0.0 {
+            scan.hide::<I>(pulses, scan.measurement.receiver_offset, scratch);
+        }
+        scratch.paths.clear(scratch.hits.len());
+        if let Some(transport) = &scan.transport {
+            scan.go_on::<I>(transport, scratch);
+        }
+        scan.reflect::<I>(scratch);
+        Ok(())
     }
 }
 
@@ -73,16 +94,16 @@ pub(super) fn with_scratch<R>(work: impl FnOnce(&mut Scratch) -> R) -> R {
     outcome
 }
 
-/// Works on all pieces, on all threads, or returns the first bad pulse.
-pub(super) fn share<T: Send>(
+/// Works on all pieces, on all threads, or returns the least of their errors.
+pub(super) fn share<T: Send, E: PartialOrd + Copy + Send>(
     pieces: Vec<T>,
-    act: impl Fn(T) -> Result<(), BadPulse> + Sync,
-) -> Result<(), BadPulse> {
+    act: impl Fn(T) -> Result<(), E> + Sync,
+) -> Result<(), E> {
     let bad = Mutex::new(None);
     parallel::share(pieces.into_iter(), |piece| {
         if let Err(found) = act(piece) {
             let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
-            if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
+            if bad.is_none_or(|bad| found < bad) {
                 *bad = Some(found);
             }
         }
@@ -90,13 +111,13 @@ pub(super) fn share<T: Send>(
     bad.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// Measures all pulses, on all threads, or returns the first bad pulse. `rows` are those of all pulses;
     /// `work` runs a batch.
     pub fn measure(
         &self,
         rows: &mut Rows,
-        work: impl Fn(Batch<C>) -> Result<(), BadPulse> + Sync,
+        work: impl Fn(Batch) -> Result<(), BadPulse> + Sync,
     ) -> Result<(), BadPulse> {
         let pieces = pieces(self.frame.directions, self.measurement.rays()).into_iter();
         let pieces = memory::collect(pieces.map(|piece| (piece.clone(), rows.split_off(piece.len()))));
@@ -108,44 +129,9 @@ impl<C: Caster> Scan<'_, C> {
         &self,
         pulses: Range<usize>,
         rows: &mut Rows,
-        work: impl Fn(Batch<C>) -> Result<(), BadPulse>,
+        work: impl Fn(Batch) -> Result<(), BadPulse>,
     ) -> Result<(), BadPulse> {
         with_scratch(|scratch| work(Batch { scan: self, pulses, scratch, rows }))
-    }
-
-    /// Fires a batch of pulses, and finds what their light meets.
-    #[inline(always)]
-    fn illuminate<I: Isa>(&self, pulses: Range<usize>, scratch: &mut Scratch) -> Result<(), BadPulse> {
-        self.fire::<I>(pulses.clone(), scratch)?;
-        if self.measurement.receiver_offset != 0.0 {
-            self.hide::<I>(pulses, self.measurement.receiver_offset, scratch);
-        }
-        scratch.paths.clear(scratch.hits.len());
-        if let Some(transport) = &self.transport {
-            self.go_on::<I>(transport, scratch);
-        }
-        self.reflect::<I>(scratch);
-        Ok(())
-    }
-
-    #[inline(always)]
-    fn measure_batch<I: Isa>(
-        &self,
-        pulses: Range<usize>,
-        scratch: &mut Scratch,
-        rows: &mut Rows,
-    ) -> Result<(), BadPulse> {
-        I::call(Illuminate { scan: self, pulses: pulses.clone(), scratch })?;
-        resize(&mut scratch.range_rate, rows.radial_velocity.len(), [0.0; 2]);
-        if self.measurement.beam.is_none() && self.measurement.most_returns() == 1 {
-            self.measure_single_rays::<I>(pulses, scratch, rows);
-        } else {
-            self.measure_footprints::<I>(pulses, scratch, rows);
-        }
-        for (velocity, [along, squared_length]) in rows.radial_velocity.iter_mut().zip(&scratch.range_rate) {
-            velocity.write((along * reciprocal_length(*squared_length)) as f32);
-        }
-        Ok(())
     }
 
     /// The object that eight rays hit, if it is one: neighbours often hit the same.

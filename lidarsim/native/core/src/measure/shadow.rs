@@ -2,15 +2,14 @@
 
 use std::ops::Range;
 
-use super::caster::Caster;
 use super::direction::Axis;
 use super::scan::Scan;
 use super::scratch::Scratch;
 use crate::arith::simd::Isa;
-use crate::cast::HitArrays;
+use crate::cast::{Cast, HitArrays};
 use crate::geometry::point::{dot, sub};
 use crate::memory::resize;
-use crate::scene::{Hit, Rays, Sink, TimedRay};
+use crate::scene::{Hit, Rays, Sink, TRange, TimedRay};
 
 /// Turns the hits whose shadow rays hit anything into misses, but for those of the `seen` rays.
 struct Hide<'a> {
@@ -31,7 +30,7 @@ impl Sink for Hide<'_> {
     }
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// Turns hits that the receiver does not see into misses. The receiver is to the left of the emitter by
     /// `offset`, m.
     ///
@@ -62,8 +61,13 @@ impl<C: Caster> Scan<'_, C> {
             }
         }
         // Through panes the receiver sees.
-        let opaque = self.transport.as_ref().map_or(self.caster, |transport| &transport.solid);
+        let opaque = self.transport.as_ref().map_or(self.world, |transport| &transport.solid);
         let rays = Rays::new(&shadow_rays.origins, &shadow_rays.directions, &rays.times);
-        opaque.find_any::<I>(Rays { bundle, ..rays }, &mut Hide { hits, seen: &seen });
+        I::call(Cast {
+            world: opaque,
+            rays: Rays { bundle, ..rays },
+            range: TRange { min: 0.0, max: 1.0 },
+            hits: &mut Hide { hits, seen: &seen },
+        });
     }
 }

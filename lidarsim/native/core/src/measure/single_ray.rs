@@ -4,7 +4,6 @@
 use std::ops::Range;
 
 use super::appearance::Labels;
-use super::caster::Caster;
 use super::columns::{Entries, Rows, unused, write};
 use super::direction::beside;
 use super::effects::{Draws, Echoes, Pulses};
@@ -35,14 +34,14 @@ pub(super) struct EightSurfaces<F> {
 }
 
 /// [`Scan::measure_eights`], compiled once for its callers.
-pub(super) struct MeasureEights<'a, 'b, 'c, C> {
-    pub(super) scan: &'a Scan<'b, C>,
+pub(super) struct MeasureEights<'a, 'b, 'c> {
+    pub(super) scan: &'a Scan<'b>,
     pub(super) pulses: Range<usize>,
     pub(super) scratch: &'a mut Scratch,
     pub(super) rows: &'a mut Rows<'c>,
 }
 
-impl<C: Caster> Task for MeasureEights<'_, '_, '_, C> {
+impl Task for MeasureEights<'_, '_, '_> {
     type Output = ();
 
     #[inline(always)]
@@ -54,7 +53,7 @@ impl<C: Caster> Task for MeasureEights<'_, '_, '_, C> {
     }
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     #[inline(always)]
     pub(super) fn measure_single_rays<I: Isa>(
         &self,

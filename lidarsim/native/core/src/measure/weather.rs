@@ -1,7 +1,6 @@
 //! Echoes of the air: of fog, and of single drops and flakes of rain and snow.
 
 use super::beam::Beam;
-use super::caster::Caster;
 use super::echo::{Echo, Returns};
 use super::effects::{Draws, Echoes, FIRST_NUMBER, Pulses};
 use super::scan::Scan;
@@ -47,7 +46,7 @@ impl<F: Floats<f64, 8>> Reported<F> {
     }
 }
 
-impl<C: Caster> Scan<'_, C> {
+impl Scan<'_> {
     /// Adds the echoes of the air to what eight pulses of one ray each report of surfaces, those from 8·part
     /// on. `surface`: how far off these are, infinite if there is none.
     #[inline(always)]
