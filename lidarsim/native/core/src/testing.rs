@@ -11,6 +11,17 @@ pub fn numbers() -> impl FnMut() -> f64 {
     }
 }
 
+/// Words of random bits.
+pub fn words() -> impl FnMut() -> u64 {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state
+    }
+}
+
 /// Runs a test on a large stack: unoptimized code has large frames.
 pub fn with_large_frames(test: fn()) {
     let thread = std::thread::Builder::new().stack_size(1 << 26).spawn(test);

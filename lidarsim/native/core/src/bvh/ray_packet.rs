@@ -531,7 +531,7 @@ mod tests {
                     for many in [1, 5, 16, 63, 80] {
                         let (origins, directions): (Vec<Point>, Vec<Point>) = rays.iter().copied().unzip();
                         let order: Vec<u32> = (0..many).collect();
-                        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                        for level in Level::available() {
                             // Earlier contents of the lanes must not matter.
                             let mut found = RayPacket::empty();
                             (0..LANES).for_each(|lane| found.set(lane, [f64::NAN; 3], [-1e300; 3]));
@@ -599,7 +599,7 @@ mod tests {
                 let up = if lane == count / 2 { elevation } else { 0.0 };
                 rays.set(lane, [0.0; 3], [3.0 * azimuth.cos(), 3.0 * azimuth.sin(), up]);
             }
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 assert_eq!(
                     dispatch(level, AreCoherent(&rays)),
                     known,
@@ -647,7 +647,7 @@ mod tests {
                 rays.origin_error[lane] = four[3];
             }
             let runs = (0..rays.count).filter(|&lane| lane == 0 || kind[lane] != kind[lane - 1]).count();
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 let mut found = rays.clone();
                 let starts = dispatch(level, CompareOrigins(&mut found));
                 let (mut masks, mut left) = (Vec::new(), all(rays.count));
@@ -676,7 +676,7 @@ mod tests {
                 }
             }
         }
-        let levels = Level::ALL.into_iter().filter(|level| *level <= Level::best()).count();
+        let levels = Level::available().count();
         assert!(ones > 30 * levels && all_runs > 1_600 * levels, "{ones}, {all_runs}");
     }
 
@@ -705,7 +705,7 @@ mod tests {
                 rays.set(lane, from, [0, 1, 2].map(|axis| (to[axis] - from[axis]) * 1.7));
                 (rays.origin_error[lane], rays.direction_error[lane]) = (origin_error, direction_error);
             }
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 let mut near = rays.clone();
                 dispatch(level, StartNear(&mut near, center, reach));
                 assert!(near.has_offsets && !near.one_origin);

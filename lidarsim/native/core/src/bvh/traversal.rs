@@ -624,7 +624,7 @@ mod tests {
         for (lane, (origin, direction)) in rays.iter().enumerate() {
             seen.set(lane, origin.map(|x| x as f64), direction.map(|x| x as f64));
         }
-        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+        for level in Level::available() {
             for together in [false, true] {
                 let mut counts = [0; 2];
                 for (count, error) in counts.iter_mut().zip([0.0, 1e-9]) {

@@ -434,7 +434,7 @@ mod tests {
         (0..LANES).for_each(|lane| rays.set(lane, [0.0; 3], [0.0, 0.0, 1.0]));
         let (mut next, mut nearer, mut early, mut kept) = (numbers(), 0, 0, 0);
         for any in [false, true] {
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 for _ in 0..60 {
                     let new = || ClosestHits::new(&scene, TRange { min: 2.0, max: 4.0 }, any);
                     let (mut one_by_one, mut together) = (new(), new());
@@ -502,7 +502,7 @@ mod tests {
         let limits = [0.0, 5e-324, 1e-310, 1.0, 1.0_f64.next_down(), 1e300, f64::MAX, -1.5];
         closest.limit[8..16].copy_from_slice(&limits);
         closest.low[8..16].copy_from_slice(&limits.map(|limit| limit - limit.abs() / 8.0));
-        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+        for level in Level::available() {
             let found = dispatch(level, BoundsOfEight(&closest));
             for k in 0..8 {
                 let Interval { low, high } = closest.bounds(8 + k);

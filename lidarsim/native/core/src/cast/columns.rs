@@ -229,7 +229,7 @@ mod tests {
                     object: ray as i32 + 100,
                     primitive: ray as i32 + 200,
                 });
-                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                for level in Level::available() {
                     let (mut arrays, mut expected) =
                         (HitArrays::of(COUNT as usize), vec![Hit::MISS; COUNT as usize]);
                     let written = dispatch(level, WriteRuns(&mut arrays, &rays, lanes, &hits));

@@ -285,7 +285,7 @@ mod tests {
                     world.parallel[axis] |= Mask::from(world.direction(lane)[axis] == 0.0) << lane;
                 }
             }
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 let mut placed_rays = PlacedRays::new();
                 assert_eq!(dispatch(level, Enter(&object, &world, &mut placed_rays)), all(64));
                 for lane in 0..world.count {
@@ -316,7 +316,7 @@ mod tests {
                 let place = [0.0, 100.0, 5e6][round % 3];
                 world.set(lane, [0; 3].map(|_: u8| place + number()), [0; 3].map(|_: u8| number() - 0.5));
             }
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 let mut placed_rays = PlacedRays::new();
                 let mut left = dispatch(level, Enter(&object, &world, &mut placed_rays));
                 assert_eq!(left, all(64), "{level:?}");

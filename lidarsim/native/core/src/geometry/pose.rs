@@ -724,7 +724,7 @@ mod tests {
             for first in [-1.0, -0.875, 0.25, 0.53125, 1.0, 1.25, 2.0] {
                 for step in [0.0, 1.0 / 64.0, 1.0 / 8.0] {
                     let times = std::array::from_fn(|k| f64::min(first + step * k as f64, 2.5));
-                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    for level in Level::available() {
                         let motions = dispatch(level, Motions { path: &path, times: &times });
                         let poses = dispatch(level, Poses { path: &path, times: &times });
                         for (k, time) in times.into_iter().enumerate() {

@@ -120,7 +120,7 @@ mod tests {
                 self.0.apply::<I>(self.1);
             }
         }
-        let factors = Level::ALL.into_iter().filter(|level| *level <= Level::best()).map(|level| {
+        let factors = Level::available().map(|level| {
             let (mut hits, mut values) = (GrainHits::default(), [1.0; 9]);
             (0..9).for_each(|i| hits.push(i, grain, point));
             dispatch(level, Apply(&mut hits, &mut values));

@@ -167,7 +167,7 @@ mod tests {
             let (o_error, d_error) =
                 if error == 0.0 { (0.0, 0.0) } else { (largest(o, ray_origin), largest(d, ray_direction)) };
             let numbers: [[f64; 8]; K] = std::array::from_fn(|k| rows.map(|row| row[k]));
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 let length = d[0].abs() + d[1].abs() + d[2].abs();
                 let ray = EachRay::new(d, length, o_error, d_error);
                 let (met, certain, bounds) =

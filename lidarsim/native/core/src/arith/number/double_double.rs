@@ -439,7 +439,7 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::arith::number::tests::{Enclosure, within};
+    use crate::arith::number::tests::{Enclosure, square_root, within};
     use crate::arith::number::{Dyadic, nearly};
     use crate::testing::{assert_slack, worst};
 
@@ -547,12 +547,7 @@ mod tests {
         let (quotient, _) = worst(10, 2000, draw, quotient);
         let root = |x: &[f64; 2]| {
             let (a, p) = number(x[0].abs(), x[1]);
-            let zero = Dyadic::exact(0.0);
-            let [_, Some(root)] =
-                Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
-            else {
-                return 0.0;
-            };
+            let Some(root) = square_root(p) else { return 0.0 };
             share_of(a.sqrt(), &root)
         };
         let (root, _) = worst(10, 2000, draw, root);

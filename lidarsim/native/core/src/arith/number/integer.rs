@@ -199,17 +199,12 @@ mod tests {
     use num_bigint::{BigInt, Sign};
 
     use super::*;
+    use crate::testing::words;
 
     /// Magnitudes of lengths around limbs and around the longest short integer: powers of two, their
     /// predecessors, and others.
     fn integers() -> Vec<BigInt> {
-        let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-        let mut next = move || {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            state
-        };
+        let mut next = words();
         let mut found = vec![BigInt::ZERO];
         for bits in [
             1, 2, 53, 63, 64, 65, 127, 128, 129, 191, 192, 256, 320, 447, 448, 449, 510, 511, 512, 513, 576,

@@ -386,6 +386,7 @@ impl<L: Lanes<N>, const N: usize> super::tests::Enclosure<N> for RunningErrors<L
 mod tests {
     use super::*;
     use crate::arith::number::Dyadic;
+    use crate::arith::number::tests::square_root;
     use crate::testing::{assert_slack, worst};
 
     fn share(found: RunningError, x: &Dyadic) -> f64 {
@@ -424,12 +425,7 @@ mod tests {
         let mut largest: f64 = 0.0;
         for up in [false, true] {
             let (a, p) = of(*x, up);
-            let zero = Dyadic::exact(0.0);
-            let [_, Some(root)] =
-                Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
-            else {
-                return 0.0;
-            };
+            let Some(root) = square_root(p) else { return 0.0 };
             largest = largest.max(Dyadic::value(&root).map_or(0.0, |x| share(a.sqrt(), &x)));
         }
         largest
@@ -482,12 +478,7 @@ mod tests {
         let root = worst(4, 1000, draw, |&[x, y]: &[f64; 2]| {
             let error = x * (1.0 + y.abs());
             let p = Dyadic::exact(x).plus(&Dyadic::exact(error));
-            let zero = Dyadic::exact(0.0);
-            let [_, Some(root)] =
-                Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
-            else {
-                return 0.0;
-            };
+            let Some(root) = square_root(p) else { return 0.0 };
             Dyadic::value(&root).map_or(0.0, |p| share(RunningError::within(x, error, One).sqrt(), &p))
         });
         assert_slack("quotient", quotient.0, 1.0);

@@ -5,6 +5,7 @@ use std::cmp::Ordering;
 
 use super::*;
 use crate::arith::simd::{Floats, Isa, LaneTask, Level, Task, dispatch};
+use crate::testing::words;
 
 /// A kind of number whose error bounds the tests can read.
 pub(super) trait Enclosure<const N: usize>: Number {
@@ -24,15 +25,16 @@ pub(super) fn within(x: &Dyadic, high: f64, low: f64, error: f64) -> bool {
     off.minus(&bound).sign() != Ok(Ordering::Greater) && off.plus(&bound).sign() != Ok(Ordering::Less)
 }
 
+/// The greater root of t² = x.
+pub fn square_root(x: Dyadic) -> Option<Root<Dyadic>> {
+    let (one, zero) = (Dyadic::exact(1.0), Dyadic::exact(0.0));
+    let [_, root] = Root::quadratic(one, zero, x.negated(), x, Ordering::Greater, 0);
+    root
+}
+
 /// Numbers of every size, and neighbours with a small difference.
 fn numbers() -> impl FnMut() -> f64 {
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut next = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        state
-    };
+    let mut next = words();
     move || {
         let (kind, bits) = (next() % 16, next());
         let ordinary = f64::from_bits(bits & !(0x7ff << 52) | (1015 + bits % 16) << 52);
@@ -169,7 +171,7 @@ impl<T: LaneTask> Task for Each<T> {
 
 #[test]
 fn lanes_hold_the_exact_numbers() {
-    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+    for level in Level::available() {
         for [certain, known] in
             [dispatch(level, Each(|| RunningErrorLanes)), dispatch(level, Each(|| DoubleDoubled))]
                 .into_iter()

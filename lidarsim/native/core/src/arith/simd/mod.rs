@@ -7,8 +7,6 @@ mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-use std::sync::atomic::{AtomicU8, Ordering};
-
 pub use portable::Portable;
 
 /// N floats with element-wise operations.
@@ -188,11 +186,10 @@ pub trait LaneTask {
 
 /// The instruction sets, each a superset of those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u8)]
 pub enum Level {
-    Scalar = 1,
-    Avx2 = 2,
-    Avx512 = 3,
+    Scalar,
+    Avx2,
+    Avx512,
 }
 
 impl Level {
@@ -207,41 +204,37 @@ impl Level {
     }
 
     /// The best level of this machine.
+    #[cfg(target_arch = "x86_64")]
     pub fn best() -> Level {
-        static BEST: AtomicU8 = AtomicU8::new(0);
-        let known = BEST.load(Ordering::Relaxed);
-        if let Some(level) = Level::ALL.into_iter().find(|l| *l as u8 == known) {
-            return level;
+        if !(is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")) {
+            Level::Scalar
+        } else if is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512bw")
+        {
+            Level::Avx512
+        } else {
+            Level::Avx2
         }
-        let level = detect();
-        BEST.store(level as u8, Ordering::Relaxed);
-        level
+    }
+
+    /// The best level of this machine.
+    #[cfg(not(target_arch = "x86_64"))]
+    pub fn best() -> Level {
+        Level::Scalar
+    }
+
+    /// The levels of this machine.
+    #[cfg(test)]
+    pub fn available() -> impl Iterator<Item = Level> {
+        Level::ALL.into_iter().filter(|level| *level <= Level::best())
     }
 
     /// The level with this name.
     pub fn from_name(name: &str) -> Option<Level> {
         Level::ALL.into_iter().find(|level| level.name() == name)
     }
-}
-
-#[cfg(target_arch = "x86_64")]
-fn detect() -> Level {
-    if !(is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")) {
-        Level::Scalar
-    } else if is_x86_feature_detected!("avx512f")
-        && is_x86_feature_detected!("avx512vl")
-        && is_x86_feature_detected!("avx512dq")
-        && is_x86_feature_detected!("avx512bw")
-    {
-        Level::Avx512
-    } else {
-        Level::Avx2
-    }
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-fn detect() -> Level {
-    Level::Scalar
 }
 
 /// Runs tasks compiled for one instruction set, which the machine must support.
@@ -453,7 +446,7 @@ mod tests {
         let points: Vec<[f64; 3]> = (0..11).map(|_| [0; 3].map(|_: u8| number())).collect();
         for _ in 0..200 {
             let at = [0; 8].map(|_: u8| (11.0 * number()) as usize);
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 let [columns @ [x, y, z], interleaved, again, runs] =
                     dispatch(level, Transpose { points: &points, at });
                 for lane in 0..8 {
@@ -487,7 +480,7 @@ mod tests {
         let (otherwise, number) = (then.map(|x| 2.0 - x), 0x8000_0001);
         let places = [0, 1, u32::MAX, 3, 1 << 31, 5, 6, 7];
         for lanes in 0..256 {
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 let (picked, put) = dispatch(level, Selected(lanes, &then, &otherwise, number, places));
                 for i in 0..8 {
                     let (x, place) =
@@ -527,7 +520,7 @@ mod tests {
             let what = [0; 8].map(|_: u8| (u32::MAX as f64 * number()) as u32);
             let hit: Vec<usize> = (0..8).filter(|&i| near[i] <= far[i]).collect();
             counts[hit.len()] += 1;
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 let (count, distances, found) = dispatch(level, Distances(&near, &far, &what));
                 assert_eq!(count, hit.len());
                 assert!(distances[..count].is_sorted_by(|a, b| a >= b), "{level:?}, {round}");
@@ -559,7 +552,7 @@ mod tests {
             [u64::MAX; 8],
             [0, 1, 1 << 20, 1 << 21, 1 << 41, 1 << 42, 1 << 62, 1 << 63],
         ]) {
-            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for level in Level::available() {
                 for (first, found) in dispatch(level, Fractions(x)) {
                     let k = x.map(|x| x >> first & 0x1f_ffff);
                     assert_eq!(

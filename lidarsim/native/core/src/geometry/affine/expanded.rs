@@ -66,19 +66,18 @@ impl ExpandedInverse {
         let (from_x, size_x) = self.past_offset::<I>(0, x[0]);
         let (from_y, size_y) = self.past_offset::<I>(1, x[1]);
         let (from_z, size_z) = self.past_offset::<I>(2, x[2]);
-        let (from, sizes) = ([from_x, from_y, from_z], [size_x, size_y, size_z]);
-        let [(x, x_size), (y, y_size), (z, z_size)] = [
-            Self::product(from, sizes, self.linear[0]),
-            Self::product(from, sizes, self.linear[1]),
-            Self::product(from, sizes, self.linear[2]),
-        ];
-        ([x, y, z], [x_size, y_size, z_size])
+        self.products([from_x, from_y, from_z], [size_x, size_y, size_z])
     }
 
     /// The images of vectors, and their sizes, as near as those of points.
     #[inline(always)]
     pub fn vectors<I: Isa>(&self, x: V<I>) -> ([Expansion<I>; 3], V<I>) {
-        let (from, sizes) = (Expansion::plain(x), lanes::abs(x));
+        self.products(Expansion::plain(x), lanes::abs(x))
+    }
+
+    /// The products with the linear part, and their sizes.
+    #[inline(always)]
+    fn products<I: Isa>(&self, from: [Expansion<I>; 3], sizes: V<I>) -> ([Expansion<I>; 3], V<I>) {
         let [(x, x_size), (y, y_size), (z, z_size)] = [
             Self::product(from, sizes, self.linear[0]),
             Self::product(from, sizes, self.linear[1]),

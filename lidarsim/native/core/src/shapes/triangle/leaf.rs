@@ -864,7 +864,7 @@ mod tests {
                     .collect();
                 let apart = [1e-3, 1.0, 30.0][round % 3] * distance;
                 let apart = shown.map(|x| x + apart * (next() - 0.5));
-                let levels = Level::ALL.into_iter().filter(|level| *level <= Level::best());
+                let levels = Level::available();
                 for (level, reference) in levels.flat_map(|level| [(level, shown), (level, apart)]) {
                     let probe =
                         Probe { leaf: &leaf, reference, origin: (shown, shown_error), directions: &given };
@@ -1136,7 +1136,7 @@ mod tests {
                     .collect();
                 let origins = [[0.0; 3], [1e29, -1e29, 3.0]];
                 for (origin, reference) in origins.into_iter().flat_map(|o| [(o, o), (o, [1.0; 3])]) {
-                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    for level in Level::available() {
                         let probe =
                             Probe { leaf: &leaf, reference, origin: (origin, 0.0), directions: &directions };
                         for told in dispatch(level, probe).2 {

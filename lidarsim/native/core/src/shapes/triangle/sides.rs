@@ -327,7 +327,7 @@ mod tests {
                         Err(_) => unreachable!("exact arithmetic is never uncertain"),
                     }
                 });
-                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                for level in Level::available() {
                     let ((hits, misses), (decided, ordinary), low, high, known) =
                         dispatch(level, Probe { triangles: &triangles, rays: &rays });
                     assert_eq!(hits & misses, 0);
@@ -382,7 +382,7 @@ mod tests {
                 }
             }
         }
-        let levels = Level::ALL.into_iter().filter(|level| *level <= Level::best()).count();
+        let levels = Level::available().count();
         assert!(hit > 1_600 * levels && missed > 1_000 * levels, "{hit}, {missed}");
         assert!(bounded > 1_300 * levels, "{bounded}");
         // Rays to edges with fractional coordinates, except those that rounding moves far enough aside.
@@ -432,7 +432,7 @@ mod tests {
                     origin[axis] = whole(3.0, tiny);
                     (origin, directions[lane])
                 });
-                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                for level in Level::available() {
                     let ((hits, misses), (decided, ordinary), ..) =
                         dispatch(level, Probe { triangles: &triangles, rays: &rays });
                     assert_eq!(ordinary, 0xff);
@@ -470,7 +470,7 @@ mod tests {
             [point(n, 1.0), point(n + 1, 1.0), point(n + 2, sign)]
         });
         let rays = [([0.0; 3], [0.0, 0.0, 1.0]); 8];
-        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+        for level in Level::available() {
             let (filtered, decided, ..) = dispatch(level, Probe { triangles: &triangles, rays: &rays });
             assert_eq!((filtered, decided), ((0, 0), (0x0f, 0xff)), "{level:?}");
         }
@@ -551,7 +551,7 @@ mod tests {
         // axis.
         let triangles = [[[0.0, 4.0, -1.0], [0.0, 4.0, 3.0], [5.0, 4.0, 0.0]]; 8];
         let rays = [[0.0, 1.0, 0.0]; 8].map(|direction| ([0.0, 0.0, 0.5], direction));
-        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+        for level in Level::available() {
             let (sides, decided, low, high, known) =
                 dispatch(level, Probe { triangles: &triangles, rays: &rays });
             assert_eq!((sides, decided, known), ((0xff, 0), (0xff, 0xff), 0xff));
