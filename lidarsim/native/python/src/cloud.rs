@@ -4,7 +4,7 @@ use lidarsim_core::measure::{
     Coordinates, Copied, Each, Field, MoverPoses, Numbers, PointSource, PointsAndNormals, ReturnCounts,
     WritePoints,
 };
-use lidarsim_core::{Origins, Path, Point, Pose, memory};
+use lidarsim_core::{Path, Pose, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -14,7 +14,8 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{Points, PyPath, PyScene, detach, elements, kernels, points};
+use crate::scan::{PulseArrays, Pulses};
+use crate::{PyPath, PyScene, detach, elements, kernels};
 
 macro_rules! copied {
     (own, $columns:ident, $scan:ident, $wanted:ident, $name:ident: $Entry:ty) => {};
@@ -78,22 +79,11 @@ impl<T: Copy + Element + Sync> Source for ScanColumn<'_, T> {
 /// The attributes of `lidarsim.Scan` that a point cloud is computed from.
 #[derive(FromPyObject)]
 struct ScanArrays<'py> {
-    pulses: AllPulseArrays<'py>,
+    pulses: Bound<'py, PyAny>,
     time: f64,
     range: PyReadonlyArray2<'py, f64>,
     normal: PyReadonlyArray3<'py, f32>,
     return_count: PyReadonlyArray1<'py, u8>,
-}
-
-#[derive(FromPyObject)]
-struct AllPulseArrays<'py> {
-    directions: Points<'py>,
-    origins: Points<'py>,
-    #[pyo3(attribute("_origin"))]
-    origin: Option<Point>,
-    time: PyReadonlyArray1<'py, f64>,
-    ring: PyReadonlyArray1<'py, u16>,
-    column: PyReadonlyArray1<'py, u32>,
 }
 
 /// The fields of `lidarsim.PointCloud`, one entry per return. `frame` is "sensor" or "world". `moment` is the
@@ -121,14 +111,12 @@ pub fn points_of<'py>(
         ("sensor", _, Some(time)) => Coordinates::Moment(path.at(time)),
         _ => return Err(PyValueError::new_err(format!("frame: unknown {frame:?}"))),
     };
-    let pulses = &scan.pulses;
+    let pulses: PulseArrays = scan.pulses.extract()?;
+    let columns_of: PyReadonlyArray1<'_, u32> = scan.pulses.getattr("column")?.extract()?;
     let (n, most) = (scan.return_count.len(), scan.range.shape()[1]);
-    let directions = of_length(n, points("pulses.directions", &pulses.directions)?)?;
-    let origins = of_length(n, points("pulses.origins", &pulses.origins)?)?;
-    let origins = pulses.origin.map_or(Origins::Each(origins), Origins::One);
-    let (times, rings) = (column(n, &pulses.time)?, column(n, &pulses.ring)?);
-    let columns_of = column(n, &pulses.column)?;
-    let counts = column(n, &scan.return_count)?;
+    let Pulses { directions, origins, times, rings } = pulses.slices()?;
+    of_length(n, directions)?;
+    let (columns_of, counts) = (column(n, &columns_of)?, column(n, &scan.return_count)?);
     let range = column(n * most, &scan.range)?;
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 

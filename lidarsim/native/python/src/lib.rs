@@ -23,8 +23,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use lidarsim_core::memory::OutOfMemory;
 use lidarsim_core::stop::{self, Stopped};
 use lidarsim_core::{Kernels, Level, Point, with_room};
-use numpy::ndarray::{ArrayView, Dimension};
-use numpy::{Element, PyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::ndarray::{ArrayD, ArrayView, Dimension};
+use numpy::{
+    Element, IntoPyArray, PyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::PyClass;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -216,6 +218,17 @@ pub fn elements<'a, T: Element, D: Dimension>(
 ) -> PyResult<&'a [T]> {
     let wrong = |_| PyValueError::new_err(format!("{name}: expected an aligned, C-contiguous array"));
     array.as_slice().map_err(wrong)
+}
+
+/// An array of this shape over values, which it takes.
+pub fn into_array<'py, T: Element>(
+    py: Python<'py>,
+    values: Vec<T>,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
+    let array = ArrayD::from_shape_vec(shape, values);
+    let array = array.map_err(|wrong| PyValueError::new_err(wrong.to_string()))?;
+    Ok(array.into_pyarray(py).into_any())
 }
 
 /// A read-only array over values of an object, which it keeps alive.

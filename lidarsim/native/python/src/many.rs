@@ -5,14 +5,14 @@ use std::mem::MaybeUninit;
 use std::sync::Arc;
 
 use lidarsim_core::measure::{Fault, Frame, Layout, Measurement, Rows, Scan, measure_all, rng::Stream};
-use lidarsim_core::{Path, Point, World, memory, span};
+use lidarsim_core::{Path, Point, World, memory};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::path::pose;
-use crate::scan::{Entry, PulseArrays, check_rings, explain, measurement_of, transport_of};
+use crate::path::{Matrix, matrices, pose};
+use crate::scan::{Entry, PulseArrays, check_rings, explain, measurement_of, span_of, transport_of};
 use crate::{PyPath, PyScene, argument_error, detach, elements, kernels, plain};
 
 macro_rules! given {
@@ -127,9 +127,8 @@ impl RowPoses<'_> {
         Ok(match self {
             RowPoses::Moving(paths) => Paths::Moving(paths.iter().map(|path| path.path.clone()).collect()),
             RowPoses::Still(poses) => {
-                let matrices: &[[f64; 16]] = elements("poses", poses)?.as_chunks().0;
-                let rows = |m: &[f64; 16]| std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]));
-                Paths::Still(memory::collect(matrices.iter().map(|matrix| Path::Still(pose(rows(matrix))))))
+                let matrices = matrices("poses", poses)?.iter();
+                Paths::Still(memory::collect(matrices.map(|&matrix| Path::Still(pose(matrix)))))
             }
         })
     }
@@ -323,12 +322,6 @@ fn worlds<'a>(
     (worlds, world_of)
 }
 
-/// The time that a frame takes, as for a single scan; zero if nothing moves.
-fn span_of(scene: &PyScene, frame: &Frame) -> [f64; 2] {
-    let span = if scene.scene.moves() { span(frame.times) } else { [0.0; 2] };
-    span.map(|time| (frame.start + time).clamp(f64::MIN, f64::MAX))
-}
-
 /// The first of some matrices, (N, 16), whose rotation part is not orthonormal to within `tolerance`, or is a
 /// reflection: its index, its distance from orthonormal, and its determinant.
 #[pyfunction]
@@ -336,9 +329,8 @@ pub fn first_not_rigid(
     matrices: PyReadonlyArray2<'_, f64>,
     tolerance: f64,
 ) -> PyResult<Option<(usize, f64, f64)>> {
-    let matrices: &[[f64; 16]] = elements("poses", &matrices)?.as_chunks().0;
-    for (i, m) in matrices.iter().enumerate() {
-        let (error, determinant) = rigidity([[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]]);
+    for (i, &matrix) in self::matrices("poses", &matrices)?.iter().enumerate() {
+        let (error, determinant) = rigidity(matrix);
         if !(error <= tolerance && determinant >= 0.0) {
             return Ok(Some((i, error, determinant)));
         }
@@ -349,14 +341,15 @@ pub fn first_not_rigid(
 /// Whether a value is a (4, 4) float64 array of a pose that is rigid in this sense.
 #[pyfunction]
 pub fn is_plain_pose(value: &Bound<'_, PyAny>, tolerance: f64) -> bool {
-    plain::affine(value).is_some_and(|[x, y, z, _]| {
-        let (error, determinant) = rigidity([x, y, z].map(|row| [row[0], row[1], row[2]]));
+    plain::affine(value).is_some_and(|matrix| {
+        let (error, determinant) = rigidity(matrix);
         error <= tolerance && determinant >= 0.0
     })
 }
 
-/// The largest entry of |RRᵀ − I|, and the determinant.
-fn rigidity([x, y, z]: [Point; 3]) -> (f64, f64) {
+/// The largest entry of |RRᵀ − I|, and the determinant, of the rotation part R.
+fn rigidity([x, y, z, _]: Matrix) -> (f64, f64) {
+    let [x, y, z] = [x, y, z].map(|[x, y, z, _]| [x, y, z]);
     let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let lengths = [x, y, z].map(|row| (dot(row, row) - 1.0).abs());
     let angles = [dot(x, y), dot(y, z), dot(z, x)].map(f64::abs);

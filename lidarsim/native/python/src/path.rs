@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use lidarsim_core::{Cubic, LARGEST, Path, Point, Pose, Step, Velocity, memory};
-use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::{argument_error, detach, elements, plain};
+use crate::{argument_error, detach, elements, into_array, plain};
 
 /// The pose of the sensor at each time.
 #[pyclass(frozen, name = "Path", module = "lidarsim._native")]
@@ -15,7 +15,12 @@ pub struct PyPath {
     pub path: Arc<Path>,
 }
 
-type Matrix = [[f64; 4]; 4];
+pub type Matrix = [[f64; 4]; 4];
+
+/// The matrices of an array of shape (n, 16).
+pub fn matrices<'a>(name: &str, array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [Matrix]> {
+    Ok(elements(name, array)?.as_chunks().0.as_chunks().0)
+}
 
 pub fn pose([x, y, z, _]: Matrix) -> Pose {
     Pose::from_rows([x, y, z])
@@ -57,14 +62,9 @@ impl PyPath {
             ));
         }
         let times = elements("times", &times)?;
-        let matrices: &[[f64; 16]] = elements("matrices", &matrices)?.as_chunks().0;
-        let steps: &[[f64; 18]] = elements("steps", &steps)?.as_chunks().0;
-        let poses =
-            matrices.iter().map(|m| pose(std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]))));
-        let steps = steps.iter().map(|s| {
-            let cubic = |first| Cubic(std::array::from_fn(|i| std::array::from_fn(|k| s[first + 3 * i + k])));
-            Step { shift: cubic(0), turn: cubic(9) }
-        });
+        let poses = self::matrices("matrices", &matrices)?.iter().map(|&matrix| pose(matrix));
+        let steps: &[[[Point; 3]; 2]] = elements("steps", &steps)?.as_chunks().0.as_chunks().0.as_chunks().0;
+        let steps = steps.iter().map(|&[shift, turn]| Step { shift: Cubic(shift), turn: Cubic(turn) });
         let path = detach(py, || {
             let (times, poses, steps) = (memory::copy(times), memory::collect(poses), memory::collect(steps));
             let end = times[n - 1];
@@ -102,7 +102,7 @@ impl PyPath {
                 [x, y, z, [0.0, 0.0, 0.0, 1.0]]
             }))
         })?;
-        Ok(poses.into_flattened().into_flattened().into_pyarray(py).reshape([times.len(), 4, 4])?.into_any())
+        into_array(py, poses.into_flattened().into_flattened(), &[times.len(), 4, 4])
     }
 
     /// Velocities at times within the span, (n, 2, 3): linear in the world, angular in the moving frame.
@@ -118,11 +118,6 @@ impl PyPath {
                 [linear, angular]
             }))
         })?;
-        Ok(velocities
-            .into_flattened()
-            .into_flattened()
-            .into_pyarray(py)
-            .reshape([times.len(), 2, 3])?
-            .into_any())
+        into_array(py, velocities.into_flattened().into_flattened(), &[times.len(), 2, 3])
     }
 }

@@ -7,7 +7,6 @@ use lidarsim_core::measure::{
     BadPulse, Fault, Frame, Layout, LightTransport, Measurement, Parameters, Scan, ScanColumns, Value,
 };
 use lidarsim_core::{Origins, Path, Point, memory, span};
-use numpy::ndarray::ArrayD;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayMethods, PyReadonlyArray1,
     PyReadonlyArray2,
@@ -17,7 +16,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::{Points, PyPath, PyScene, argument_error, detach, elements, kernels, points};
+use crate::{Points, PyPath, PyScene, argument_error, detach, elements, into_array, kernels, points};
 
 /// The attributes of a `lidarsim.Lidar`; below `atmosphere`, those of a `lidarsim.Atmosphere`, if there is
 /// one.
@@ -133,17 +132,6 @@ impl<T: Element + Copy> Entry for [T; 3] {
     fn array<'py>(py: Python<'py>, column: Vec<Self>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
         into_array(py, column.into_flattened(), &[shape, Self::SHAPE].concat())
     }
-}
-
-/// An array of this shape over values, which it takes.
-fn into_array<'py, T: Element>(
-    py: Python<'py>,
-    values: Vec<T>,
-    shape: &[usize],
-) -> PyResult<Bound<'py, PyAny>> {
-    let array = ArrayD::from_shape_vec(shape, values);
-    let array = array.map_err(|wrong| PyValueError::new_err(wrong.to_string()))?;
-    Ok(array.into_pyarray(py).into_any())
 }
 
 macro_rules! arrays {
@@ -284,6 +272,13 @@ pub fn transport_of<'a>(
     })
 }
 
+/// The time that a frame takes; irrelevant, so zero, if nothing moves.
+pub fn span_of(scene: &PyScene, frame: &Frame) -> [f64; 2] {
+    let span = if scene.scene.moves() { span(frame.times) } else { [0.0; 2] };
+    // Rounding preserves the order of times; times that overflow are refused.
+    span.map(|time| (frame.start + time).clamp(f64::MIN, f64::MAX))
+}
+
 /// Pulses to be fired, as Python has them.
 pub struct Shot<'a, 'py> {
     pub scene: &'a PyScene,
@@ -316,10 +311,7 @@ impl Shot<'_, '_> {
             Frame { origins, directions, times, rings, indices, start, path: &self.path.path, stream };
         let done = detach(py, || {
             scene.scene.prepare();
-            // Rounding preserves the order of times; times that overflow are refused. If nothing moves, times
-            // are irrelevant.
-            let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
-            let span = span.map(|time| (start + time).clamp(f64::MIN, f64::MAX));
+            let span = span_of(scene, &frame);
             let world = scene.scene.during(span);
             let world = world.ignoring(&ignored);
             let transport = transport_of(scene, measurement, span, &ignored);

@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyList;
 
 use crate::{
-    Points, PySceneObject, PyShape, argument_error, detach, elements, equal_points, kernels, legal_rays,
+    Points, PySceneObject, PyShape, argument_error, detach, elements, equal_points, kernels, legal_rays, rays,
 };
 
 type HitArrays<'py> = (
@@ -48,17 +48,13 @@ struct RayCast<'a> {
     range: TRange,
 }
 
-impl RayCast<'_> {
-    /// Writes the row of each ray; false if one is illegal.
-    fn hits(&self, mut columns: Columns) -> bool {
-        columns.share(self.rays, |part, rays| self.kernels.cast(&self.world, rays, self.range, part))
-    }
+/// t, object, primitive_id and normal of hits.
+type HitVectors = (Vec<f64>, Vec<i32>, Vec<i32>, Vec<f64>);
 
-    /// Writes whether each ray hits anything; false if one is illegal.
-    fn occlusion(&self, mut occlusion: Occlusion) -> bool {
-        occlusion
-            .share(self.rays, |part, rays| self.kernels.find_occluded(&self.world, rays, self.range, part))
-    }
+fn hit_arrays(py: Python<'_>, (t, object, primitive, normal): HitVectors) -> PyResult<HitArrays<'_>> {
+    let normal = PyArray1::from_vec(py, normal).reshape([t.len(), 3])?;
+    let [object, primitive] = [object, primitive].map(|column| PyArray1::from_vec(py, column));
+    Ok((PyArray1::from_vec(py, t), object, primitive, normal))
 }
 
 impl PyScene {
@@ -205,33 +201,28 @@ impl PyScene {
     ) -> PyResult<HitArrays<'py>> {
         let rays = equal_points(&origins, &directions)?;
         let (range, ignored) = (TRange { min: t_min, max: t_max }, self.objects_to_ignore(ignored.as_ref())?);
-        let (t, object, primitive, normal) =
-            self.cast_rays(py, rays, times.as_ref(), (range, &ignored), HIT, |cast| {
-                let n = rays.0.len();
-                let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity(3 * n));
-                let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
-                let legal = cast.hits(Columns {
-                    t: &mut t.spare_capacity_mut()[..n],
-                    object: &mut object.spare_capacity_mut()[..n],
-                    primitive: &mut primitive.spare_capacity_mut()[..n],
-                    normal: &mut normal.spare_capacity_mut()[..3 * n],
-                });
-                // SAFETY: a cast clears the hit of each of its n rays, legal or not, or unwinds.
-                unsafe {
-                    t.set_len(n);
-                    object.set_len(n);
-                    primitive.set_len(n);
-                    normal.set_len(3 * n);
-                }
-                ((t, object, primitive, normal), legal)
-            })?;
-        let n = t.len();
-        Ok((
-            PyArray1::from_vec(py, t),
-            PyArray1::from_vec(py, object),
-            PyArray1::from_vec(py, primitive),
-            PyArray1::from_vec(py, normal).reshape([n, 3])?,
-        ))
+        let hits = self.cast_rays(py, rays, times.as_ref(), (range, &ignored), HIT, |cast| {
+            let RayCast { world, kernels, rays, range } = cast;
+            let n = rays.directions.len();
+            let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity(3 * n));
+            let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
+            let mut columns = Columns {
+                t: &mut t.spare_capacity_mut()[..n],
+                object: &mut object.spare_capacity_mut()[..n],
+                primitive: &mut primitive.spare_capacity_mut()[..n],
+                normal: &mut normal.spare_capacity_mut()[..3 * n],
+            };
+            let legal = columns.share(rays, |part, rays| kernels.cast(&world, rays, range, part));
+            // SAFETY: a cast clears the hit of each of its n rays, legal or not, or unwinds.
+            unsafe {
+                t.set_len(n);
+                object.set_len(n);
+                primitive.set_len(n);
+                normal.set_len(3 * n);
+            }
+            ((t, object, primitive, normal), legal)
+        })?;
+        hit_arrays(py, hits)
     }
 
     /// The nearest `most` hits of each ray, ascending: as for `cast`, with rows of `most` hits and misses.
@@ -248,11 +239,10 @@ impl PyScene {
         most: usize,
         ignored: Option<PyReadonlyArray1<'py, i64>>,
     ) -> PyResult<HitArrays<'py>> {
-        let rays = equal_points(&origins, &directions)?;
-        legal_rays(rays.0, rays.1)?;
+        let rays = rays(&origins, &directions)?;
         let (range, ignored) = (TRange { min: t_min, max: t_max }, self.objects_to_ignore(ignored.as_ref())?);
         let bytes = HIT.saturating_mul(most);
-        let (t, object, primitive, normal) = self.cast_rays(
+        let hits = self.cast_rays(
             py,
             rays,
             times.as_ref(),
@@ -276,12 +266,7 @@ impl PyScene {
                 ((t, object, primitive, normal), true)
             },
         )?;
-        Ok((
-            PyArray1::from_vec(py, t),
-            PyArray1::from_vec(py, object),
-            PyArray1::from_vec(py, primitive),
-            PyArray1::from_vec(py, normal).reshape([rays.0.len() * most, 3])?,
-        ))
+        hit_arrays(py, hits)
     }
 
     /// Whether each ray hits anything, (n,). `times` and `ignored` are as for `cast`.
@@ -301,9 +286,11 @@ impl PyScene {
         let (range, ignored) = (TRange { min: t_min, max: t_max }, self.objects_to_ignore(ignored.as_ref())?);
         let occluded =
             self.cast_rays(py, rays, times.as_ref(), (range, &ignored), size_of::<bool>(), |cast| {
-                let n = rays.0.len();
+                let RayCast { world, kernels, rays, range } = cast;
+                let n = rays.directions.len();
                 let mut occluded = memory::with_capacity(n);
-                let legal = cast.occlusion(Occlusion(&mut occluded.spare_capacity_mut()[..n]));
+                let mut flags = Occlusion(&mut occluded.spare_capacity_mut()[..n]);
+                let legal = flags.share(rays, |part, rays| kernels.find_occluded(&world, rays, range, part));
                 // SAFETY: as for `cast`.
                 unsafe { occluded.set_len(n) };
                 (occluded, legal)
