@@ -111,8 +111,8 @@ def _seconds(start: object) -> float:
 
 def _check_zone(start: datetime) -> None:
     if start.tzinfo is None or start.utcoffset() is None:
-        hint = "datetime.fromisoformat('2026-05-01T10:00:00+00:00') has one"
-        raise ArgumentValueError("start", "a datetime with a time zone", start.isoformat(), hint)
+        got = start.isoformat()
+        raise ArgumentValueError("start", "a datetime with a time zone", got, f"{got}+00:00 is one in UTC")
 
 
 def projected_crs(crs: object) -> pyproj.CRS:

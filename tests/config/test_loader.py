@@ -1185,7 +1185,7 @@ def test_a_document_that_is_no_mapping() -> None:
         ),
         ("origin: {latitude_deg: 9}", "origin: missing key 'longitude_deg'"),
         ("start: today", "expected a moment such as 2026-05-01T10:00:00+02:00, got 'today'"),
-        ("start: 2026-05-01T10:00:00", "expected a datetime with a time zone, got 2026-05-01T10:00:00; datetime.from"),
+        ("start: 2026-05-01", "got 2026-05-01T00:00:00; 2026-05-01T00:00:00+00:00 is one in UTC"),
         ("start: 1970-01-01T00:00:00Z", "expected a moment since the GPS epoch, 1980-01-06 UTC, got 1970-01-01T00:00"),
     ],
 )
