@@ -21,6 +21,7 @@ from lidarsim.config.document import (
     Place,
     entries,
     merge,
+    node_of,
     parse_assignment,
     plain,
     read,
@@ -87,13 +88,24 @@ def whole(root: Node, changes: Iterable[Change] = ()) -> Node:
     later = []
     for path, value in changes:
         if CHOICES.fullmatch(".".join(path)):
-            root = replace(root, path, value)
+            root = assign(root, path, value)
         else:
             later.append((path, value))
     root = _include(root)
     for path, value in later:
         root = replace(_without_alternative(root, path), path, value)
     return root
+
+
+def assign(root: Node, path: list[str], value: Node) -> Node:
+    """Return `root` with a value replaced; a file replaces a scene without one as a whole."""
+    if path[-2:] == ["scene", "file"]:
+        scene: Node | None = root
+        for key in path[:-1]:
+            scene = entries(scene).get(key, (None, None))[1]
+        if "file" not in entries(scene):
+            root = replace(root, path[:-1], node_of({}, value))
+    return replace(root, path, value)
 
 
 def _without_alternative(root: Node, path: Sequence[str]) -> Node:
@@ -268,7 +280,18 @@ def _include(root: Node) -> Node:
             root = replace(root, ["rig", name, "sensor"], sensor)
     if "scene" in found and (file := _text(found["scene"][1], "file", place / "scene")) is not None:
         root = _with_scene(root, read((place / "scene" / "file").file(file)))
+        for path, value in _leaves(without(found["scene"][1], "file")):
+            root = replace(root, ["scene", *path], value)
     return root
+
+
+def _leaves(node: Node) -> Iterator[Change]:
+    """Yield the paths and values in a mapping, and in the mappings in it."""
+    for key, (_, value) in entries(node).items():
+        if isinstance(value, yaml.MappingNode):
+            yield from (([key, *path], below) for path, below in _leaves(value))
+        else:
+            yield [key], value
 
 
 def _with_scene(root: Node, scene: Node) -> Node:

@@ -157,7 +157,8 @@ class Config(Model):
     """A run: scene, sensor or rig, pose and frames."""
 
     scene: AnyScene
-    """What is scanned; or the `{file: …}` of such a list, alone or as `scene` beside `class_names` and `atmosphere`."""
+    """What is scanned; or the `{file: …}` of such a list, alone or as `scene` beside `class_names` and `atmosphere`.
+    Keys beside `file` override single values of the file: `{file: city.yaml, street: {length_m: 500}}`."""
     class_names: dict[str, str] = {}
     """Names of labels, for legends and files: `{1: car, 2: person}`. They override those of a scene file."""
     atmosphere: Air | None = None

@@ -31,7 +31,7 @@ from lidarsim.config.document import (
     without,
 )
 from lidarsim.config.factories import Model
-from lidarsim.config.loader import CHOICES, Change, build_run, validate, whole
+from lidarsim.config.loader import CHOICES, Change, assign, build_run, validate, whole
 from lidarsim.config.objects import Mesh, SceneFile, size_of
 from lidarsim.config.schema import names_by_label
 from lidarsim.config.starter import configuration
@@ -385,7 +385,7 @@ def load(
     root = read(path)
     for assignment in overrides:
         assigned, new = parse_assignment(assignment)
-        root = replace(root, _path(assigned), new)
+        root = assign(root, _path(assigned), new)
     for name, value in (given or {}).items():
         root = replace(root, [name], argument(name, value))
     root = expand_files(root)
@@ -446,7 +446,10 @@ def _run(place: Place, root: Node) -> Node:
     name = plain(found["file"][1])
     if not isinstance(name, str):
         raise (place / "file").error("expected the path of a configuration")
-    return without(merge(read((place / "file").file(name)), without(node, "file")), "seed", "frames")
+    base = read((place / "file").file(name))
+    if "scene" in found and "file" in entries(found["scene"][1]):
+        base = without(base, "scene")
+    return without(merge(base, without(node, "file")), "seed", "frames")
 
 
 MakeRun = Callable[[np.random.Generator, int], tuple[Scene, "Lidar | Rig", "Trajectory | Transform | None"]]

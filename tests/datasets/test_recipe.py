@@ -300,3 +300,40 @@ def test_the_packaged_recipes_have_kittis_unit() -> None:
         assert 0.3 < np.abs(apart).max() < 1.0
         assert (run.cloud["frame"], run.cloud["deskew"]) == ("sensor", "middle")
         assert {"front", "back", "mast"} <= {item.name for item in run.scene}
+
+
+def test_values_beside_the_file_of_a_scene_override_its_own(tmp_path: Path) -> None:
+    """In the file or by --set, also with the file of a whole run; another file replaces a scene without one."""
+    ball = "{shape: sphere, radius_m: 1, center_m: [5, 0, 0]}"
+    (tmp_path / "balls.yaml").write_text(f"[{ball}, {ball}]")
+    (tmp_path / "street.yaml").write_text("scene: {street: {length_m: 60}}")
+    (tmp_path / "drive.yaml").write_text(
+        "{scene: {street: {kind: rural, length_m: 200}}, sensor: {preset: velodyne-vlp16}}"
+    )
+    recipe = tmp_path / "recipe.yaml"
+
+    def scene(run: str, *overrides: str) -> ls.Scene:
+        recipe.write_text(f"{{layout: shards, run: {run}}}")
+        return load(recipe, overrides).source.run(0).scene
+
+    def extent(run: str, *overrides: str) -> float:
+        return float(np.ptp(scene(run, *overrides).bounds[:, 0]))
+
+    balls, street = (
+        f"{{scene: {{file: {name}.yaml}}, sensor: {{preset: velodyne-vlp16}}}}" for name in ("balls", "street")
+    )
+    assert [item.shape.radius for item in scene(balls, "run.scene.1.radius_m=2")] == [1, 2]
+    with pytest.raises(ConfigError, match=r"^--set run\.scene\.x\.y=2: expected an index below 2, got 'x'"):
+        scene(balls, "run.scene.x.y=2")
+    with pytest.raises(ConfigError, match=r"^--set run\.scene\.x\.y=2: scene\.x: unknown key"):
+        scene(street, "run.scene.x.y=2")
+    short = extent(street)
+    assert extent(street.replace("street.yaml", "street.yaml, street: {length_m: 160}")) > short + 80
+    assert extent(street, "run.scene.street.length_m=160") > short + 80
+    assert extent("{file: drive.yaml}") > short + 80
+    for run, *more in (
+        ("{file: drive.yaml, scene: {file: street.yaml}}",),
+        ("{file: drive.yaml}", f"run.scene.file={(tmp_path / 'street.yaml').as_posix()}"),
+    ):
+        assert extent(run, *more) == short
+    assert extent("{file: drive.yaml, scene: {file: street.yaml}}", "run.scene.street.length_m=160") > short + 80
