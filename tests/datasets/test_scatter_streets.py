@@ -66,6 +66,15 @@ def test_traffic_follows_the_lanes_and_people_cross(tmp_path: Path) -> None:
         assert ahead[0, :3, 0] @ (ahead[1, :3, 3] - ahead[0, :3, 3]) > 0
 
 
+def test_ways_that_are_too_short_for_a_sequence_have_no_room(tmp_path: Path) -> None:
+    """Crossings are 15 to 30 m long: in 30 s, people would walk 36 m."""
+    group = PEOPLE | {"along": ["crossings", "lanes"], "count": 9}
+    source = load(recipe(tmp_path, {"people": group}, frames=300)).source
+    tally = source.scatter_counts(0).groups["people"]
+    assert 0 < tally.placed < tally.asked
+    assert tally.refused["no room along the path"] == tally.asked - tally.placed
+
+
 def test_a_vehicle_moves_along_with_its_sensor_and_is_not_in_its_way(tmp_path: Path) -> None:
     mast = {"shape": "cylinder", "name": "mast", "start_m": [0.5, 0, -0.2], "end_m": [0.5, 0, 0.2], "radius_m": 0.1}
     path = recipe(tmp_path, {"cars": CARS | {"clear_m": 1.0}}, scene=STREET | {"vehicle": [mast | {"label": 7}]})

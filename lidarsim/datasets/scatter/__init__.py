@@ -108,8 +108,8 @@ def scatter(
     Raises
     ------
     ConfigError
-        If an object to stand on does not exist, a path is too short for the speed, a drawn number is out of range, a
-        walker would have to run, or a sequence is too long.
+        If an object to stand on does not exist, a path of `along_m` is too short for the speed, a drawn number is out
+        of range, a walker would have to run, or a sequence is too long.
     """
     times = _moments(*_span(run), run, groups.values(), place)
     outlines = [(item, _obstacle(item, times)) for item in run.scene.objects if _is_solid(item)]
