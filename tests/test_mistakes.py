@@ -826,6 +826,15 @@ def test_an_array_takes_one_line_of_an_error(mistake: Callable[[Any], Any]) -> N
         mistake(np.eye(2))
 
 
+def test_a_value_of_several_lines_takes_one_line_of_an_error() -> None:
+    class Lines:
+        def __repr__(self) -> str:
+            return "one\ntwo"
+
+    with pytest.raises(TypeError, match=r"^radius: expected a finite number > 0, got one two$"):
+        ls.Sphere((0, 0, 0), Lines())  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("half", [Fraction(1, 2), Decimal("0.5"), np.array(0.5), np.float16(0.5), np.longdouble(0.5)])
 def test_real_numbers_of_all_kinds_are_taken(half: Any) -> None:
     assert ls.Detection(half, 2 * half) == ls.Detection(0.5, 1.0)

@@ -534,7 +534,7 @@ def short_repr(value: object) -> str:
         return f"an array of shape {value.shape}"
     if isinstance(value, int) and value.bit_length() > 256:  # Python refuses to print thousands of digits
         return f"an integer of {value.bit_length():,} bits"
-    return short(reprlib.repr(value))
+    return short(reprlib.repr(value).replace("\n", " "))
 
 
 def short(text: object) -> str:
