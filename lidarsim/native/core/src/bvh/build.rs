@@ -30,6 +30,9 @@ pub const DEPTH: usize = BY_SURFACE + 30;
 /// Above this number of primitives the threads of the current pool build in parallel.
 pub const PARALLEL: usize = 4096;
 
+/// Least items of a piece of the work, which unwinds once if the job is stopped.
+const PIECE: usize = 512;
+
 /// Ranges of fewer primitives are split by position alone.
 const SIZED: usize = 4096;
 
@@ -145,6 +148,10 @@ fn build_ranges(
     most: usize,
     job: &Job,
 ) -> (Bvh<Range<usize>>, Vec<Item>) {
+    let bounds = |id| {
+        job.poll();
+        bounds(id)
+    };
     let ids = 0..count as u32;
     let nothing = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
     let shared = count > PARALLEL;
@@ -155,7 +162,6 @@ fn build_ranges(
     };
     let center = center_of(all);
     let item = |id| {
-        job.poll();
         let bounds = bounds(id).map_or(Aabb::EMPTY, |bounds| Aabb::around(bounds, center));
         Item { bounds, id }
     };
@@ -261,7 +267,7 @@ fn collect<T: Send>(count: usize, shared: bool, make: impl Fn(u32) -> T + Sync) 
     let mut made = memory::with_capacity(count);
     let numbers = 0..count as u32;
     if shared {
-        numbers.into_par_iter().map(&make).collect_into_vec(&mut made);
+        numbers.into_par_iter().with_min_len(PIECE).map(&make).collect_into_vec(&mut made);
     } else {
         made.extend(numbers.map(make));
     }
@@ -514,7 +520,11 @@ fn partition(items: &mut [Item], mut first: impl FnMut(&Item) -> bool) -> usize 
 
 #[cfg(test)]
 mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
+    use crate::parallel;
     use crate::testing::numbers;
 
     type Boxes = Vec<Option<[Interval; 3]>>;
@@ -577,6 +587,18 @@ mod tests {
         found.sort_unstable();
         assert!(found.into_iter().eq((0..boxes.len() as u32).filter(|&id| boxes[id as usize].is_some())));
         levels
+    }
+
+    #[test]
+    fn work_that_is_stopped_unwinds_few_times() {
+        let count = 1 << 20;
+        let unwound = AtomicUsize::new(0);
+        let stop = |_| {
+            unwound.fetch_add(1, Ordering::Relaxed);
+            resume_unwind(Box::new(()))
+        };
+        let outcome = catch_unwind(AssertUnwindSafe(|| parallel::run(|| collect::<()>(count, true, stop))));
+        assert!(outcome.is_err() && unwound.into_inner() <= count / PIECE);
     }
 
     #[test]
