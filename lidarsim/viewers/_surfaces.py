@@ -134,8 +134,9 @@ def surfaces(
         found[item.id] = surface = Surface(item.id, item, *triangles, matrix)
         return surface
 
-    unbounded = [item for item in scene if not item.shape.bounded]
-    for item in scene:
+    items = scene.objects  # another thread may change the scene
+    unbounded = [item for item in items if not item.shape.bounded]
+    for item in items:
         if item.shape.bounded:
             surface = add(item, np.zeros((8, 3)))
             if unbounded and len(surface.vertices):
@@ -146,7 +147,7 @@ def surfaces(
     low, high = np.where(high - low < thin, low - thin, low), np.where(high - low < thin, high + thin, high)
     for item in unbounded:
         add(item, low + (high - low) * (CUBE + 0.5))
-    return [found[item.id] for item in scene]
+    return [found[item.id] for item in items]
 
 
 def extent_of(points: Floats) -> Floats:

@@ -199,6 +199,21 @@ def test_blocks_say_which_object_they_are_and_share_what_they_can() -> None:
         assert set(part["geometry"].triangle.label.numpy().ravel()) == {10 + k}
 
 
+def test_a_scene_is_shown_as_it_was_before_or_after_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = ls.Scene()
+    ball = scene.add(ls.Sphere((0, 0, 0), 1.0))
+    tessellate = ls.Sphere._tessellate
+
+    def change(*of: Any) -> Any:
+        if ball in scene:
+            scene.remove(ball)
+            scene.add(ls.Plane((0, 0, 1), 0.0))
+        return tessellate(*of)
+
+    monkeypatch.setattr(ls.Sphere, "_tessellate", change)
+    assert [surface.object_id for surface in surfaces(scene)] == [ball]
+
+
 def test_far_from_the_origin_no_digit_is_lost() -> None:
     scene = ls.Scene()
     scene.add(ls.Sphere((5e6, 4e5, 0.1), 1.0))
