@@ -678,7 +678,7 @@ class _Builder:
                 asset.add_to(self.scene, name=name, transform=place)
 
     def _find_crowded(self) -> Bools:
-        """Return a mask of furniture and people that would stand on a road, or in a trunk, a vehicle or each other."""
+        """Return a mask of furniture and people on a road, or in a trunk, a vehicle, a fence, a wall or each other."""
         room = {key: _room(asset) for key, asset in {id(asset): asset for asset, *_ in self.puts}.items()}
         x, y = np.moveaxis(np.array([room[id(asset)] for asset, *_ in self.puts]), -1, 0)
         s, d, yaw, scale = np.array([how[:4] for *_, how in self.puts]).T[..., None]
@@ -687,7 +687,7 @@ class _Builder:
         low, high, s, d = corners.min(axis=1), corners.max(axis=1), s[:, 0], d[:, 0]
         names = np.array([name for _, name, _ in self.puts])
         may_go = np.isin(names, LOOSE)
-        there = np.isin(names, (*VEHICLES, *TREES))
+        there = np.isin(names, (*VEHICLES, *TREES, "fence", "wall"))
         crowded: Bools = may_go & self.plan.is_road(s, d)
         for index in np.flatnonzero(may_go & ~crowded):
             crowded[index] = (there[:, None] & (low < high[index]) & (high > low[index])).all(axis=1).any()

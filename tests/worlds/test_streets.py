@@ -430,6 +430,20 @@ def test_furniture_and_people_are_in_nothing(seed: int) -> None:
     assert pairs > 0
 
 
+def test_nobody_pushes_a_pram_into_a_wall() -> None:
+    world = ls.worlds.street(22, "residential", length=1000.0)
+    walls, people = ls.Scene(), []
+    for item in world.scene:
+        if item.name in {"wall/wall", "fence/fence"}:
+            walls.add(item.shape, transform=item.transform)
+        elif item.name == "person/pram":
+            people.append(edges(item))
+    assert len(walls) > 50
+    assert len(people) > 1
+    lines = np.concatenate(people)
+    assert not walls.cast(lines[:, 0], lines[:, 1] - lines[:, 0], t_max=1.0).hit.any()
+
+
 def overlap(first: Floats, second: Floats) -> float:
     """How far two rectangles, (4, 2), overlap along the side along which they do so least, m; negative if apart."""
     depths = []
