@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -436,6 +437,14 @@ def test_the_command_writes_a_sensor(capsys: pytest.CaptureFixture[str]) -> None
     assert ls.Lidar.from_file("mine.yaml").measurement == fitted.measurement
     assert abs(fitted.measurement.range_sigma - 0.03) < 0.002  # type: ignore[operator]
     assert run("scan", "demo", "-o", "a.pcd", "--set", "sensor={file: mine.yaml}") == 0
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_folder_of_any_name_is_named_in_a_comment() -> None:
+    name = os.fsdecode(b"a\nname: b\xff")
+    Path("real").rename(name)
+    assert run("fit", name, "-o", "mine.yaml") == 0
+    assert ls.Lidar.from_file("mine.yaml").name == "velodyne-vlp16"
 
 
 @pytest.mark.usefixtures("folder")

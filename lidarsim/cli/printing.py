@@ -154,7 +154,7 @@ def format_fit(start: ls.Lidar, lidar: ls.Lidar, comparison: ls.Comparison, base
     """Return a fitted sensor as YAML: what it starts from, and the values that differ, with their intervals."""
     measures = {measure.name: measure for measure in comparison}
     lines = [
-        f"# {start.name}, fitted to {comparison.real}. In comments: 95 % intervals, numbers of samples.",
+        f"# {start.name}, fitted to {plain(comparison.real)}. In comments: 95 % intervals, numbers of samples.",
         *(f"{key}: {value}" for key, value in base.items()),
     ]
     if lidar.measurement != start.measurement:
