@@ -181,48 +181,18 @@ impl Scan<'_> {
             aerial &= !falsely;
             // They hit nothing.
             missed |= falsely;
-            for (k, object) in object_id.iter_mut().enumerate() {
-                if falsely & 1 << k != 0 {
-                    *object = -1;
-                }
-            }
+            put(falsely, -1, &mut object_id);
         }
         let (untrue, mut objects) = (missed & !aerial, object_id);
-        if aerial != 0 {
-            missed |= aerial;
-            for k in 0..8 {
-                if aerial & 1 << k != 0 {
-                    (object_id[k], objects[k]) = (-1, AIR);
-                }
-            }
-        }
-        let (mut instance, mut label) = ([0; 8], [0; 8]);
-        if let Some(appearance) = self.hit_by_all(&object_id)
-            && let Labels::Object(of_object) = appearance.labels
-        {
-            (instance, label) = ([appearance.instance; 8], [of_object; 8]);
-        } else {
-            for k in 0..8 {
-                [instance[k], label[k]] = self.instance_and_label(object_id[k], primitive[k]);
-            }
-        }
-        if aerial != 0 {
-            for (k, label) in label.iter_mut().enumerate() {
-                if aerial & 1 << k != 0 {
-                    *label = self.measurement.air_label;
-                }
-            }
-        }
+        missed |= aerial;
+        put(aerial, -1, &mut object_id);
+        put(aerial, AIR, &mut objects);
+        let [instance, mut label] = self.instances_and_labels(&object_id, &primitive);
+        put(aerial, self.measurement.air_label, &mut label);
         let mut normal = [[0.0; 3]; 8];
         let parts = surfaces.normal.map(|part| part.map(|x| x as f32));
         normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
-        if missed != 0 {
-            for (k, normal) in normal.iter_mut().enumerate() {
-                if missed & 1 << k != 0 {
-                    *normal = Entries::<1>::UNUSED.normal[0];
-                }
-            }
-        }
+        put(missed, Entries::<1>::UNUSED.normal[0], &mut normal);
         let mut incidence = [0.0; 8];
         if !rows.incidence.is_empty() {
             let sines = surfaces.squared_sine.sqrt().store();
@@ -256,5 +226,31 @@ impl Scan<'_> {
         write(rows.status, part, status.to_le_bytes());
         write(rows.return_count, part, lanes::bytes(returned, 1).to_le_bytes());
         objects
+    }
+
+    #[inline(always)]
+    fn instances_and_labels(&self, objects: &[i32; 8], primitives: &[i32; 8]) -> [[u32; 8]; 2] {
+        if let Some(appearance) = self.hit_by_all(objects)
+            && let Labels::Object(label) = appearance.labels
+        {
+            return [[appearance.instance; 8], [label; 8]];
+        }
+        let (mut instances, mut labels) = ([0; 8], [0; 8]);
+        for k in 0..8 {
+            [instances[k], labels[k]] = self.instance_and_label(objects[k], primitives[k]);
+        }
+        [instances, labels]
+    }
+}
+
+/// Writes a value to the entries of these lanes.
+#[inline(always)]
+fn put<T: Copy>(lanes: u32, value: T, entries: &mut [T; 8]) {
+    if lanes != 0 {
+        for (k, entry) in entries.iter_mut().enumerate() {
+            if lanes & 1 << k != 0 {
+                *entry = value;
+            }
+        }
     }
 }
