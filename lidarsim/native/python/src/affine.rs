@@ -15,10 +15,6 @@ pub struct PyAffine {
 }
 
 impl PyAffine {
-    pub fn of(rows: [[f64; 4]; 4]) -> Self {
-        PyAffine { rows }
-    }
-
     /// An object under one more map.
     pub fn image_of(self, object: &Object) -> PyResult<Object> {
         let [x, y, z, _] = self.rows;
@@ -38,8 +34,8 @@ impl PyAffine {
 #[pymethods]
 impl PyAffine {
     #[new]
-    fn new(rows: [[f64; 4]; 4]) -> Self {
-        PyAffine::of(rows)
+    pub fn new(rows: [[f64; 4]; 4]) -> Self {
+        PyAffine { rows }
     }
 
     /// Fast path for an array in the usual form; `None` for others.

@@ -121,7 +121,7 @@ pub fn place<'py>(
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
     let rows = elements("transforms", &transforms)?.as_chunks::<4>().0.as_chunks::<4>().0;
     let place = |(i, (item, rows)): (usize, (Bound<'py, PySceneObject>, &[[f64; 4]; 4]))| {
-        let (py, transform) = (item.py(), PyAffine::of(*rows));
+        let (py, transform) = (item.py(), PyAffine::new(*rows));
         let PySceneObject { id, shape, name, label, instance, material, motion, .. } = item.get();
         let fields = (*id, shape, name, label, *instance, material, Py::new(py, transform)?, motion, &item);
         item.get_type().call1(fields).map_err(|error| {
