@@ -310,6 +310,13 @@ def test_pickles_of_other_versions_say_so(name: str) -> None:
             pickle.loads(of_format(now, original, {needed[name]}))  # noqa: S301
 
 
+@pytest.mark.parametrize("name", ["Boxes", "Hits", "Lidar", "Pulses", "Scan"])
+@pytest.mark.parametrize("attribute", ["time", "note"])
+def test_no_attribute_can_be_set_that_a_copy_would_lack(name: str, attribute: str) -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError, match=f"^cannot assign to field '{attribute}'$"):
+        setattr(OBJECTS[name], attribute, 1.0)
+
+
 def test_what_is_immutable_stays_so_in_a_copy() -> None:
     for way in WAYS:
         sphere = way(ls.Sphere((1, 2, 3), 1.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, FrozenInstanceError, fields
 from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import numpy as np
@@ -31,6 +31,12 @@ class Pickled(metaclass=Answering):
     """
 
     __slots__ = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # A frozen dataclass is made twice if it has slots; for a name that is no field, its method fails in `super`.
+        if {"__dataclass_params__", "__setattr__"} <= vars(cls).keys():
+            cls.__setattr__ = _refuse_change  # type: ignore[method-assign]
 
     def _contents(self) -> dict[str, Any]:
         """Return the values that an equal object is made from, by name."""
@@ -80,6 +86,10 @@ class Pickled(metaclass=Answering):
     def __copy__(self) -> Self:
         """Return a copy that shares no mutable state."""
         return copy.deepcopy(self)
+
+
+def _refuse_change(_: object, name: str, __: object) -> NoReturn:
+    raise FrozenInstanceError(f"cannot assign to field {name!r}")
 
 
 class Immutable(Pickled):
