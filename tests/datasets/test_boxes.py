@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
+from lidarsim.datasets.layouts.nuscenes import _attribute
 
 NAMES = {1: "human.pedestrian.adult", 2: "vehicle.car", 3: "vehicle.truck", 9: "barrier", 40: "flat.road"}
 RATE = 20.0
@@ -145,6 +146,12 @@ def test_a_key_frame_has_a_box_per_instance_that_holds_its_points(sweeps: Path) 
             "human.pedestrian.adult": "pedestrian.moving", "vehicle.car": "vehicle.moving",
             "vehicle.truck": "vehicle.parked", "barrier": "still",
         }  # fmt: skip
+
+
+@pytest.mark.parametrize("category", ["vehicle.bicycle", "vehicle.motorcycle"])
+def test_cycles_have_the_attributes_of_cycles(category: str) -> None:
+    attributes = [_attribute(category, moves=moves) for moves in (True, False)]
+    assert attributes == ["cycle.with_rider", "cycle.without_rider"]
 
 
 def test_sweeps_agree_with_interpolated_boxes(sweeps: Path) -> None:

@@ -80,6 +80,7 @@ VISIBILITY = {"1": (0, 40), "2": (40, 60), "3": (60, 80), "4": (80, 100)}
 
 MOTION = {
     "human.pedestrian.": ("pedestrian.moving", "pedestrian.standing"),
+    **dict.fromkeys(("vehicle.bicycle", "vehicle.motorcycle"), ("cycle.with_rider", "cycle.without_rider")),
     "vehicle.": ("vehicle.moving", "vehicle.parked"),
 }
 """Attributes of instances that move and of those that do not, by the beginning of their class."""
@@ -276,7 +277,7 @@ class _Tables:
             yield {"token": self.token("category", label), "name": name, "description": "", "index": label}
 
     def attribute(self) -> Iterator[dict[str, Any]]:
-        for name in itertools.chain(*MOTION.values(), ("moving", "still")):
+        for name in dict.fromkeys(itertools.chain(*MOTION.values(), ("moving", "still"))):
             yield {"token": self.token("attribute", name), "name": name, "description": ""}
 
     def visibility(self) -> Iterator[dict[str, Any]]:
