@@ -732,9 +732,9 @@ MUTANTS = [
         ("tests/test_measurement.py", "-k", "response"),
     ),
     Mutant(
-        "response: stretches of each channel",
-        "(index / stretch) << 16 | u64::from(*ring)",
-        "(index / stretch) << 16",
+        "response: blocks of each channel",
+        "(index / block) << 16 | u64::from(*ring)",
+        "(index / block) << 16",
         ("tests/test_measurement.py", "-k", "response"),
     ),
     Mutant(

@@ -375,11 +375,11 @@ def test_what_is_not_told_is_left(change: Callable[[ls.PointCloud], ls.PointClou
     assert comparison["response.exponent"].why == "this takes targets of known reflectivities"
 
 
-def test_noise_that_is_stronger_in_some_stretches_is_left() -> None:
+def test_noise_that_is_stronger_in_some_blocks_is_left() -> None:
     of = unit(6)
-    response = ls.Response(sigma=0.1, stretch=1280)
+    response = ls.Response(sigma=0.1, sigma_block=1280)
     fitted, comparison = ls.fit(clouds(of), replace(of, measurement=ls.Measurement(response=response)))
-    assert comparison["response.sigma"].why == "it is stronger in some stretches than in others"
+    assert comparison["response.sigma"].why == "it is stronger in some blocks of pulses than in others"
     assert true_value(fitted, "response.sigma") == 0.1
 
 

@@ -702,23 +702,23 @@ def test_a_response_has_noise_and_factors_of_channels() -> None:
     assert not np.array_equal(first, other)
 
 
-def test_a_response_is_noisier_in_some_stretches_of_a_channel_than_in_others() -> None:
+def test_a_response_is_noisier_in_some_blocks_of_pulses_than_in_others() -> None:
     """The factors are 1 + σ·g·s, both normals from the documented draws; the pulses of the channels alternate."""
-    sigma, stretch, channels = 0.05, 100, 4
-    count = 50 * stretch
+    sigma, block, channels = 0.05, 100, 4
+    count = 50 * block
     toward = np.tile([1.0, 0.0, 0.0], (count, 1))
     order = np.arange(count)
     pattern = ls.patterns.Table(toward, origins=toward * -20.0, rings=order % channels, times=1e-6 * order, rate=10.0)
-    response = ls.Response(sigma=sigma, stretch=stretch)
+    response = ls.Response(sigma=sigma, sigma_block=block)
     lidar = ls.Lidar(pattern, measurement=ls.Measurement(response=response))
     for frame in (0, 7):
         factors = lidar.scan(wall(0.5), seed=3, frame=frame).intensity[:, 0].astype(float) / 0.5
         drawn = partial(uniform, 3, "", frame=frame)
         g = stats.norm.ppf([drawn(pulse=i, effect=9) for i in range(count)])
-        keys = [(i // stretch) << 16 | i % channels for i in range(count)]
+        keys = [(i // block) << 16 | i % channels for i in range(count)]
         s = stats.norm.ppf([drawn(pulse=key, effect=10, draw=1) for key in keys])
         assert np.allclose(factors, np.maximum(1.0 + sigma * g * s, 0.0), rtol=2.0**-22, atol=0)
-        assert len(np.unique(s)) == channels * count // stretch
+        assert len(np.unique(s)) == channels * count // block
 
 
 def test_what_is_no_echo_has_a_response_too() -> None:
@@ -747,7 +747,7 @@ def test_what_is_no_echo_has_a_response_too() -> None:
         ),
         (lambda: ls.Response(exponent=0.0), "exponent: expected a finite number > 0, got 0.0"),
         (lambda: ls.Response(sigma=-0.1), "sigma: expected a finite number >= 0, got -0.1"),
-        (lambda: ls.Response(stretch=-1), "stretch: expected an integer >= 0, got -1"),
+        (lambda: ls.Response(sigma_block=-1), "sigma_block: expected an integer >= 0, got -1"),
         (lambda: ls.Response(limit=0.0), "limit: expected a real number > 0, got 0.0"),
         (lambda: ls.Measurement(response=0.5), "response: expected a Response or None, got 0.5"),
         (lambda: ls.Measurement(near_threshold=2.0), "near_threshold: expected a finite number from 0 to 1, got 2.0"),
@@ -1426,7 +1426,7 @@ def test_the_only_return_is_the_first_of_two(name: str, returns: tuple[Any, Any]
         parameters |= {
             "range_sigma": 0.02, "range_sigma_limit": 0.01, "dropout": 0.2, "false_returns": 0.3, "power_sigma": 0.4,
             "detection": ls.Detection(0.3, 6.0), "near_threshold": 0.1, "azimuth_sigma": 0.01,
-            "response": ls.Response(sigma=0.1, stretch=20, ring_sigma=0.1),
+            "response": ls.Response(sigma=0.1, sigma_block=20, ring_sigma=0.1),
         }  # fmt: skip
     one, two = (measure(pattern, scene, returns=kind, **parameters) for kind in returns)
     assert not noisy or two.return_count.max() == 2

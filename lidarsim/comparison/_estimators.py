@@ -408,8 +408,8 @@ def _flicker(fit: Fit) -> Found:
         raise UntoldError("too few points have the intensity and the place of the frame before")
     errors = fit.lidar.measurement
     response = errors.response or Response()
-    if response.stretch:
-        raise UntoldError("it is stronger in some stretches than in others")
+    if response.sigma_block:
+        raise UntoldError("it is stronger in some blocks of pulses than in others")
     exponent = response.exponent
     rounding_part = fit.step_of_intensity**2 / 12.0 * float(rounding.value[0])
     square, error = float(found.value[0] ** 2) - rounding_part, float(2.0 * found.value[0] * found.error[0])

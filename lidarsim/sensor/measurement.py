@@ -185,9 +185,9 @@ class Response(Immutable):
 
         I' = min(`limit`, round(h((I · f(R) · c)^`exponent` · (1 + `sigma`·g·s))))
 
-    with the factor f of `range`, a factor c of the channel, a standard normal g, a standard normal s of the `stretch`,
-    or 1, and the function h that is the `curve`; a negative 1 + `sigma`·g·s counts as 0. Detection and range noise
-    depend on I itself.
+    with the factor f of `range`, a factor c of the channel, a standard normal g, a standard normal s of the channel and
+    block of pulses (`sigma_block`), or 1, and the function h that is the `curve`; a negative 1 + `sigma`·g·s counts as
+    0. Detection and range noise depend on I itself.
 
     Parameters
     ----------
@@ -198,9 +198,9 @@ class Response(Immutable):
         Exponent, > 0: below 1, the sensor compresses intensities.
     sigma : float
         Relative standard deviation, from echo to echo.
-    stretch : int
-        Pulses of the frame, >= 0, in which the noise of a channel is equally strong: s is drawn for each channel and
-        each `stretch` pulses. 20 columns of 64 channels have 1280 pulses. 0: the noise is always as strong, s is 1.
+    sigma_block : int
+        Consecutive pulses of a frame, >= 0, in which the noise of a channel is equally strong: s is drawn once for each
+        channel and block. 20 columns of 64 channels are 1280 pulses. 0: s is 1.
     ring_sigma : float
         Standard deviation of the logarithm of c, the factor of a channel (ring), of mean 1. It depends on the seed, the
         sensor's name and the ring, and is the same in all frames.
@@ -229,7 +229,7 @@ class Response(Immutable):
         "range_m": list[tuple[float, float]],
         "exponent": float,
         "sigma": float,
-        "stretch": int,
+        "sigma_block": int,
         "ring_sigma": float,
         "curve": list[tuple[float, float]],
         "resolution": float,
@@ -239,7 +239,7 @@ class Response(Immutable):
     range: Pairs | None = None
     exponent: float = 1.0
     sigma: float = 0.0
-    stretch: int = 0
+    sigma_block: int = 0
     ring_sigma: float = 0.0
     curve: Pairs | None = None
     resolution: float = 0.0
@@ -253,7 +253,7 @@ class Response(Immutable):
             object.__setattr__(self, "curve", _table("curve", self.curve, "reported", at="intensity", columns=2))
         for name in ("sigma", "ring_sigma", "resolution"):
             object.__setattr__(self, name, real(name, getattr(self, name), at_least=0.0))
-        object.__setattr__(self, "stretch", integer("stretch", self.stretch, at_least=0))
+        object.__setattr__(self, "sigma_block", integer("sigma_block", self.sigma_block, at_least=0))
         object.__setattr__(self, "exponent", real("exponent", self.exponent, above=0.0))
         object.__setattr__(self, "limit", real("limit", self.limit, above=0.0, infinite=True))
 

@@ -316,7 +316,7 @@ MEASUREMENT = """
     near_threshold: 0.02
     near_range_m: 15
     response: {
-      range_m: [[1, 0.5], [5, 1]], exponent: 0.5, sigma: 0.02, stretch: 1280, ring_sigma: 0.1,
+      range_m: [[1, 0.5], [5, 1]], exponent: 0.5, sigma: 0.02, sigma_block: 1280, ring_sigma: 0.1,
       curve: [[0, 0], [9, 1]], resolution: 0.01, limit: 1
     }
     extinction_per_m: 0.001
@@ -348,7 +348,7 @@ def test_every_effect_of_the_measurement() -> None:
             range=[(1, 0.5), (5, 1)],
             exponent=0.5,
             sigma=0.02,
-            stretch=1280,
+            sigma_block=1280,
             ring_sigma=0.1,
             curve=[(0, 0), (9, 1)],
             resolution=0.01,

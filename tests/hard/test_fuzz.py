@@ -267,7 +267,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "near_range": lambda _: 20.0,
     "response": lambda _: ls.Response(limit=1.0),
     **dict.fromkeys(("exponent", "sigma", "ring_sigma", "limit"), lambda _: 0.5),
-    "stretch": lambda _: 20,
+    "sigma_block": lambda _: 20,
     "visibility": lambda _: 50.0,
     **dict.fromkeys(("backscatter", "aperture", "divergence"), lambda _: 1e-3),
     **dict.fromkeys(("intercept", "slope", "reflectance"), lambda _: 1.0),

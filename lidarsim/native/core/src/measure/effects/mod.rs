@@ -345,12 +345,12 @@ impl Pulses<'_> {
         normals.resize(self.padded_len(), 0.0);
     }
 
-    /// For each pulse the normal number of its channel in its stretch of pulses of the frame.
+    /// For each pulse the normal number of its channel in its block of pulses of the frame.
     #[inline(always)]
-    fn normals_of_stretches<I: Isa, E: Effect>(&self, stretch: u64, draw: u16, normals: &mut Vec<f64>) {
-        let stretches = self.indices.iter().zip(self.rings);
-        let stretches = stretches.map(|(index, ring)| (index / stretch) << 16 | u64::from(*ring));
-        self.stream.normals::<I>(&stretches.collect::<Vec<_>>(), const { id::<E>() }, draw, normals);
+    fn normals_of_blocks<I: Isa, E: Effect>(&self, block: u64, draw: u16, normals: &mut Vec<f64>) {
+        let blocks = self.indices.iter().zip(self.rings);
+        let blocks = blocks.map(|(index, ring)| (index / block) << 16 | u64::from(*ring));
+        self.stream.normals::<I>(&blocks.collect::<Vec<_>>(), const { id::<E>() }, draw, normals);
         normals.resize(self.padded_len(), 0.0);
     }
 

@@ -1,8 +1,8 @@
 //! The response: the number that a sensor reports for an intensity.
 //!
 //! I' = min(limit, round(h((I·f(R)·c)^e·(1 + σgs)))), with a factor f against range, a factor c of the
-//! channel, an exponent e, a normal g, a normal s of the stretch or 1, and a curve h. It comes last, so that
-//! noise and detection have seen I.
+//! channel, an exponent e, a normal g, a normal s of the channel and block, or 1, and a curve h. It comes
+//! last, so that noise and detection have seen I.
 
 use super::fluctuation::turn_into_factors;
 use super::range_noise::interpolate;
@@ -20,7 +20,7 @@ pub(super) struct Response {
     /// σ.
     sigma: f64,
     /// Pulses of a frame that share their channels' s. 0: s is 1.
-    stretch: u64,
+    block: u64,
     /// (intensity, reported), both rising: linear between, constant outside. Empty: the intensity itself.
     curve: Vec<[f64; 2]>,
     /// Standard deviation of the logarithm of the factor of a channel.
@@ -30,7 +30,7 @@ pub(super) struct Response {
     limit: f64,
 }
 
-/// Per pulse: the factor of its channel, a normal for its first echo, and s of its channel and stretch.
+/// Per pulse: the factor of its channel, a normal for its first echo, and s of its channel and block.
 #[derive(Default)]
 pub(super) struct Drawn {
     factors: Vec<f64>,
@@ -39,7 +39,7 @@ pub(super) struct Drawn {
 }
 
 /// The effect by whose id channels draw: their factors, with the ring in place of the pulse and frame 0, and
-/// s of each stretch.
+/// s of each block.
 pub(super) struct Channels;
 
 impl Effect for Channels {
@@ -70,7 +70,7 @@ impl Effect for Response {
             curve: rows("measurement.response.curve")?,
             exponent,
             sigma: parameters.number("measurement.response.sigma")?,
-            stretch: parameters.number("measurement.response.stretch")? as u64,
+            block: parameters.number("measurement.response.sigma_block")? as u64,
             ring_sigma: parameters.number("measurement.response.ring_sigma")?,
             resolution: parameters.number("measurement.response.resolution")?,
             limit: parameters.number("measurement.response.limit")?,
@@ -85,8 +85,8 @@ impl Effect for Response {
         }
         if self.sigma > 0.0 {
             pulses.normals::<I, Self>(0, normals);
-            if self.stretch > 0 {
-                pulses.normals_of_stretches::<I, Channels>(self.stretch, 1, strengths);
+            if self.block > 0 {
+                pulses.normals_of_blocks::<I, Channels>(self.block, 1, strengths);
             }
         }
     }
@@ -121,7 +121,7 @@ impl Effect for Response {
                 0 => lanes::load(&drawn.normals, echoes.part),
                 number => pulses.lane_normals::<Self, F, N>(number, echoes),
             };
-            if self.stretch > 0 {
+            if self.block > 0 {
                 normal = normal.mul(lanes::load(&drawn.strengths, echoes.part));
             }
             let factor = F::splat(1.0).add(F::splat(self.sigma).mul(normal));
@@ -154,7 +154,7 @@ mod tests {
             range: vec![[1.0, 0.5], [3.0, 1.0]],
             exponent: 0.5,
             sigma: 0.0,
-            stretch: 0,
+            block: 0,
             curve: vec![[0.0, 0.0], [1.0, 1.0], [9.0, 2.0]],
             ring_sigma: 0.0,
             resolution: 0.25,
