@@ -1,4 +1,4 @@
-"""Plants: trunks and branches that bear leaves as disks, with gaps that let pulses through."""
+"""Plants: leaves are disks around the twigs of trees, and triangles that cover shrubs, with gaps that pulses pass."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from lidarsim._base.validation import Floats, one_of, real, short_repr
 from lidarsim._base.vectors import product
 from lidarsim.errors import ArgumentValueError
 from lidarsim.materials import Material
-from lidarsim.world.shapes import Disks
-from lidarsim.worlds._asset import Asset, Part, Piece, check_generator, draw, merge, tube
+from lidarsim.world.shapes import Disks, TriangleMesh
+from lidarsim.worlds._asset import Asset, Part, Piece, check_generator, draw, loft, merge, tube
 from lidarsim.worlds._labels import TERRAIN, TRUNK, VEGETATION
 
 __all__ = ["TREES", "TreeKind", "tree"]
@@ -40,9 +40,12 @@ class Habit:
     girth : float
         Radius of the trunk at its foot over the height of the plant; 0 if it has no trunk.
     density : float
-        Area of leaves, one side, per volume of the crown, m²/m³, or per surface of a clipped shrub.
+        Area of leaves, one side, per volume of the crown, m²/m³; 0 for shrubs and grass.
     leaf : float
-        Radius of a disk, m: a bunch of leaves or needles, or a blade.
+        Radius of a disk, m: a bunch of leaves or needles, or a blade; of shrubs, the length of edges of triangles.
+    rough : float
+        How far corners of triangles stray, m: ranges along a row of SemanticKITTI 00 scatter by 2 cm (median of half
+        the second difference).
     """
 
     height: Span
@@ -51,23 +54,24 @@ class Habit:
     girth: float
     density: float
     leaf: float
+    rough: float = 0.0
 
 
 HABITS: dict[TreeKind, Habit] = {
-    "broadleaf": Habit((7.0, 14.0), (0.2, 0.35), (0.2, 0.36), 0.018, 0.9, 0.16),
-    "conifer": Habit((7.0, 16.0), (0.06, 0.16), (0.14, 0.22), 0.016, 1.8, 0.15),
+    "broadleaf": Habit((7.0, 14.0), (0.2, 0.35), (0.2, 0.36), 0.018, 0.9, 0.2),
+    "conifer": Habit((7.0, 16.0), (0.06, 0.16), (0.14, 0.22), 0.016, 1.8, 0.19),
     "young": Habit((4.0, 6.5), (0.33, 0.45), (0.14, 0.22), 0.008, 0.9, 0.1),
-    "hedge": Habit((0.7, 2.3), (0.0, 0.0), (0.0, 0.0), 0.0, 4.0, 0.06),
-    "bed": Habit((0.08, 0.7), (0.0, 0.0), (0.0, 0.0), 0.0, 4.0, 0.06),
-    "bush": Habit((0.8, 2.2), (0.0, 0.0), (0.4, 0.65), 0.0, 6.0, 0.1),
+    "hedge": Habit((0.7, 2.3), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.12, 0.06),
+    "bed": Habit((0.08, 0.7), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.12, 0.06),
+    "bush": Habit((0.8, 2.2), (0.0, 0.0), (0.4, 0.65), 0.0, 0.0, 0.2, 0.12),
     "grass": Habit((0.15, 0.45), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.035),
 }
 """Height and spread of trees in towns: H. Pretzsch et al., 2015, Crown size and growing space requirement of common
 tree species in urban centres, parks, and forests, Urban Forestry & Urban Greening 14, 466-479. Young trees are as
 nurseries sell them (FLL, 2020, Gütebestimmungen für Baumschulpflanzen): trunks 16 to 25 cm around. Leaves: an index of
 3 to 5 of crowns 4 to 7 m deep (J. Klingberg et al., 2017, Mapping leaf area of urban greenery using aerial LiDAR and
-ground-based measurements in Gothenburg, Sweden, Urban Forestry & Urban Greening 26, 31-40); hedges have more. Beds are
-as low as in SemanticKITTI 00, where half of the low plants are below 0.3 m."""
+ground-based measurements in Gothenburg, Sweden, Urban Forestry & Urban Greening 26, 31-40). Beds are as low as in
+SemanticKITTI 00, where half of the low plants are below 0.3 m."""
 
 HEDGE_DEPTH = 0.4
 """Half the thickness of a hedge over its height."""
@@ -75,13 +79,12 @@ HEDGE_DEPTH = 0.4
 BED = 2.0
 """Width of a bed of low shrubs, m: that of a strip for parking, which such beds divide."""
 
-SHELL = 0.04
-"""Depth of the leaves of clipped shrubs below the surface, m: ranges along a row of SemanticKITTI 00 scatter by 2 cm
-(median of half the second difference)."""
+OVERLAP = 0.3
+"""How much larger than faces of the hull the triangles of a shrub are: 2 % of a hedge stay open, and 5 % of a bush."""
 
 FILL = 0.55
-"""Share of a disk that its bunch of leaves fills: with full disks, vegetation has a median intensity of 0.49, and
-of 0.34 in SemanticKITTI 00 and 08."""
+"""Share of a disk or triangle that its bunch of leaves fills: with full ones, vegetation has a median intensity of
+0.49, and of 0.34 in SemanticKITTI 00 and 08."""
 
 TUFTS = 2.0
 """Width of a patch of grass tufts, m."""
@@ -114,8 +117,9 @@ def tree(
     Returns
     -------
     Asset
-        Trunk and branches as meshes, and leaves as `Disks`, if there are any. The trunk below the crown is of the class
-        trunk, grass of the class terrain, and all else vegetation.
+        Trunk and branches as meshes, and leaves as `Disks`, if there are any; of hedges, beds and bushes, leaves as a
+        mesh with gaps. The trunk below the crown is of the class trunk, grass of the class terrain, and all else
+        vegetation.
 
     Raises
     ------
@@ -138,12 +142,14 @@ def tree(
     if kind in {"hedge", "bed"}:
         long = draw(rng, (2.0, 6.0)) if length is None else real("length", length, at_least=0.5, at_most=50.0)
         wide = BED if kind == "bed" else 2 * HEDGE_DEPTH * min(tall, 1.5)
-        return Asset((_make_clipped(rng, habit, np.array([long, wide, tall])),))
+        return Asset((_make_clipped(rng, habit, long, wide, tall),))
     if length is not None:
         raise ArgumentValueError("length", "None, but for a hedge or bed", short_repr(length))
     if kind == "grass":
         return Asset((_tufts(rng, habit, tall),))
-    clear = min(real("clearance", clearance, at_least=0.0, at_most=60.0), 0.8 * tall) if habit.girth else 0.0
+    if kind == "bush":
+        return Asset((_make_bush(rng, habit, draw(rng, habit.spread) * tall, tall),))
+    clear = min(real("clearance", clearance, at_least=0.0, at_most=60.0), 0.8 * tall)
     leaf = min(habit.leaf, tall / 8)
     foot, radius = draw(rng, habit.stem) * tall, draw(rng, habit.spread) * tall
     foot = max(foot, clear)
@@ -156,22 +162,22 @@ def tree(
     at[:, 2] = np.clip(at[:, 2], max(0.4 * foot, 1.1 * leaf), tall)
     at = at[at[:, 2] >= clear + 2 * leaf * bool(clear)]
     leaves = _leaves(rng, at, leaf, materials.CONIFER if kind == "conifer" else materials.FOLIAGE)
-    if not habit.girth:
-        return Asset((leaves,))
     trunk, *branches = _wood(rng, twigs, habit.girth * tall, foot, (0.95 if kind == "conifer" else 0.7) * tall)
     # Branches are a part of their own, so that the box of a trunk does not reach over the road.
     wood = *merge("trunk", [trunk]), *merge("branches", branches)
     return Asset((*wood, leaves) if len(at) else tuple(wood))
 
 
-def _leaves(
-    rng: np.random.Generator, at: Floats, radius: float, material: Material, *, outward: Floats | float = 0.0
-) -> Part:
-    """Return leaves that face all ways alike, or rather outward."""
-    normals = rng.normal(size=(len(at), 3)) + outward
+def _leaves(rng: np.random.Generator, at: Floats, radius: float, material: Material) -> Part:
+    """Return leaves that face all ways alike."""
+    normals = rng.normal(size=(len(at), 3))
+    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.8, 1.2, len(at))), VEGETATION, _fill(material))
+
+
+def _fill(material: Material) -> Material:
+    """Return the material of a surface that leaves fill in part."""
     looks = {key: value for key, value in material._contents().items() if key != "reflectivity"}
-    filled = Material(reflectivity=FILL * np.asarray(material.reflectivity), **looks)
-    return Part("leaves", Disks(at, normals, radius * rng.uniform(0.8, 1.2, len(at))), VEGETATION, filled)
+    return Material(reflectivity=FILL * np.asarray(material.reflectivity), **looks)
 
 
 def _twigs(kind: TreeKind, rng: np.random.Generator, foot: float, tall: float, radius: float) -> Floats:
@@ -215,19 +221,46 @@ def _wood(rng: np.random.Generator, twigs: Floats, girth: float, foot: float, ta
     return pieces
 
 
-def _make_clipped(rng: np.random.Generator, habit: Habit, size: Floats) -> Part:
-    """Return the leaves of clipped shrubs, most of which are just below its sides and top and face outwards."""
-    outward = np.array([(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
-    long, wide, tall = size
-    area = np.array([wide * tall, wide * tall, long * tall, long * tall, long * wide])
-    count = int(habit.density * area.sum() / (np.pi * habit.leaf**2))
-    at = rng.uniform(-0.5, 0.5, (count, 3))
-    facing = outward[rng.choice(5, count, p=area / area.sum())] * (rng.random((count, 1)) < 0.8)
-    at = np.where(facing, facing / 2, at) * size - facing * rng.uniform(0.0, SHELL, (count, 1))
-    wave = 0.08 * size[2] * np.sin(at[:, :2] * rng.uniform(1.5, 3.0, 2) + rng.uniform(0, 6.3, 2)).sum(axis=1)
-    at[:, 2] = np.clip(at[:, 2] + size[2] / 2 - np.abs(wave) * (facing[:, 2] > 0), 1.1 * habit.leaf, size[2])
-    # Along a row, intensities of clipped shrubs scatter by half as much as those of leaves that face all ways.
-    return _leaves(rng, at, habit.leaf, materials.FOLIAGE, outward=2.5 * facing)
+def _make_clipped(rng: np.random.Generator, habit: Habit, long: float, wide: float, tall: float) -> Part:
+    """Return a shrub that is clipped to a block."""
+    ends, shrink = [long / 2] * 3, np.array([1.0, 2.0]) / 3
+    between = _steps(-long / 2, long / 2, habit.leaf)
+    x = np.concatenate([np.negative(ends[:2]), between, ends[:2]])
+    size = np.concatenate([shrink, np.ones(len(between)), shrink[::-1]])
+    side, top = _steps(0.0, tall, habit.leaf), _steps(-wide / 2, wide / 2, habit.leaf)
+    y = np.concatenate([np.full(len(side), wide / 2), top[-2:0:-1], np.full(len(side), -wide / 2)])
+    z = np.concatenate([side, np.full(len(top) - 2, tall), side[::-1]])
+    return _make_shrub(rng, habit, x, size, np.column_stack([y, z]))
+
+
+def _make_bush(rng: np.random.Generator, habit: Habit, radius: float, tall: float) -> Part:
+    """Return a shrub that is round, and flat below."""
+    edge = min(habit.leaf, tall / 8)
+    along = _steps(0.0, np.pi, edge / radius)[1:-1]
+    around = _steps(-0.25 * np.pi, 1.25 * np.pi, edge / radius)
+    outline = np.column_stack([radius * np.cos(around), np.maximum(tall * (0.4 + 0.6 * np.sin(around)), 0.0)])
+    return _make_shrub(rng, habit, -radius * np.cos(along), np.sin(along), outline)
+
+
+def _make_shrub(rng: np.random.Generator, habit: Habit, x: Floats, size: Floats, outline: Floats) -> Part:
+    """Return leaves on a hull through sections at x, of a size relative to an outline in y and z, with gaps."""
+    tall = outline[:, 1].max()
+    middle = np.array([0.0, tall / 2])
+    sections = middle + size[:, None, None] * (outline - middle)
+    rings = np.concatenate([np.broadcast_to(x[:, None, None], (*sections.shape[:2], 1)), sections], axis=2)
+    hull = loft(rings)
+    leaves = hull.vertices[hull.faces]
+    leaves += OVERLAP * (leaves - leaves.mean(axis=1, keepdims=True))
+    low, high = min(habit.rough, tall / 4) * np.array([(-0.5, -0.5, -1.0), (0.5, 0.5, 0.0)])
+    leaves += rng.uniform(low, high, leaves.shape)
+    leaves = np.clip(leaves, hull.vertices.min(axis=0) + low * (1, 1, 0), hull.vertices.max(axis=0) + high)
+    mesh = TriangleMesh(leaves.reshape(-1, 3), np.arange(leaves.size // 3, dtype=np.uint32).reshape(-1, 3))
+    return Part("leaves", mesh, VEGETATION, _fill(materials.FOLIAGE))
+
+
+def _steps(start: float, stop: float, step: float) -> Floats:
+    """Return numbers from start to stop, at most a step apart."""
+    return np.linspace(start, stop, math.ceil((stop - start) / step) + 1)
 
 
 def _tufts(rng: np.random.Generator, habit: Habit, tall: float) -> Part:

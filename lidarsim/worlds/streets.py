@@ -724,7 +724,7 @@ class _Builder:
         turn, scale = self.rng.uniform(0, 6.3), self.rng.uniform(low, high)
         if kind == "bush":  # beside the roadway
             kerb = self.plan.sides[1 if d > 0 else -1].kerb
-            d = math.copysign(max(abs(d), kerb + scale * float(np.abs(plant.bounds[:, :2]).max())), d)
+            d = math.copysign(max(abs(d), kerb + scale * math.hypot(*np.abs(plant.bounds[:, :2]).max(axis=0))), d)
         self._put(plant, kind, (s, d), turn, scale=scale)
 
     def _item(self, kind: FurnitureKind, s: float, d: float, yaw: float) -> None:
@@ -812,8 +812,8 @@ class _Builder:
             shrubs: Border = "bed" if rng.random() < 0.7 else "hedge"
             self._row(shrubs, side, start, stop, widths.front - BED / 2 - 0.6)
         if widths.set_back > 1.8:
-            low, high = widths.plot + 1.2, max(widths.front - 0.9, widths.plot + 1.3)
-            for _ in range(rng.poisson((stop - start) * (high - low) * rng.choice((0.1, 0.3, 0.5)))):
+            low, high = widths.plot + 1.2, widths.plot + np.clip(widths.set_back - 0.9, 1.3, 6.0)
+            for _ in range(rng.poisson((stop - start) * (high - low) * rng.choice((0.1, 0.2, 0.3)))):
                 kind: TreeKind = "young" if rng.random() < 0.06 else "bush"
                 self._tree(kind, rng.uniform(start, stop), side * rng.uniform(low, high), 0.9, 1.5)
 

