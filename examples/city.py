@@ -11,7 +11,7 @@ import numpy as np
 import lidarsim as ls
 
 rng = np.random.default_rng(2)
-street = ls.worlds.street(4, "city", length=140)
+street = ls.worlds.street(9, "city", length=140)
 
 
 def along(way: np.ndarray, i: int) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from lidarsim.datasets.recipe import load
 
 RECIPE = Path(__file__).parents[1] / "configs" / "recipes" / "detection.yaml"
-SEQUENCE, FRAME = 2, 25
+SEQUENCE, FRAME = 5, 25
 
 run = load(RECIPE).source.run(SEQUENCE)
 ((scan,),) = (scans.values() for scans in dataclasses.replace(run, frames=range(FRAME, FRAME + 1)).scans())
