@@ -2,7 +2,6 @@
 
 use std::mem::MaybeUninit;
 use std::ops::Range;
-use std::ptr;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::schedule::pieces;
@@ -30,13 +29,32 @@ pub trait Arrays: Sink + Send + Sized {
     }
 }
 
-/// One array per component of a hit. Only initialized entries are written to them.
-pub struct Columns<'a> {
-    pub t: &'a mut [MaybeUninit<f64>],
-    pub object: &'a mut [MaybeUninit<i32>],
-    pub primitive: &'a mut [MaybeUninit<i32>],
+/// An entry of an array, initialized or not.
+pub trait Slot<T>: Copy {
+    fn of(value: T) -> Self;
+}
+
+impl<T: Copy> Slot<T> for T {
+    #[inline(always)]
+    fn of(value: T) -> T {
+        value
+    }
+}
+
+impl<T: Copy> Slot<T> for MaybeUninit<T> {
+    #[inline(always)]
+    fn of(value: T) -> MaybeUninit<T> {
+        MaybeUninit::new(value)
+    }
+}
+
+/// One array per component of a hit.
+pub struct Columns<'a, F = MaybeUninit<f64>, N = MaybeUninit<i32>> {
+    pub t: &'a mut [F],
+    pub object: &'a mut [N],
+    pub primitive: &'a mut [N],
     /// The normals, three consecutive coordinates each.
-    pub normal: &'a mut [MaybeUninit<f64>],
+    pub normal: &'a mut [F],
 }
 
 /// The same arrays with memory of their own.
@@ -91,17 +109,9 @@ impl HitArrays {
         (0..self.len()).map(|i| self.at(i))
     }
 
-    pub fn columns(&mut self) -> Columns<'_> {
-        fn slots<T>(entries: &mut [T]) -> &mut [MaybeUninit<T>] {
-            // SAFETY: both types have the same layout, and columns receive only initialized entries.
-            unsafe { &mut *(ptr::from_mut(entries) as *mut [MaybeUninit<T>]) }
-        }
-        Columns {
-            t: slots(&mut self.t),
-            object: slots(&mut self.object),
-            primitive: slots(&mut self.primitive),
-            normal: slots(&mut self.normal),
-        }
+    pub fn columns(&mut self) -> Columns<'_, f64, i32> {
+        let HitArrays { t, object, primitive, normal } = self;
+        Columns { t, object, primitive, normal }
     }
 }
 
@@ -125,32 +135,32 @@ impl Arrays for Occlusion<'_> {
     }
 }
 
-impl Sink for Columns<'_> {
+impl<F: Slot<f64>, N: Slot<i32>> Sink for Columns<'_, F, N> {
     #[inline(always)]
     fn clear(&mut self, rays: Range<usize>) {
         let Hit { t, normal, object, primitive } = Hit::MISS;
-        self.t[rays.clone()].fill(MaybeUninit::new(t));
-        self.object[rays.clone()].fill(MaybeUninit::new(object));
-        self.primitive[rays.clone()].fill(MaybeUninit::new(primitive));
-        self.normal[3 * rays.start..3 * rays.end].as_chunks_mut().0.fill(normal.map(MaybeUninit::new));
+        self.t[rays.clone()].fill(F::of(t));
+        self.object[rays.clone()].fill(N::of(object));
+        self.primitive[rays.clone()].fill(N::of(primitive));
+        self.normal[3 * rays.start..3 * rays.end].as_chunks_mut().0.fill(normal.map(F::of));
     }
 
     #[inline(always)]
     fn write(&mut self, i: usize, hit: Hit) {
-        self.t[i] = MaybeUninit::new(hit.t);
-        self.object[i] = MaybeUninit::new(hit.object);
-        self.primitive[i] = MaybeUninit::new(hit.primitive);
-        self.normal.as_chunks_mut().0[i] = hit.normal.map(MaybeUninit::new);
+        self.t[i] = F::of(hit.t);
+        self.object[i] = N::of(hit.object);
+        self.primitive[i] = N::of(hit.primitive);
+        self.normal.as_chunks_mut().0[i] = hit.normal.map(F::of);
     }
 
     #[inline(always)]
     fn write_run(&mut self, i: usize, hits: &HitRun) {
-        self.t[i..i + 4].as_chunks_mut().0[0] = hits.t.map(MaybeUninit::new);
-        self.object[i..i + 4].as_chunks_mut().0[0] = hits.object.map(MaybeUninit::new);
-        self.primitive[i..i + 4].as_chunks_mut().0[0] = hits.primitive.map(MaybeUninit::new);
+        self.t[i..i + 4].as_chunks_mut().0[0] = hits.t.map(F::of);
+        self.object[i..i + 4].as_chunks_mut().0[0] = hits.object.map(N::of);
+        self.primitive[i..i + 4].as_chunks_mut().0[0] = hits.primitive.map(N::of);
         for (place, normals) in self.normal[3 * i..3 * i + 12].as_chunks_mut().0.iter_mut().zip(hits.normals)
         {
-            *place = normals.map(MaybeUninit::new);
+            *place = normals.map(F::of);
         }
     }
 }
